@@ -1,4 +1,4 @@
-"""The setpoint streams without their process: a test runs the scheduler itself, in the event loop."""
+"""The setpoint streams without their process: the test runs the scheduler in its own event loop."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from gcs_server.streamer.values.snapshot import Snapshot
 
 
 class LoopStreams(StreamScheduler):
-    """Answers at once, as the process does within a tenth of a millisecond."""
+    """Answers immediately; the process needs up to a tenth of a millisecond."""
 
     async def ready(self) -> None:
-        """It always is."""
+        """Always ready."""
 
     def links_changed(self) -> None:
-        """It keeps no sockets."""
+        """Has no sockets, so nothing to do."""
 
     async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         return super().begin(vehicle_id, order, rate_hz, snapshot)

@@ -1,6 +1,6 @@
-"""A whole station for tests and benches: server and simulated vehicles as processes of their own.
+"""Starts a whole station for tests and benches: server and simulated vehicles as separate processes.
 
-Ports are free ones, everything is on loopback, and the processes end with the block that started them.
+Ports are free loopback ports. The processes end with the block that started them.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from typing import Any
 import httpx
 
 FIRST_TEST_INSTANCE = 100
-"""So that a simulator of a test never has the system id of one that a developer runs."""
+"""Keeps the system ids of tests apart from those of a simulator that a developer runs."""
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    """A loopback port that nobody holds just now."""
+    """A loopback port that is currently free."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
@@ -32,7 +32,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 @contextlib.contextmanager
 def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A process group that ends with the block, whatever happens in it."""
+    """Runs a command as a process group that ends with the block, also after an error."""
     settings: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} | options
     process = subprocess.Popen(command, start_new_session=True, **settings)
     try:
@@ -42,7 +42,7 @@ def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen
 
 
 def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
-    """Signals the process group and waits for the process; five seconds later it is killed."""
+    """Sends a signal to the process group and waits for the process; kills it after five seconds."""
     for sent in (how, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, sent)
@@ -52,10 +52,10 @@ def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
 
 
 def wait_until(ready: Callable[[], object], what: str, deadline_s: float = 30.0) -> None:
-    """Polls until `ready` answers truly.
+    """Polls until `ready` returns a true value.
 
     Raises:
-        TimeoutError: it never did.
+        TimeoutError: it was not ready in time.
     """
     end_s = time.monotonic() + deadline_s
     while time.monotonic() < end_s:
@@ -68,7 +68,7 @@ def wait_until(ready: Callable[[], object], what: str, deadline_s: float = 30.0)
 def vehicle_command(
     gcs_port: int, *, instances: int = 1, tcp_port: int = 0, more: Sequence[str] = ()
 ) -> list[str]:
-    """How a simulated vehicle is started that sends to `gcs_port`; system ids from 101."""
+    """The command line of a simulated vehicle that sends to `gcs_port`; system ids from 101."""
     command = [sys.executable, "-m", "vehicle_sim", "--instances", str(instances), "--no-api"]
     command += ["--first-instance", str(FIRST_TEST_INSTANCE), "--gcs-local-port", "0"]
     # The simulator counts TCP ports from instance 0.
@@ -78,13 +78,13 @@ def vehicle_command(
 
 @contextlib.contextmanager
 def vehicle(gcs_port: int, **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A simulated vehicle in real time."""
+    """Runs a simulated vehicle in real time."""
     with running(vehicle_command(gcs_port, **options)) as process:
         yield process
 
 
 def server_command(http_port: int, links: Sequence[str], data: str | Path) -> list[str]:
-    """How the server is started without a simulator of its own."""
+    """The command line of the server without a simulator."""
     command = [sys.executable, "-m", "gcs_server", "serve", "--no-sim", "--port", str(http_port)]
     for link in links:
         command += ["--link", link]
@@ -92,7 +92,7 @@ def server_command(http_port: int, links: Sequence[str], data: str | Path) -> li
 
 
 def answers(url: str) -> bool:
-    """Whether the server is up."""
+    """Whether the server answers."""
     try:
         return httpx.get(f"{url}/api/v1/health", timeout=1).status_code == 200
     except httpx.TransportError:
@@ -103,7 +103,7 @@ def answers(url: str) -> bool:
 def server(
     links: Sequence[str], *, port: int | None = None, log: Path | None = None
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """A running server: its address and its process."""
+    """Runs a server; yields its address and its process."""
     http_port = port or free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     with contextlib.ExitStack() as stack:

@@ -1,4 +1,5 @@
-"""The door as HTTP: the link and the form sign a browser in, programs get reasons, pages get a page."""
+"""Access over HTTP: a link or the form signs a browser in; programs get an error, browsers get the sign-in
+page."""
 
 import logging
 import re
@@ -22,7 +23,7 @@ HTML = {"Accept": "text/html,*/*;q=0.8"}
 
 @pytest.fixture
 def server(tmp_path):
-    """A server that listens to other machines, without a socket."""
+    """A server that accepts requests from other machines, in process and without a socket."""
     (tmp_path / "index.html").write_text("<!doctype html><title>page</title>")
     settings = Settings(host="0.0.0.0", links=(), sim=0, data=tmp_path, scene=False, record=False)
     with TestClient(create_app(settings, static=tmp_path), base_url=URL, follow_redirects=False) as client:
@@ -120,7 +121,7 @@ def test_the_token_is_created_once_in_a_private_file(tmp_path):
     settings = Settings(host="0.0.0.0", data=tmp_path)
     token = token_of(settings)
     assert is_well_formed(token)
-    assert token_of(settings) == token, "a restart would log the pilot out"
+    assert token_of(settings) == token, "a restart would sign the pilot out"
     assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
     assert [path.name for path in tmp_path.iterdir()] == ["token"]
     (tmp_path / "token").unlink()
@@ -151,7 +152,7 @@ def test_an_invalid_token_is_refused_without_repeating_it(tmp_path, token):
     assert token not in unusable.value.message
 
 
-def test_a_folder_that_cannot_store_the_token_is_named(tmp_path):
+def test_a_folder_that_cannot_store_the_token_is_named_in_the_error(tmp_path):
     with pytest.raises(GcsError, match="missing"):
         token_of(Settings(token_file=tmp_path / "missing" / "token"))
 
@@ -161,7 +162,7 @@ def test_settings_never_show_the_token():
     assert "sixteen" not in f"{settings!r} {settings} {settings.model_dump_json()}"
 
 
-# --- how a person gets it ------------------------------------------------------------------------
+# --- how a user gets the token -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -176,7 +177,7 @@ def test_settings_never_show_the_token():
         ("0.0.0.0", "t", True, ["http://localhost:80/?token=t"]),
     ],
 )
-def test_the_links_can_be_clicked(host, token, contained, expected):
+def test_the_printed_links_contain_the_token_and_can_be_clicked(host, token, contained, expected):
     assert links(host, 80, token, ["10.0.0.7"], contained=contained) == expected
 
 

@@ -1,4 +1,5 @@
-"""The API without a vehicle: bad input is named, refusals are problem+json, foreign pages are kept out."""
+"""The API without a vehicle: errors name the invalid input, refusals are problem+json, other sites are
+refused."""
 
 import asyncio
 import json
@@ -83,7 +84,7 @@ def test_bad_values_are_422_and_name_the_field(client, path, body, field):
 
 
 @pytest.mark.parametrize("path", ["arm", "hold", "offboard/stop", "gimbal/take"])
-def test_an_unknown_vehicle_is_404_and_in_the_journal(client, path):
+def test_an_unknown_vehicle_is_404_and_is_journaled(client, path):
     answer = client.post(f"/api/v1/vehicles/77/{path}", headers={"X-Client": "tester"})
     assert answer.status_code == 404
     assert answer.json()["vehicle"] == "77"
@@ -130,7 +131,7 @@ def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, words
     assert words in problem["detail"]
 
 
-def test_a_group_of_unknown_vehicles_is_404_and_each_has_its_line(client):
+def test_a_group_of_unknown_vehicles_is_404_and_lists_each_vehicle(client):
     answer = client.post("/api/v1/groups", json={"members": MEMBERS}, headers={"X-Client": "tester"})
     assert (answer.status_code, answer.json()["code"]) == (404, "unknown_vehicle")
     entries = client.get("/api/v1/journal?limit=2").json()["entries"]
@@ -144,7 +145,7 @@ def test_a_group_of_unknown_vehicles_is_404_and_each_has_its_line(client):
         assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_group")
 
 
-def test_a_groups_changes_are_events_of_the_station(client):
+def test_changes_of_a_group_are_events_of_the_server(client):
     groups = client.app.state.station.groups
     status = GroupStatus("4", "flying", "anna", "key", 5.0, 1.6, False, 1.0, 2.0, 3.0, (), None, (), None)
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
@@ -164,7 +165,7 @@ def test_links_can_be_refused_added_and_removed(client):
     assert client.delete("/api/v1/links/any").status_code == 404
 
 
-def test_foreign_origins_and_host_names_are_refused(client):
+def test_other_origins_and_host_names_are_refused(client):
     foreign = {"Origin": "http://evil.example"}
     assert client.post("/api/v1/vehicles/1/arm", headers=foreign).json()["code"] == "foreign_origin"
     own = client.post("/api/v1/vehicles/1/arm", headers={"Origin": "http://localhost"})
@@ -213,7 +214,7 @@ def test_dependencies_of_routes_run_in_the_event_loop(client, monkeypatch):
     seen = []
 
     def renew(principal):
-        asyncio.get_running_loop()  # raises in another thread
+        asyncio.get_running_loop()  # raises if called in another thread
         seen.append(principal)
 
     monkeypatch.setattr(client.app.state.station.authority, "renew", renew)

@@ -1,4 +1,4 @@
-"""The table of commands says what every route and WebSocket message needs, and it is what happens."""
+"""The table of commands defines what each route and WebSocket message needs; the server enforces it."""
 
 import re
 from pathlib import Path
@@ -47,11 +47,11 @@ def path_of(call):
     return method, re.sub(r"\{\w+\}", "1", path)
 
 
-def test_every_route_and_message_has_a_row_and_every_row_has_one(app):
+def test_each_route_and_message_has_exactly_one_row_and_each_row_has_a_call(app):
     there = {call for call, _ in calls_of(app)}
     assert len(there) > 75
     assert there | MESSAGES == set(BY_CALL)
-    assert len(BY_CALL) == sum(len(row.calls) for row in ALL), "no call stands in two rows"
+    assert len(BY_CALL) == sum(len(row.calls) for row in ALL), "no call is in two rows"
     assert len(BY_NAME) == len(ALL)
 
 
@@ -71,7 +71,7 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
         row, (method, path) = BY_CALL[call], path_of(call)
         if row.permission is None:
             continue
-        first = row.name not in refused  # equal refusals are one line
+        first = row.name not in refused  # equal refusals share one journal line
         refused.add(row.name)
         if method == "WS":
             with (
@@ -90,8 +90,8 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
     assert refused == {row.name for row in ALL if row.permission is not None}
 
 
-def test_a_socket_needs_the_permissions_of_its_messages():
-    """So that asking once, when it opens, is enough."""
+def test_the_permission_for_a_socket_includes_those_of_its_messages():
+    """One check when the socket opens is therefore enough."""
     for call in MESSAGES:
         socket = call.rsplit(" ", 1)[0]
         assert BY_CALL[call].permission == BY_CALL[socket].permission
@@ -105,5 +105,5 @@ def test_the_api_description_lists_what_each_operation_needs():
     assert all("x-authority" in operation for methods in paths.values() for operation in methods.values())
 
 
-def test_the_document_has_the_table():
+def test_the_document_contains_the_table():
     assert table() in DOCUMENT.read_text(encoding="utf-8"), "python -m tools.build_command_table writes it"

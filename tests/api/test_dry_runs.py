@@ -1,4 +1,5 @@
-"""Dry runs over HTTP: begun from a body or a kept plan, followed as an operation, read, refused."""
+"""Dry runs over HTTP: started with a plan in the body or a stored plan, tracked as an operation, read,
+refused."""
 
 import contextlib
 import json
@@ -46,7 +47,7 @@ names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obs
 nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "asked": request}
 print(json.dumps({"result": {"nominal": nominal, "monte_carlo": None, "together": None}}), flush=True)
 """
-"""Answers with what it was asked."""
+"""A stand-in for the worker process that returns the request it received."""
 
 
 @pytest.fixture
@@ -93,7 +94,7 @@ def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
     assert json.loads(given["plan"])["items"][0]["kind"] == "takeoff"
 
 
-def test_a_kept_plan_and_an_offboard_mission_are_flown(client):
+def test_a_stored_plan_and_an_offboard_mission_are_flown(client):
     kept = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
     view = client.get(f"dry_runs/{flown(client, {'plan_id': kept['id']})['result']['dry_run']}").json()
     assert (view["plan_id"], view["version"], view["name"]) == (kept["id"], 1, "Tower")
@@ -114,7 +115,7 @@ def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
     assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
 
 
-def test_what_is_assumed_of_several_roles_is_said_once_with_their_names():
+def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
     unread, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
     assumed = {"lead": [NO_AVOIDANCE, unread], "left": [NO_AVOIDANCE, unread, flying]}
     assert merged_assumptions(assumed) == [NO_AVOIDANCE, f"lead and left: {unread}", f"left: {flying}"]
@@ -138,7 +139,7 @@ def test_what_is_assumed_of_several_roles_is_said_once_with_their_names():
         ({"plan": UNPLACED}, "The start positions are not known"),
     ],
 )
-def test_invalid_dry_runs_are_refused_with_their_field(client, body, field):
+def test_invalid_dry_runs_are_refused_and_the_error_names_the_field(client, body, field):
     refused = client.post("dry_runs", json=body)
     assert refused.status_code == 422
     assert field in refused.text

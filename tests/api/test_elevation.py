@@ -1,4 +1,4 @@
-"""Elevation files over HTTP: listed, used by checks, and by plans that follow the ground."""
+"""Elevation files over HTTP: the list, checks of plans, and plans at altitudes above terrain."""
 
 import pytest
 from fastapi.testclient import TestClient
@@ -34,7 +34,7 @@ def codes(check):
     return [each["code"] for each in check["findings"]]
 
 
-def test_files_are_listed_and_broken_ones_named(client):
+def test_files_are_listed_and_unreadable_ones_have_an_error(client):
     found = client.get("elevation").json()
     assert [each["name"] for each in found["files"]] == ["hill.tif"]
     assert found["files"][0]["south_deg"] < LAT_DEG < found["files"][0]["north_deg"]
@@ -43,7 +43,7 @@ def test_files_are_listed_and_broken_ones_named(client):
     assert found["folder"].endswith("elevation")
 
 
-def test_a_plan_above_the_ground_is_resolved_followed_and_then_without_findings(client):
+def test_a_plan_above_terrain_is_resolved_and_adjusted_until_it_has_no_findings(client):
     drawn = plan(item(-0.009, 30), item(0.009, 30))
     before = client.post("plans/check", json={"plan": drawn}).json()
     assert codes(before).count("terrain_unresolved") == 2
@@ -58,7 +58,7 @@ def test_a_plan_above_the_ground_is_resolved_followed_and_then_without_findings(
     assert not {"terrain_unresolved", "terrain_hit", "terrain_near", "terrain_outdated"} & set(after)
 
 
-def test_an_offboard_mission_into_the_hill_names_its_step(client):
+def test_a_finding_about_a_mission_into_a_hill_names_the_step(client):
     mission = {
         "format": "offboard-gcs-mission",
         "name": "Into the hill",
@@ -76,7 +76,7 @@ def test_an_offboard_mission_into_the_hill_names_its_step(client):
     assert check["ground"]
 
 
-def test_a_plan_elsewhere_says_that_the_ground_is_not_known(client):
+def test_a_plan_outside_the_elevation_files_reports_unknown_ground(client):
     elsewhere = {"items": [{**item(0, 30), "lat_deg": -33.0}]}
     check = client.post("plans/check", json={"plan": elsewhere}).json()
     assert check["ground"] == []
@@ -93,7 +93,7 @@ def test_a_plan_elsewhere_says_that_the_ground_is_not_known(client):
         ({"plan": plan(), "tol": 1}, "tol"),
     ],
 )
-def test_a_wrong_request_names_the_field(client, body, field):
+def test_an_invalid_request_names_the_field(client, body, field):
     answer = client.post("plans/ground", json=body)
     assert answer.status_code == 422
     assert field in answer.json()["field"]

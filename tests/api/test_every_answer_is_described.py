@@ -1,4 +1,4 @@
-"""Requests made from the API's own description: each answer's status and content type stand in it."""
+"""Generated requests: the OpenAPI description lists the status and content type of each answer."""
 
 import asyncio
 import os
@@ -19,28 +19,28 @@ from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.unit.gcs_server.replay.made_logs import flight, record
 
 COUNT = int(os.environ.get("GENERATED_REQUESTS", "2"))
-"""Of each operation; more in `make test-clients`."""
+"""Requests for each operation; more in `make test-clients`."""
 SEED = 14
 VEHICLES_OWN = {"503", "504"}
-"""What the vehicle or its link is answerable for; nothing else may be 5xx."""
+"""Statuses that the vehicle or its link can cause; no other 5xx is allowed."""
 
 
 def operations():
-    """(method, path, what is described of it) of every operation."""
+    """(method, path, description) of every operation."""
     return [(m, p, o) for p, methods in description()["paths"].items() for m, o in methods.items()]
 
 
-def described_at(operation, status):
-    """What the description says of a status at an operation; None: nothing."""
+def described_answer(operation, status):
+    """The operation's description of a status; None: it has none."""
     said = operation["responses"].get(status)
     if said is not None and "$ref" in said:
         return description()["components"]["responses"][said["$ref"].rpartition("/")[2]]
     return said
 
 
-def fault(operation, answer):
-    """What the description does not have; None: it has all."""
-    described = described_at(operation, str(answer.status_code))
+def undescribed(operation, answer):
+    """What is missing in the description; None: nothing."""
+    described = described_answer(operation, str(answer.status_code))
     if described is None:
         return f"status {answer.status_code}"
     if answer.status_code >= 500 and str(answer.status_code) not in VEHICLES_OWN:
@@ -52,7 +52,8 @@ def fault(operation, answer):
 
 
 async def with_a_vehicle(data, story):
-    """The application in memory, a scripted vehicle on simulated time, no process and no socket."""
+    """Runs the application in memory with a scripted vehicle on simulated time, without processes and
+    sockets."""
     (data / "maps").mkdir()
     write_pmtiles(data / "maps" / "world.pmtiles", png((1, 2, 3)))
     write_mbtiles(data / "maps" / "world.mbtiles", png((1, 2, 3)))
@@ -82,7 +83,7 @@ async def with_a_vehicle(data, story):
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_every_answer_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
+def test_each_answer_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
     maker = Maker(description(), SEED + part)
     found, met = {}, set()
 
@@ -95,17 +96,17 @@ def test_every_answer_to_a_generated_request_is_described_and_none_is_5xx(part, 
                     made.method, made.path, params=made.query, content=made.body, headers=headers
                 )
                 met.add(answer.status_code)
-                wrong = fault(operation, answer)
+                wrong = undescribed(operation, answer)
                 if wrong is not None:
                     found[f"{made.method} {path}: {wrong}"] = made
 
     in_jumps(lambda: with_a_vehicle(tmp_path, story))
     assert found == {}
-    assert {200, 422} <= met, "the requests do not reach what is behind the checks"
+    assert {200, 422} <= met, "no request passed the checks"
 
 
 def test_answers_of_access_control_and_limits_are_described_at_every_operation():
     for method, path, operation in operations():
         for status in ("400", "401", "403", "408", "413", "414", "422", "429", "431", "503"):
-            assert PROBLEM_JSON in described_at(operation, status)["content"], (method, path, status)
+            assert PROBLEM_JSON in described_answer(operation, status)["content"], (method, path, status)
     assert set(COMMON) >= {"401", "403", "408", "413", "414", "429", "431", "503"}

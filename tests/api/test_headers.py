@@ -1,4 +1,4 @@
-"""Nothing but this server's own files may run or load, and every answer says so."""
+"""The security headers of every answer: only this server's own files may run or load."""
 
 import re
 
@@ -57,16 +57,16 @@ def test_every_answer_has_the_security_headers(client, path, status):
     assert answer.headers["referrer-policy"] == "same-origin"
 
 
-def test_refusals_have_the_headers_and_a_foreign_host_is_not_in_the_policy(client):
+def test_refusals_have_the_headers_and_another_host_is_not_in_the_policy(client):
     answer = client.get("/api/v1/health", headers={"Host": "x; script-src *"})
     assert answer.status_code == 400
     assert directives(answer)["connect-src"] == ["'self'"]
     assert directives(answer)["script-src"] == ["'self'"]
 
 
-def test_the_3d_view_keeps_its_own_policy(client):
+def test_the_3d_view_has_its_own_policy(client):
     answer = client.get("/scene/")
-    if answer.status_code == 503:  # it is still starting: no document, so the common policy
+    if answer.status_code == 503:  # while it starts there is no document, so the common policy applies
         assert directives(answer)["script-src"] == ["'self'"]
         return
     assert "'unsafe-inline'" in directives(answer)["script-src"]
@@ -75,7 +75,7 @@ def test_the_3d_view_keeps_its_own_policy(client):
     assert answer.headers["x-frame-options"] == "SAMEORIGIN"
 
 
-def test_the_reference_needs_nothing_from_elsewhere(client):
+def test_the_reference_loads_nothing_from_other_sites(client):
     assert client.get("/api/v1/docs", follow_redirects=False).headers["location"] == "/docs"
     texts = [client.get(path).text for path in ("/docs", "/docs/reference.js", "/docs/reference.css")]
     assert not [text for text in texts if re.search(r"https?://|\burl\(|\bimport\b", text)]

@@ -1,4 +1,4 @@
-"""Names and ids that clients give, hostile ones: wrong or unknown, never a 5xx, and nothing stays behind."""
+"""Hostile names and ids from clients: refused or not found, never a 5xx, and nothing is stored."""
 
 import json
 from itertools import product
@@ -33,7 +33,7 @@ HOSTILE = {
     "tilde": "1~" + "9" * 5000,
 }
 RAW = ["%ff%fe", "%ED%A0%80", "%2e%2e%2f", "%", "%00.tlog", "%ff.pmtiles"]
-"""No UTF-8, or percent signs of one's own."""
+"""Invalid UTF-8 and invalid percent encodings."""
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def client(tmp_path_factory):
 
 
 def calls(client):
-    """(method, path with one hostile part) of each route that has one."""
+    """(method, path with one hostile part) of each route with a parameter in its path."""
     for path, methods in client.get("/api/v1/openapi.json").json()["paths"].items():
         parts = path.split("/")
         holes = [n for n, part in enumerate(parts) if part.startswith("{")]
@@ -60,7 +60,7 @@ def calls(client):
                 yield method.upper(), "/".join(filled)
 
 
-def test_hostile_names_in_paths_are_never_a_fault_of_the_server(client):
+def test_hostile_names_in_paths_never_cause_a_5xx(client):
     answers = {
         (method, path): client.request(method, path, content=b"{}").status_code
         for method, path in calls(client)
@@ -70,7 +70,7 @@ def test_hostile_names_in_paths_are_never_a_fault_of_the_server(client):
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
-def test_a_link_with_a_hostile_name_is_refused_naming_the_field_and_leaves_nothing(client, text):
+def test_a_link_with_a_hostile_name_is_refused_and_the_error_names_the_field(client, text):
     answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": text})
     assert (answer.status_code, answer.json()["field"]) == (422, "name")
     assert client.get("/api/v1/links").json()["links"] == []
@@ -78,7 +78,7 @@ def test_a_link_with_a_hostile_name_is_refused_naming_the_field_and_leaves_nothi
 
 @pytest.mark.parametrize("url", ["udpin://{}:14999", "tcp://{}:14999", "serial:///dev/{}", "tlog:///tmp/{}"])
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
-def test_a_link_to_a_hostile_place_is_refused_or_can_be_deleted(client, url, text):
+def test_a_link_with_a_hostile_address_is_refused_or_can_be_deleted(client, url, text):
     for place in (text, quote(text, safe="")):
         answer = client.post("/api/v1/links", json={"url": url.format(place)})
         if answer.status_code != 201:
@@ -92,7 +92,7 @@ def test_a_link_to_a_hostile_place_is_refused_or_can_be_deleted(client, url, tex
     assert client.get("/api/v1/links").json()["links"] == []
 
 
-def test_a_link_whose_start_fails_leaves_nothing_behind(client, monkeypatch):
+def test_a_link_that_fails_to_start_is_removed(client, monkeypatch):
     monkeypatch.setattr("gcs_server.links.base.Link.start", lambda *_: 1 / 0)
     for _ in range(2):
         answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"})
@@ -104,7 +104,7 @@ def test_a_link_whose_start_fails_leaves_nothing_behind(client, monkeypatch):
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
-def test_hostile_names_in_bodies_are_never_a_fault_of_the_server(client, text):
+def test_hostile_names_in_bodies_never_cause_a_5xx(client, text):
     position = {"type": "position", "position_ned_m": [0, 0, -5]}
     for path, body in (
         ("replays", {"recording": text}),
@@ -122,7 +122,7 @@ def test_hostile_names_in_bodies_are_never_a_fault_of_the_server(client, text):
 
 
 @pytest.mark.parametrize("text", ["\ud800", "a\ud800b.tlog"])
-def test_an_incomplete_character_is_refused(client, text):
+def test_a_half_surrogate_in_a_name_is_refused(client, text):
     for path, body in (("links", {"url": text}), ("replays", {"recording": text})):
         assert client.post(f"/api/v1/{path}", content=json.dumps(body)).status_code in (404, 422)
 
@@ -135,7 +135,7 @@ def test_any_client_name_is_allowed(client, name):
     assert client.get("/api/v1/journal").status_code == 200
 
 
-def test_a_key_given_as_a_name_is_in_no_answer_journal_log_or_file(client, caplog):
+def test_a_key_in_a_links_name_never_appears_in_answers_journal_log_or_files(client, caplog):
     secret = bytes(range(32)).hex()
     answer = client.post("/api/v1/links", json={"url": f"udpin://127.0.0.1:0?key={secret}"})
     assert (answer.status_code, answer.json()["field"]) == (422, "key")

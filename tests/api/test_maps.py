@@ -1,4 +1,4 @@
-"""The operator's own map files: listed with what they say of themselves, read in parts, served by tiles."""
+"""The operator's map files: listed with their metadata, read in parts, served as tiles."""
 
 import gzip
 import json
@@ -47,11 +47,11 @@ def client(tmp_path, folder):
         yield client
 
 
-def test_without_map_files_the_list_is_empty_and_names_the_folder(client, folder):
+def test_without_map_files_the_list_is_empty_and_the_folder_is_named(client, folder):
     assert client.get("/api/v1/maps").json() == {"folder": str(folder), "maps": [], "unreadable": []}
 
 
-def test_the_metadata_of_map_files(client, folder):
+def test_the_list_has_the_metadata_of_each_file(client, folder):
     write_pmtiles(folder / "a.pmtiles", metadata={"attribution": "Somebody"})
     write_pmtiles(
         folder / "b c.pmtiles", tile_type=1, metadata={"vector_layers": [{"id": "roads"}, {"id": "water"}]}
@@ -65,7 +65,7 @@ def test_the_metadata_of_map_files(client, folder):
     assert (c["format"], c["min_zoom"], c["max_zoom"], c["attribution"]) == ("mbtiles", 1, 1, None)
 
 
-def test_damaged_files_are_named_with_the_reason(client, folder):
+def test_damaged_files_are_listed_with_the_reason(client, folder):
     (folder / "cut.pmtiles").write_bytes(b"PMTiles\x03 short")
     (folder / "other.pmtiles").write_bytes(b"x" * 200)
     (folder / "empty.mbtiles").write_bytes(b"")
@@ -89,8 +89,8 @@ def test_a_pmtiles_file_is_read_in_parts(client, folder):
     assert client.get("/api/v1/maps/a.pmtiles").content == whole
 
 
-def test_a_tile_is_counted_from_the_north(client, folder):
-    write_mbtiles(folder / "c.mbtiles")  # row 1 of 2 from the south
+def test_tile_rows_are_numbered_from_the_north(client, folder):
+    write_mbtiles(folder / "c.mbtiles")  # row 1 of 2, counted from the south
     tile = client.get("/api/v1/maps/c.mbtiles/1/0/0")
     assert (tile.status_code, tile.content, tile.headers["content-type"]) == (200, PICTURE, "image/png")
     assert client.get("/api/v1/maps/c.mbtiles/1/0/1").status_code == 204
@@ -107,7 +107,7 @@ def test_vector_tiles_are_sent_compressed_as_stored(client, folder):
 @pytest.mark.parametrize(
     "name", ["missing.pmtiles", "..%2fjournal.jsonl", "..%2f..%2fa.pmtiles", ".hidden.pmtiles", "notes.txt"]
 )
-def test_nothing_else_is_served(client, folder, name):
+def test_only_map_files_of_the_folder_are_served(client, folder, name):
     (folder / "notes.txt").write_text("private")
     write_pmtiles(folder / ".hidden.pmtiles")
     assert client.get(f"/api/v1/maps/{name}").status_code == 404

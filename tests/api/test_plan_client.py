@@ -1,4 +1,4 @@
-"""The Python client keeps plans and uploads them to a vehicle, over the whole application in memory."""
+"""The Python client stores plans and uploads them to a vehicle; the whole application runs in memory."""
 
 import asyncio
 
@@ -52,7 +52,7 @@ def run(tmp_path, story):
     in_jumps(work)
 
 
-def test_plans_are_kept_changed_checked_written_and_read(tmp_path):
+def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
     async def story(gcs, _pilot):
         plans = gcs.plans()
         kept = await plans.create("Tower", PLAN)
@@ -82,7 +82,7 @@ def test_plans_are_kept_changed_checked_written_and_read(tmp_path):
     run(tmp_path, story)
 
 
-def test_a_plan_is_uploaded_read_compared_and_flown(tmp_path):
+def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
     async def story(gcs, pilot):
         vehicle = await gcs.wait_for_vehicle("1")
         mission = vehicle.mission

@@ -1,4 +1,4 @@
-"""Plans over HTTP: kept, changed by two people, checked, read from files and written, made from patterns."""
+"""Plans over HTTP: stored, changed by two clients, checked, imported, exported, made from patterns."""
 
 import json
 import math
@@ -55,7 +55,7 @@ def event(socket, kind):
             return frame["event"]
 
 
-def test_a_plan_is_kept_and_listed_with_who_changed_it(client):
+def test_a_plan_is_stored_and_listed_with_its_last_author(client):
     assert client.get("plans").json() == {"plans": []}
     kept = keep(client)
     assert (kept["version"], kept["changed_by"], kept["item_count"]) == (1, "anna", 3)
@@ -115,7 +115,7 @@ def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
         ([], "plan"),
     ],
 )
-def test_an_invalid_plan_names_item_and_fix_and_is_not_stored(client, spoilt, words):
+def test_an_error_about_an_invalid_plan_names_item_and_fix_and_the_plan_is_not_stored(client, spoilt, words):
     refused = client.post("plans", json={"name": "x", "plan": spoilt})
     assert refused.status_code == 422
     assert refused.json()["field"].startswith("plan")
@@ -129,7 +129,7 @@ def test_a_name_is_one_line_and_not_empty(client, name):
     assert client.post("plans", json={"name": name, "plan": PLAN}).json()["field"] == "name"
 
 
-def test_a_check_gives_findings_with_place_and_fix_and_estimates(client):
+def test_a_check_returns_findings_with_item_and_fix_and_estimates(client):
     high = json.loads(json.dumps(PLAN))
     high["items"][1]["altitude"]["value_m"] = 300
     found = client.post("plans/check", json={"plan": high}).json()
@@ -140,11 +140,11 @@ def test_a_check_gives_findings_with_place_and_fix_and_estimates(client):
     assert (found["vehicle"], found["not_known"]) == (None, [])
     unknown = client.post("plans/check", json={"plan": PLAN, "vehicle": "7"})
     assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_vehicle")
-    assert client.get("journal").json()["entries"] == [], "a check changes nothing and leaves no line"
+    assert client.get("journal").json()["entries"] == [], "a check changes nothing and is not journaled"
 
 
 @pytest.mark.parametrize("format", ["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz"])
-def test_a_file_that_was_written_is_read_back(client, format):
+def test_an_exported_file_can_be_imported_again(client, format):
     written = client.post("plans/export", params={"format": format}, json={"plan": PLAN})
     assert written.status_code == 200, written.text
     assert f"plan.{format}" in written.headers["content-disposition"]
@@ -154,10 +154,10 @@ def test_a_file_that_was_written_is_read_back(client, format):
     assert read.status_code == 200, read.text
     assert read.json()["format"] == format
     assert [item["kind"] for item in read.json()["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
-    assert client.get("plans").json() == {"plans": []}, "an import saves nothing"
+    assert client.get("plans").json() == {"plans": []}, "an import stores nothing"
 
 
-def test_a_file_without_altitudes_needs_one_named_and_gives_its_areas(client):
+def test_a_file_without_altitudes_needs_an_altitude_and_returns_its_areas(client):
     ring = [[each["lon_deg"], each["lat_deg"]] for each in [*SQUARE, SQUARE[0]]]
     shapes = [
         {"type": "LineString", "coordinates": ring[:2]},
@@ -203,7 +203,7 @@ def test_patterns_become_items(client):
     assert "fewer than 3 corners" in refused.json()["detail"]
 
 
-def test_an_offboard_mission_is_kept_beside_plans_under_one_name(client):
+def test_an_offboard_mission_is_stored_in_the_same_list_as_plans(client):
     keep(client)
     kept = keep(client, "Mast", MISSION)
     assert (kept["kind"], kept["item_count"], kept["plan"]["name"]) == ("offboard_mission", 3, "Mast")
@@ -219,7 +219,7 @@ def test_an_offboard_mission_is_kept_beside_plans_under_one_name(client):
     assert client.get(f"plans/{kept['id']}", params={"version": 1}).json() == kept
 
 
-def test_an_invalid_mission_names_step_and_field(client):
+def test_an_error_about_an_invalid_mission_names_step_and_field(client):
     spoilt = {**MISSION, "steps": [{"step": "hold", "duration_s": "5"}]}
     refused = client.post("plans", json={"name": "x", "plan": spoilt})
     assert refused.status_code == 422
@@ -227,7 +227,7 @@ def test_an_invalid_mission_names_step_and_field(client):
     assert client.get("plans").json() == {"plans": []}
 
 
-def test_a_mission_is_checked_with_findings_at_its_steps_times_and_a_path_to_draw(client):
+def test_a_check_of_a_mission_returns_findings_step_times_and_the_path(client):
     spoilt = {**MISSION, "steps": [*MISSION["steps"][:2], {"step": "take_off", "height_m": 5}]}
     power = {"hover_power_w": 180.0, "battery_wh": 5.0, "mass_kg": 2.0}
     found = client.post("plans/check", json={"plan": spoilt, "power": power}).json()

@@ -1,4 +1,4 @@
-"""Recordings over HTTP: listed, fetched, played, sought in; what is no recording is said plainly."""
+"""Recordings over HTTP: listed, downloaded, replayed, positioned; other files are refused with the reason."""
 
 import gzip
 import itertools
@@ -49,7 +49,7 @@ def listed(client):
     return {r["name"]: r for r in client.get(f"{API}/recordings").json()["recordings"]}
 
 
-def steer(client, name, **change):
+def control_replay(client, name, **change):
     answer = client.post(f"{API}/replays/{name}", json=change)
     assert answer.status_code == 200, answer.text
     return answer.json()
@@ -59,7 +59,7 @@ def vehicles(client):
     return {v["id"]: v for v in client.get(f"{API}/vehicles").json()}
 
 
-def test_recordings_are_listed_newest_first_with_what_is_wrong_with_them(client, folder):
+def test_recordings_are_listed_newest_first_and_errors_are_shown(client, folder):
     whole = log_bytes(flight(seconds=20, begin_us=BEGIN_US + 86_400_000_000))
     (folder / "mine.tlog.gz").write_bytes(gzip.compress(whole))
     (folder / "empty.tlog").write_bytes(b"")
@@ -114,19 +114,19 @@ def test_only_files_of_the_folder_are_recordings(client, folder, name):
     assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
 
 
-def test_a_name_longer_than_a_file_can_have_is_an_unknown_recording(client):
+def test_a_name_longer_than_a_file_name_can_be_is_an_unknown_recording(client):
     for path in ("", "/index"):
         answer = client.get(f"{API}/recordings/{'a' * 300}.tlog{path}")
         assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
 
 
-def test_a_link_to_another_file_is_no_recording(client, folder):
+def test_a_symbolic_link_to_another_file_is_not_a_recording(client, folder):
     (folder / "link.tlog").symlink_to(folder.parent / "secret.tlog")
     assert client.get(f"{API}/recordings/link.tlog").status_code == 404
     assert "link.tlog" not in listed(client)
 
 
-def test_a_recording_is_fetched_as_it_is(client, folder):
+def test_a_recording_is_downloaded_unchanged(client, folder):
     answer = client.get(f"{API}/recordings/{NAME}")
     assert answer.content == (folder / NAME).read_bytes()
     assert answer.headers["content-disposition"] == f'attachment; filename="{NAME}"'
@@ -136,7 +136,7 @@ def test_a_recording_is_fetched_as_it_is(client, folder):
     ("content", "words"),
     [(b"", "empty"), (b"\xfd\x09 nothing of the kind" * 30, "not a telemetry log")],
 )
-def test_what_cannot_be_played_says_why(client, folder, content, words):
+def test_files_that_cannot_be_played_are_refused_with_the_reason(client, folder, content, words):
     (folder / "bad.tlog").write_bytes(content)
     for answer in (
         client.get(f"{API}/recordings/bad.tlog/index"),
@@ -183,7 +183,7 @@ def test_cancelled_indexing_is_reported_and_can_be_repeated(client, folder):
     assert client.get(f"{API}/recordings/long.tlog/index").json()["records"] > 500
 
 
-def test_the_index_says_modes_armed_spans_and_messages(client):
+def test_the_index_lists_modes_armed_times_and_messages(client):
     index = client.get(f"{API}/recordings/{NAME}/index").json()
     assert index["begin_unix_s"] == BEGIN_S
     assert index["end_unix_s"] == pytest.approx(BEGIN_S + 29.9, abs=0.1)
@@ -199,11 +199,11 @@ def test_the_index_says_modes_armed_spans_and_messages(client):
         assert all(3 <= m["severity"] <= 6 for m in vehicle["messages"])
 
 
-def test_a_replay_is_opened_steered_and_closed(client):
+def test_a_replay_is_opened_controlled_and_closed(client):
     opened = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()
     name = opened["name"]
     assert (opened["recording"], opened["playing"], opened["speed"]) == (NAME, False, 1.0)
-    there = steer(client, name, position_unix_s=BEGIN_S + 12.05)
+    there = control_replay(client, name, position_unix_s=BEGIN_S + 12.05)
     assert there["position_unix_s"] == pytest.approx(BEGIN_S + 12.05, abs=1e-3)
     assert there["vehicles"] == ["1", "7"]
     vehicle = vehicles(client)["1"]
@@ -217,7 +217,7 @@ def test_a_replay_is_opened_steered_and_closed(client):
     assert told
     assert all(BEGIN_S <= m["unix_s"] <= BEGIN_S + 12.1 for m in told if m["kind"] != "link")
 
-    steer(client, name, position_unix_s=BEGIN_S + 3.05)  # backwards
+    control_replay(client, name, position_unix_s=BEGIN_S + 3.05)  # backwards
     assert vehicles(client)["7"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(3.0)
     past = client.get(f"{API}/vehicles/1/history").json()["samples"]
     assert all(s["received_unix_s"] <= BEGIN_S + 3.06 for s in past)
@@ -225,7 +225,7 @@ def test_a_replay_is_opened_steered_and_closed(client):
     assert refused.status_code == 409
     assert "recording" in refused.json()["detail"]
 
-    assert steer(client, name, position_unix_s=0)["position_unix_s"] == pytest.approx(BEGIN_S)
+    assert control_replay(client, name, position_unix_s=0)["position_unix_s"] == pytest.approx(BEGIN_S)
     again = client.post(f"{API}/replays", json={"recording": NAME}).json()
     assert again["position_unix_s"] == pytest.approx(BEGIN_S)
     assert client.get(f"{API}/replays/{name}/index").json()["records"] > 500
@@ -246,10 +246,10 @@ def test_a_replay_plays_to_its_end_and_again_from_the_start(client):
     played = vehicles(client)
     assert played["1"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(29.9)
     assert not played["1"]["status"]["link_lost"]
-    sought = steer(client, name, position_unix_s=BEGIN_S + 30)
+    sought = control_replay(client, name, position_unix_s=BEGIN_S + 30)
     assert vehicles(client)["1"]["topics"]["attitude"] == played["1"]["topics"]["attitude"]
     assert sought["position_unix_s"] == now["end_unix_s"]
-    playing = steer(client, name, playing=True, speed=0.25)
+    playing = control_replay(client, name, playing=True, speed=0.25)
     assert playing["playing"]
     assert playing["position_unix_s"] < BEGIN_S + 29
 
@@ -265,7 +265,7 @@ def test_the_telemetry_socket_reports_position_and_end_of_a_replay(client):
             return frame["replays"]
 
         assert [r["name"] for r in next_replays()] == [name]
-        steer(client, name, position_unix_s=BEGIN_S + 5)
+        control_replay(client, name, position_unix_s=BEGIN_S + 5)
         while next_replays()[0]["position_unix_s"] != pytest.approx(BEGIN_S + 5, abs=1e-3):
             pass
         client.delete(f"{API}/replays/{name}")

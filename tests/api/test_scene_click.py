@@ -1,4 +1,4 @@
-"""A click into a 3D view reaches the telemetry sockets as the event that the page waits for."""
+"""A click in a 3D view is sent to the telemetry sockets as an event."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs_server.scene.clicks import SceneClick
 from gcs_server.settings import Settings
 
 
-def test_a_click_in_3d_is_sent_with_its_views_token_and_not_stored(tmp_path):
+def test_a_click_in_3d_is_sent_with_its_views_token_and_is_not_stored(tmp_path):
     settings = Settings(links=(), sim=0, data=tmp_path, scene=False, record=False)
     app = create_app(settings, static=tmp_path)
     with (

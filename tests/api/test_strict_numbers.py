@@ -1,4 +1,4 @@
-"""In every request body a number is a number: no true, no "30", no NaN and no infinity flies a vehicle."""
+"""Numbers in request bodies must be numbers: true, \"30\", NaN and infinity are refused."""
 
 import copy
 import json
@@ -34,7 +34,7 @@ ROUTERS = [
     for name, module in sorted(sys.modules.items())
     if name.startswith("gcs_server.api.") and name.endswith("_routes")
 ]
-"""Of the API: `schema.py` imports all of them."""
+"""Routers of the API: `schema.py` imports all of them."""
 
 
 def bodies():
@@ -61,7 +61,7 @@ def models_of(schema, seen):
 
 
 def scalars(schema, strict=False):
-    """Every number; those of a strict model have no flag of their own."""
+    """Every number field; fields of a strict model have no flag of their own."""
     if isinstance(schema, dict):
         strict = strict or bool((schema.get("config") or {}).get("strict"))
         if schema.get("type") in ("float", "int", "bool"):
@@ -84,7 +84,7 @@ def all_models():
     return sorted(found, key=lambda kind: kind.__name__)
 
 
-def test_every_body_is_strict_in_every_number_that_it_holds():
+def test_each_number_of_each_body_is_strict():
     assert len(ADAPTERS) > 20
     models = all_models()
     assert len(models) > 40
@@ -98,7 +98,7 @@ def test_every_body_is_strict_in_every_number_that_it_holds():
 
 
 def leaves(value, path=()):
-    """Where numbers stand in an example."""
+    """Paths of the numbers in an example."""
     if isinstance(value, bool):
         return
     if isinstance(value, int | float):
@@ -143,7 +143,7 @@ def test_values_that_are_not_numbers_are_refused_in_every_field(name):
 
 
 def example_number(example, path):
-    """The same number as a float: whole numbers and floats are one."""
+    """The same number as a float; whole numbers are valid floats."""
     value = example
     for key in path:
         value = value[key]
@@ -175,11 +175,11 @@ def client(tmp_path_factory):
         ),
     ],
 )
-def test_over_http_the_invalid_field_is_named(client, path, body, field, text):
+def test_over_http_the_error_names_the_invalid_field(client, path, body, field, text):
     answer = client.post(
         f"/api/v1/vehicles/1/{path}", content=body % text, headers={"Content-Type": "application/json"}
     )
     assert answer.status_code in (400, 422)
-    if text[:2] not in ("99", "[["):  # those two are no JSON that can be read
+    if text[:2] not in ("99", "[["):  # these two are not valid JSON
         assert answer.status_code == 422
         assert answer.json()["field"] == field

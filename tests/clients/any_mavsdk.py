@@ -1,7 +1,7 @@
-"""MAVSDK 3 and MAVSDK 4 behind one face: a program written on this runs on whichever of them is imported.
+"""One interface to MAVSDK 3 and MAVSDK 4: a program that uses it runs with the installed version.
 
 Both packages are called `mavsdk`; they differ in how they connect, in the names of their plug-in classes and
-in the `subscribe_` before the name of a stream.
+in the prefix `subscribe_` of streams.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 READY_S = 90.0
-"""A vehicle on a busy machine must boot, align and find its place."""
+"""Time for a vehicle on a busy machine to boot, to align its estimator, and to get a position."""
 
 
 class Drone:
     """A connected vehicle.
 
     Args:
-        version: of MAVSDK, 3 or 4.
+        version: version of MAVSDK, 3 or 4.
         system: MAVSDK's object for a vehicle.
     """
 
@@ -31,7 +31,7 @@ class Drone:
         self._plugins: dict[str, Any] = {}
 
     def __getattr__(self, plugin: str) -> Any:
-        """A plug-in by its name, as in `drone.action`."""
+        """A plug-in by its name, such as `drone.action`."""
         if self.version == 3:
             return getattr(self._system, plugin)
         if plugin not in self._plugins:
@@ -45,16 +45,16 @@ class Drone:
         return importlib.import_module(f"mavsdk.{'plugins.' if self.version == 4 else ''}{plugin}")
 
     def stream(self, name: str) -> AsyncIterator[Any]:
-        """A stream of telemetry."""
+        """A telemetry stream."""
         return getattr(self.telemetry, f"subscribe_{name}" if self.version == 4 else name)()
 
     async def until(
         self, name: str, holds: Callable[[Any], object], what: str, within_s: float = 60.0
     ) -> Any:
-        """The first value of a stream of telemetry for which `holds`.
+        """The first value of a telemetry stream for which `holds` is true.
 
         Raises:
-            SystemExit: there was none in time; says what came last.
+            SystemExit: there was none in time; the message has the last value.
         """
         last = None
         try:
@@ -78,7 +78,7 @@ class Drone:
 
 @asynccontextmanager
 async def connected(port: int) -> AsyncIterator[Drone]:
-    """The vehicle on this TCP port of this machine, once it may be armed."""
+    """The vehicle on this TCP port of this machine, once it can be armed."""
     address = f"tcpout://127.0.0.1:{port}"
     try:
         from mavsdk.asyncio import Mavsdk

@@ -1,4 +1,4 @@
-"""A simulated vehicle with a MAVSDK `System` on it, and how its streams are waited for."""
+"""A simulated vehicle with a connected MAVSDK `System`, and functions that wait for its streams."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from mavsdk import System
 from tests.station import free_port, running, wait_until
 
 SPEED = 3
-"""Times real time; MAVSDK resends and gives up by the real clock."""
+"""As a multiple of real time; MAVSDK's timeouts use the real clock."""
 PATIENCE_S = 200.0
-"""For one test: a flight of two minutes, on a machine too busy to fly it faster than real time."""
+"""Limit for one test: a flight of two minutes, also on a machine too busy to run faster than real time."""
 T = TypeVar("T")
 
 
 @asynccontextmanager
-async def flying_school(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
-    """A vehicle that may be armed, in a process of its own, and MAVSDK connected to its TCP port."""
+async def connected_drone(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
+    """Starts a vehicle that can be armed, in a separate process, and connects MAVSDK to its TCP port."""
     port = free_port(socket.SOCK_STREAM)
     command = [sys.executable, "-m", "vehicle_sim", "--no-api", "--gcs-local-port", "0"]
     command += ["--gcs-remote-port", str(free_port()), "--tcp-port", str(port), "--speed", str(SPEED), *more]
@@ -38,7 +38,8 @@ async def flying_school(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
             )
             yield drone
         finally:
-            # Else its helper process knocks at this port until the interpreter ends, whoever gets it next.
+            # Otherwise its helper process tries this port until the interpreter ends, even if another process
+            # uses it.
             drone._stop_mavsdk_server()
 
 
@@ -51,10 +52,10 @@ def _listens(port: int) -> bool:
 async def until(
     stream: AsyncIterator[T], holds: Callable[[T], object], what: str, within_s: float = 100.0
 ) -> T:
-    """The first value of a stream for which `holds`.
+    """The first value of a stream for which `holds` is true.
 
     Raises:
-        TimeoutError: there was none in time; says what came last.
+        TimeoutError: there was none in time; the message has the last value.
     """
     last: T | None = None
     try:
@@ -74,7 +75,7 @@ async def first(stream: AsyncIterator[T], within_s: float = 10) -> T:
 
 
 async def take_off(drone: System, height_m: float) -> None:
-    """Armed and up, in Hold."""
+    """Arms and takes off; ends in Hold."""
     await drone.action.set_takeoff_altitude(height_m)
     await drone.action.arm()
     await drone.action.takeoff()
@@ -86,6 +87,6 @@ async def take_off(drone: System, height_m: float) -> None:
 
 
 async def land(drone: System) -> None:
-    """Down, and disarmed by itself."""
+    """Lands and waits until the vehicle has disarmed itself."""
     await drone.action.land()
     await until(drone.telemetry.armed(), lambda armed: not armed, "disarming after the landing")

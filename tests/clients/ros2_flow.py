@@ -1,6 +1,6 @@
 """The flow of the MATLAB example on plain Cyclone DDS: stream for 1 s, Offboard, arm, 20 s at 1 m, land.
 
-Setpoints go to `position` of px4_msgs v1.16, where the example has `x`, `y` and `z` of older ones.
+Setpoints are in the field `position` of px4_msgs v1.16; the example uses `x`, `y` and `z` of older versions.
 
     gcs sim --ros2
     python tests/clients/ros2_flow.py
@@ -31,7 +31,7 @@ STEP_S = 0.1
 
 
 class Flow:
-    """The example's helper functions, with its publishers and subscribers."""
+    """The example's helper functions, publishers and subscribers."""
 
     def __init__(self, node: Node, sleep: Callable[[float], None]) -> None:
         self.sleep = sleep
@@ -46,7 +46,7 @@ class Flow:
         """Wait for a message.
 
         Raises:
-            TimeoutError: none has come.
+            TimeoutError: none was received in time.
         """
         for _ in range(round(limit_s / STEP_S)):
             if subscription.latest is not None:
@@ -63,7 +63,7 @@ class Flow:
         self.setpoint.write(new(TrajectorySetpoint, timestamp=self.now, position=xyz))
 
     def publish_vehicle_command(self, command: int, **params: float) -> None:
-        """To the autopilot of system 1."""
+        """Sends a command to the autopilot of system 1."""
         self.command.write(
             new(
                 VehicleCommand, timestamp=self.now, command=command, target_system=1, target_component=1,
@@ -73,7 +73,7 @@ class Flow:
 
     @property
     def now(self) -> int:
-        """The vehicle's time, as it tells it."""
+        """The vehicle's time, from its newest message."""
         return self.time_sync.latest.timestamp
 
     def stream(self, seconds: float, xyz: list[float]) -> None:
@@ -84,7 +84,7 @@ class Flow:
             self.sleep(STEP_S)
 
     def fly(self) -> None:
-        """The example."""
+        """Flies the example."""
         for subscription in (self.status, self.odometry, self.time_sync):
             self.receive(subscription, 10.0)
         xyz = [0.0, 0.0, -1.0]

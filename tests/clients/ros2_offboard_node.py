@@ -1,6 +1,6 @@
 """The offboard node of PX4's ROS 2 guide on plain Cyclone DDS: arm, climb to 5 m in Offboard, land.
 
-Topics, types and fields are the node's; what rclpy did is `px4_dds.Node` and a loop at 10 Hz.
+Topics, types and fields are those of the node; `px4_dds.Node` and a loop at 10 Hz replace rclpy.
 
     gcs sim --ros2
     python tests/clients/ros2_offboard_node.py

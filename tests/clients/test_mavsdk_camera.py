@@ -1,4 +1,4 @@
-"""What MAVSDK's camera plug-in does with the camera that `--camera` hangs on the gimbal."""
+"""MAVSDK's camera plug-in with the simulated camera on the gimbal (`--camera`)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import pytest
 from mavsdk.camera import CameraError, CameraResult, Mode, PhotosRange
 from mavsdk.ftp import FtpError, FtpResult
 
-from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, until
+from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, until
 
 WIDTH_PX, HEIGHT_PX = 320, 240
 
 pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
 
 
-def test_pictures_are_taken_listed_fetched_and_deleted(tmp_path: Path) -> None:
+def test_pictures_are_taken_listed_downloaded_and_deleted(tmp_path: Path) -> None:
     asyncio.run(_photograph(tmp_path))
 
 
 async def _photograph(folder: Path) -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school(more=["--camera"]) as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone(more=["--camera"]) as drone:
         camera = drone.camera
         listed = await until(camera.camera_list(), lambda found: found.cameras, "a camera", 40)
         (model,) = listed.cameras
@@ -69,7 +69,7 @@ async def _photograph(folder: Path) -> None:
 
 
 class _Collector:
-    """Everything that a stream tells from now on."""
+    """All values of a stream from now on."""
 
     def __init__(self, stream: AsyncIterator[Any]) -> None:
         self.values: list[Any] = []
@@ -83,14 +83,14 @@ class _Collector:
 async def _within(holds: Any, what: str, seconds: float = 20.0) -> None:
     try:
         async with asyncio.timeout(seconds):
-            while not holds():  # noqa: ASYNC110 - what is waited for is told by a stream
+            while not holds():  # noqa: ASYNC110 - the condition depends on a stream
                 await asyncio.sleep(0.05)
     except TimeoutError:
         raise TimeoutError(f"no {what} within {seconds} s") from None
 
 
 async def _refused(order: Any) -> None:
-    """There is no video, and nothing is tracked."""
+    """Video and tracking are refused."""
     with pytest.raises(CameraError) as refused:
         await order
     assert refused.value._result.result in (

@@ -1,4 +1,4 @@
-"""What MAVSDK's action, follow-me, manual-control and failure plug-ins do in the air."""
+"""MAVSDK's action, follow-me, manual-control and failure plug-ins in flight."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mavsdk.failure import FailureError, FailureResult, FailureType, FailureUnit
 from mavsdk.follow_me import Config, TargetLocation
 from mavsdk.telemetry import FlightMode, LandedState, Position
 
-from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, land, take_off, until
+from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, land, take_off, until
 
 METRES_A_DEGREE = 111_195.0
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
 
 
 def offset(at: Position, north_m: float, east_m: float) -> tuple[float, float]:
-    """Latitude and longitude this far away."""
+    """Latitude and longitude at this distance from a position."""
     per_degree = METRES_A_DEGREE * math.cos(math.radians(at.latitude_deg))
     return at.latitude_deg + north_m / METRES_A_DEGREE, at.longitude_deg + east_m / per_degree
 
@@ -41,7 +41,7 @@ def test_goto_orbit_and_return() -> None:
 
 
 async def _goto_orbit_and_return() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         with pytest.raises(ActionError) as refused:
             await drone.action.terminate()
         assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
@@ -92,7 +92,7 @@ def test_follow_me_keeps_its_distance_from_a_target_that_moves() -> None:
 
 
 async def _follow() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         home = await first(drone.telemetry.home())
         config = Config(8.0, 6.0, 0.1, Config.FollowAltitudeMode.CONSTANT, 5.0, 180.0)
         await drone.follow_me.set_config(config)
@@ -121,7 +121,7 @@ async def _follow() -> None:
         await until(
             drone.telemetry.position(),
             lambda p: abs(distance_m(p, lat, lon) - 6.0) < 1.5 and p.latitude_deg < lat,
-            "6 m behind the target at its end",
+            "6 m behind the target at the end",
             60,
         )
         last = await drone.follow_me.get_last_location()
@@ -137,7 +137,7 @@ def test_manual_control_flies_position_and_altitude() -> None:
 
 
 async def _manual() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         wanted = [0.0, 0.0, 0.5, 0.0]
 
         async def sticks() -> None:
@@ -152,26 +152,26 @@ async def _manual() -> None:
         await _mode(drone, FlightMode.POSCTL)
         wanted[:] = [0.6, 0.0, 0.5, 0.0]
         ned = drone.telemetry.position_velocity_ned
-        await until(ned(), lambda n: n.velocity.north_m_s > 1.5, "forward by the stick")
+        await until(ned(), lambda n: n.velocity.north_m_s > 1.5, "forward flight by stick")
         wanted[:] = [0.0, 0.0, 0.5, 0.0]
-        await until(ned(), lambda n: abs(n.velocity.north_m_s) < 0.4, "a stop where the stick is let go")
+        await until(ned(), lambda n: abs(n.velocity.north_m_s) < 0.4, "a stop after the stick is released")
         await drone.manual_control.start_altitude_control()
         await _mode(drone, FlightMode.ALTCTL)
         wanted[:] = [0.0, 0.0, 1.0, 0.0]
-        await until(ned(), lambda n: n.velocity.down_m_s < -1.5, "up by the throttle")
+        await until(ned(), lambda n: n.velocity.down_m_s < -1.5, "a climb by throttle")
         wanted[:] = [0.0, 0.0, 0.5, 0.0]
-        await until(ned(), lambda n: abs(n.velocity.down_m_s) < 0.3, "a height that is held")
+        await until(ned(), lambda n: abs(n.velocity.down_m_s) < 0.3, "constant altitude")
         await land(drone)
         pilot.cancel()
 
 
-def test_failures_are_injected_only_where_that_is_switched_on() -> None:
+def test_failures_are_injected_only_if_failure_injection_is_enabled() -> None:
     asyncio.run(_fail())
 
 
 async def _fail() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
-        # On in simulation, off on a real vehicle.
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+        # Enabled in simulation, disabled on a real vehicle.
         assert await drone.param.get_param_int("SYS_FAILURE_EN") == 1
         await drone.param.set_param_int("SYS_FAILURE_EN", 0)
         with pytest.raises(FailureError) as refused:
@@ -182,7 +182,7 @@ async def _fail() -> None:
         await drone.param.set_param_int("SYS_FAILURE_EN", 1)
         await take_off(drone, 6.0)
         with pytest.raises(FailureError):
-            # As on PX4's own simulation nobody answers for a sensor: its parameters break it.
+            # As in PX4's own simulation, sensor failures are injected by parameters, not by the command.
             await drone.failure.inject(FailureUnit.SENSOR_GPS, FailureType.OFF, 0)
         assert (await first(drone.telemetry.gps_info())).num_satellites == 10
         await drone.param.set_param_int("SIM_GPS_USED", 0)
@@ -190,5 +190,5 @@ async def _fail() -> None:
             drone.telemetry.gps_info(), lambda gps: gps.num_satellites == 0, "a receiver without a fix"
         )
         await until(drone.telemetry.health(), lambda h: not h.is_global_position_ok, "no global position")
-        # Without a position PX4 goes down level, without hands on sticks.
-        await until(drone.telemetry.armed(), lambda armed: not armed, "down by itself")
+        # Without a position and without stick input PX4 descends level.
+        await until(drone.telemetry.armed(), lambda armed: not armed, "a descent without commands")

@@ -1,4 +1,4 @@
-"""What MAVSDK asks of a vehicle on the ground: parameters, console, files, streams, calibration, gimbal."""
+"""MAVSDK's requests to a vehicle on the ground: parameters, console, files, streams, calibration, gimbal."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from mavsdk.telemetry import TelemetryError
 from mavsdk.tune import SongElement, TuneDescription
 from pyulog import ULog
 
-from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, until
+from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, until
 
 pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
 BUSY_S = 1.0
-"""Like PX4, the vehicle denies a calibration for 0.6 s after it has told the end of another."""
+"""Like PX4, the vehicle denies a calibration for 0.6 s after it has reported the end of another."""
 
 
 async def all_of(stream: AsyncIterator[Any]) -> list[Any]:
@@ -35,7 +35,7 @@ def test_parameters_console_files_and_logs(tmp_path: Path) -> None:
 
 
 async def _stores(folder: Path) -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         await _parameters(drone)
         await _console(drone)
         await _files(drone, folder)
@@ -104,12 +104,12 @@ RATES = (
 NOT_IN_PX4 = ("actuator_control_target", "raw_imu")
 
 
-def test_every_stream_of_telemetry_and_what_is_said_about_the_vehicle() -> None:
+def test_every_telemetry_stream_and_all_vehicle_information() -> None:
     asyncio.run(_streams())
 
 
 async def _streams() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         for name in RATES:
             await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
         for name in NOT_IN_PX4:
@@ -137,13 +137,13 @@ def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
 
 
 async def _calibrate() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         for what in ("calibrate_gyro", "calibrate_level_horizon"):
             steps = await all_of(getattr(drone.calibration, what)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
             await asyncio.sleep(BUSY_S)
         with pytest.raises(CalibrationError) as failed:
-            # Nobody turns the vehicle on its other sides.
+            # The vehicle stays on its first side.
             await all_of(drone.calibration.calibrate_accelerometer())
         assert failed.value._result.result is CalibrationResult.Result.FAILED
         begun = asyncio.ensure_future(all_of(drone.calibration.calibrate_magnetometer()))
@@ -154,12 +154,12 @@ async def _calibrate() -> None:
         assert cancelled.value._result.result is CalibrationResult.Result.CANCELLED
 
 
-def test_the_gimbal_is_taken_turned_and_given_back() -> None:
+def test_the_gimbal_is_controlled_turned_and_released() -> None:
     asyncio.run(_gimbal())
 
 
 async def _gimbal() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         gimbal = drone.gimbal
         listed = await until(gimbal.gimbal_list(), lambda found: found.gimbals, "a gimbal", 40)
         number = listed.gimbals[0].gimbal_id
@@ -177,12 +177,10 @@ async def _gimbal() -> None:
                 abs(a.euler_angle_forward.pitch_deg + 20.0) < 2.0
                 and abs(a.euler_angle_forward.yaw_deg - 30.0) < 2.0
             ),
-            "the angles asked for",
+            "the requested angles",
         )
         await gimbal.set_angular_rates(number, 0.0, 10.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
-        await until(
-            gimbal.attitude(), lambda a: a.euler_angle_forward.pitch_deg > -5.0, "upwards by its rate"
-        )
+        await until(gimbal.attitude(), lambda a: a.euler_angle_forward.pitch_deg > -5.0, "upward rotation")
         home = await first(drone.telemetry.home())
         await gimbal.set_roi_location(
             number, home.latitude_deg, home.longitude_deg + 1e-3, home.absolute_altitude_m

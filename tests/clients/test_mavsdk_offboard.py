@@ -1,4 +1,4 @@
-"""Every kind of setpoint that MAVSDK streams, flown in one flight."""
+"""Every kind of setpoint that MAVSDK streams, in one flight."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from mavsdk.offboard import (
 )
 from mavsdk.telemetry import FlightMode, PositionVelocityNed
 
-from tests.clients.mavsdk_drone import PATIENCE_S, flying_school, land, take_off, until
+from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, land, take_off, until
 
 pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
 
 
-def test_every_kind_of_set_point_is_flown() -> None:
+def test_every_kind_of_setpoint_is_flown() -> None:
     asyncio.run(_fly())
 
 
 async def _fly() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         with pytest.raises(OffboardError) as refused:
             await drone.offboard.start()
         assert refused.value._result.result is OffboardResult.Result.NO_SETPOINT_SET
@@ -47,7 +47,7 @@ async def _fly() -> None:
         await drone.offboard.set_velocity_ned(VelocityNedYaw(0.0, -2.0, 0.0, 0.0))
         await _moves(drone, "west at 2 m/s", lambda n: n.velocity.east_m_s < -1.4)
         await drone.offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 2.0, 0.0, 0.0))
-        await _moves(drone, "to its right, which is east", lambda n: n.velocity.east_m_s > 1.4)
+        await _moves(drone, "to the right, which is east", lambda n: n.velocity.east_m_s > 1.4)
         await drone.offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 0.0, 0.0, 60.0))
         await until(
             drone.telemetry.attitude_angular_velocity_body(),
@@ -80,14 +80,14 @@ async def _fly() -> None:
         )
 
         await drone.offboard.set_acceleration_ned(AccelerationNed(1.5, 0.0, 0.0))
-        await _moves(drone, "faster and faster to the north", lambda n: n.velocity.north_m_s > 1.0)
+        await _moves(drone, "accelerating to the north", lambda n: n.velocity.north_m_s > 1.0)
         await drone.offboard.set_attitude(Attitude(0.0, 8.0, 0.0, 0.52))
-        await until(drone.telemetry.attitude_euler(), lambda a: a.pitch_deg > 6.0, "the nose up")
+        await until(drone.telemetry.attitude_euler(), lambda a: a.pitch_deg > 6.0, "pitch up")
         await drone.offboard.set_attitude_rate(AttitudeRate(0.0, 0.0, 45.0, 0.52))
         await until(
             drone.telemetry.attitude_angular_velocity_body(),
             lambda rates: rates.yaw_rad_s > math.radians(30.0),
-            "a turn by its rate",
+            "a turn by yaw rate",
         )
 
         await drone.offboard.stop()

@@ -1,4 +1,4 @@
-"""Missions, fences and rally points by MAVSDK: uploaded, read back, flown, cleared."""
+"""Missions, fences and rally points with MAVSDK: uploaded, downloaded, flown, cleared."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.mission_raw import MissionItem as RawItem
 from mavsdk.telemetry import FlightMode
 
-from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, until
+from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, until
 
 LAT, LON = 47.3977432, 8.54559422
 
@@ -40,14 +40,14 @@ def raw(
     )  # fmt: skip
 
 
-def test_a_mission_is_flown_paused_gone_on_with_and_returned_from() -> None:
+def test_a_mission_is_flown_paused_resumed_and_ended_by_return() -> None:
     asyncio.run(_mission())
 
 
 async def _mission() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         mission = drone.mission
-        # The mode may be chosen without a mission, but not armed in.
+        # Without a mission the mode can be selected, but the vehicle cannot be armed in it.
         await mission.start_mission()
         with pytest.raises(ActionError) as refused:
             await drone.action.arm()
@@ -80,12 +80,12 @@ async def _mission() -> None:
         assert (await mission.download_mission()).mission_items == []
 
 
-def test_raw_plans_of_all_three_kinds_come_back_as_they_were_sent() -> None:
+def test_raw_plans_of_all_three_types_are_downloaded_as_uploaded() -> None:
     asyncio.run(_raw())
 
 
 async def _raw() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         plans = drone.mission_raw
         changed = asyncio.ensure_future(first(plans.mission_changed(), 40))
         await asyncio.sleep(0.2)
@@ -96,7 +96,7 @@ async def _raw() -> None:
             (each.seq, each.command, each.x, each.z) for each in items
         ]
         assert await changed
-        # A stream tells changes only: who listens afterwards has missed them.
+        # The stream has only changes: a later subscriber misses earlier ones.
         second = asyncio.ensure_future(
             until(
                 plans.mission_progress(),
@@ -139,12 +139,12 @@ QGC_PLAN = {
 }  # fmt: skip
 
 
-def test_a_plan_of_qgroundcontrol_is_imported_uploaded_and_flown_to_its_landing() -> None:
+def test_a_qgroundcontrol_plan_is_imported_uploaded_and_flown_to_its_landing() -> None:
     asyncio.run(_imported())
 
 
 async def _imported() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         plans = drone.mission_raw
         read = await plans.import_qgroundcontrol_mission_from_string(json.dumps(QGC_PLAN))
         assert (len(read.mission_items), len(read.rally_items)) == (3, 1)
@@ -158,12 +158,12 @@ async def _imported() -> None:
         assert there.latitude_deg == pytest.approx(LAT + 1.5e-4, abs=1.5e-5)
 
 
-def test_a_fence_of_polygon_and_circle_is_kept_and_cleared() -> None:
+def test_a_fence_of_polygon_and_circle_is_stored_and_cleared() -> None:
     asyncio.run(_fence())
 
 
 async def _fence() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
+    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
         square = [
             Point(LAT + n, LON + e) for n, e in ((1e-3, 1e-3), (1e-3, -1e-3), (-1e-3, -1e-3), (-1e-3, 1e-3))
         ]

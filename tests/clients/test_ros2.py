@@ -1,4 +1,4 @@
-"""The simulator's own process on DDS, flown in real time by a program of another process."""
+"""The simulator's process on DDS, flown in real time by a program in another process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def vehicle() -> Iterator[None]:
     assert process.wait(20.0) == 0
 
 
-def test_a_program_of_another_process_flies_the_simulator(vehicle):
+def test_a_program_in_another_process_flies_the_simulator(vehicle):
     domain = DdsDomain(DOMAIN)
     node = Node(DOMAIN, NAMESPACE)
     status = node.subscription(VehicleStatus, "/fmu/out/vehicle_status_v1")

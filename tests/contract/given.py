@@ -1,8 +1,9 @@
-"""What had happened before a dialogue and was not recorded, where the dialogue itself shows it.
+"""Unrecorded events before a dialogue, of which the dialogue itself has evidence.
 
-Part of the recorded dialogues is kept back, and between two of them the recording harness flew, armed and
-landed the vehicle unseen. Each entry brings the simulated vehicle there and names what in the recording shows
-it (`shown_by`, looked for by `test_rules.py`); all that the dialogue says is then compared as in any other.
+Some recorded dialogues are withheld, and between dialogues the recording harness flew, armed and landed the
+vehicle without recording it. Each entry brings the simulated vehicle into that state and names the evidence
+in the recording (`shown_by`; `test_rules.py` searches for it). The rest of the dialogue is then compared like
+any other.
 """
 
 from __future__ import annotations
@@ -18,23 +19,23 @@ from tests.contract.replay_vehicle import HOLD, Vehicle
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
 STILL_TO_CLIMB_M = 4.0
 METRE_E7 = 90
-"""A metre north [1e-7 degrees], near enough."""
+"""A metre to the north [1e-7 degrees], approximately."""
 HOLD_MODE, MISSION_MODE, RTL_MODE = (4, 3), (4, 4), (4, 5)
 LATE_S = {
     ("offboard_air_stream_slows_to_1hz", 5): 0.06,
     ("calibration_baro", 0): 10.79,
     ("arm_in_mode_takeoff", 0): 0.555,
 }
-"""How much later than sent PX4 heard the n-th message of each of a dialogue's streams. The machine was busy:
-PX4 lost a stream of 1 Hz once, answered a calibration's command after 10.8 s and its cancel not at all, and
-armed half a second late."""
+"""Delay with which PX4 received the n-th message of each stream of a dialogue. The recording machine was
+busy: once PX4 lost a stream of 1 Hz, answered a calibration command after 10.8 s, ignored its cancellation,
+and armed half a second late."""
 
 Action = Callable[[Vehicle, Dialogue], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
-    """One unrecorded state of affairs."""
+class State:
+    """One unrecorded starting state."""
 
     shown_by: str
     """Part of the dialogue's JSON."""
@@ -50,7 +51,7 @@ def _height(above_home_m: float, north_m: int = 0) -> Action:
 
 
 def _at_the_centre(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """Orbits whose centre is not given go round where the vehicle is."""
+    """Orbits without a given centre are flown around the vehicle's position."""
     told = next(e["fields"] for e in dialogue["received"] if e["msg"] == "ORBIT_EXECUTION_STATUS")
     free = math.isnan(dialogue["send"][0]["fields"]["param5"] or math.nan)
     lat, lon = (told["x"], told["y"]) if free else (HOME_LAT_E7, HOME_LON_E7)
@@ -58,7 +59,7 @@ def _at_the_centre(vehicle: Vehicle, dialogue: Dialogue) -> None:
 
 
 def _rally_point_near(vehicle: Vehicle, _: Dialogue) -> None:
-    """10 m above home and nearer than home, in the frame that PX4 knows."""
+    """A rally point 10 m above home and nearer than home, in a frame that PX4 supports."""
     vehicle.go_to(HOME_LAT_E7 + 40 * METRE_E7, HOME_LON_E7, vehicle.autopilot.home.alt_amsl_m + 10.0)
     point = {"seq": 0, "frame": 3, "command": 5100, "current": 1, "autocontinue": 1, "mission_type": 2,
              "x": HOME_LAT_E7 + 25 * METRE_E7, "y": HOME_LON_E7, "z": 10.0}  # fmt: skip
@@ -75,7 +76,7 @@ def _mode(*mode: int) -> Action:
 
 
 def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
-    """To a height that it reaches as the dialogue ends."""
+    """Takes off to a height that the vehicle reaches at the end of the dialogue."""
     view = vehicle.autopilot.view
     alt_amsl_m = view.estimate.alt_amsl_m + 7.0
     vehicle.command(22, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
@@ -83,7 +84,8 @@ def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """What calls it armed is an older heartbeat. It was armed once before: its first log is closed."""
+    """Disarms: the heartbeat that shows the vehicle armed is older. It was armed once before, so its first
+    log is closed."""
     vehicle.command(400, 0, 21196)
     vehicle.run(1.0)
     vehicle.ground(False, HOLD)
@@ -107,10 +109,12 @@ def _parameter(name: str, value: float, wait_s: float) -> Action:
 
 
 def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
-    """An actuator test tips PX4's simulated airframe over."""
+    """Tips the vehicle over: an actuator test does this to PX4's simulated airframe."""
     half = math.sqrt(0.5)
     vehicle.sim.simulation.turn_by_hand(0, (half, half, 0.0, 0.0))
-    vehicle.sim.simulation._estimator.reset(0)  # a vehicle turned by hand is turned in no time
+    vehicle.sim.simulation._estimator.reset(
+        0
+    )  # a vehicle that is turned by hand changes its attitude at once
     vehicle.run(10.0)
 
 
@@ -122,7 +126,7 @@ def _returning(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _turning_by_hand(vehicle: Vehicle, _: Dialogue) -> None:
-    """A compass calibration that waits 100 s for somebody to turn the vehicle, without a word."""
+    """A compass calibration that has waited 100 s for the vehicle to be turned, without a message."""
     vehicle.command(241, 0, 1)
     vehicle.run(4.0)
 
@@ -146,14 +150,14 @@ def _heading(yaw_ned_rad: float) -> Action:
 
 
 def _console_closed(vehicle: Vehicle, _: Dialogue) -> None:
-    """What was typed before without an end of line is gone."""
+    """Characters typed earlier without an end of line are discarded."""
     target = {"target_system": vehicle.system_id, "target_component": 1}
     vehicle.send("SERIAL_CONTROL", {"device": 10, "flags": 0, "count": 0, "data": [0] * 70, **target})
     vehicle.run(0.2)
 
 
 def _on_disk(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """The vehicle's folder, as its listing shows it: folders, files of these sizes, links."""
+    """The vehicle's folder as its listing shows it: folders, files of these sizes, links."""
     root = vehicle.sim.files[0].root
     for name in ("dataman", "parameters_backup.bson"):
         (root / name).touch()
@@ -169,43 +173,43 @@ def _on_disk(vehicle: Vehicle, dialogue: Dialogue) -> None:
         (root / "test_data").symlink_to("log")
 
 
-GIVEN: dict[str, Given] = {
-    "air_takeoff_again": Given("Already higher than takeoff altitude", _height(14.0)),
-    "air_setmode_auto_none": Given("Climb to 10.0 meters above home", _height(7.5)),
-    "air_setmode_auto_mission": Given("Executing Mission", _height(10.0, 30)),
-    "air_setmode_auto_rtl": Given("530 m (30 m above destination", _rally_point_near),
-    "air_rtl": Given("530 m (30 m above destination", _rally_point_near),
-    "air_standard_mode_7": Given('"command": 2003, "confirmation": 0', _mode(*MISSION_MODE)),
-    "air_standard_mode_8": Given("Using default takeoff altitude: 2.5 m", _height(1.8)),
+GIVEN: dict[str, State] = {
+    "air_takeoff_again": State("Already higher than takeoff altitude", _height(14.0)),
+    "air_setmode_auto_none": State("Climb to 10.0 meters above home", _height(7.5)),
+    "air_setmode_auto_mission": State("Executing Mission", _height(10.0, 30)),
+    "air_setmode_auto_rtl": State("530 m (30 m above destination", _rally_point_near),
+    "air_rtl": State("530 m (30 m above destination", _rally_point_near),
+    "air_standard_mode_7": State('"command": 2003, "confirmation": 0', _mode(*MISSION_MODE)),
+    "air_standard_mode_8": State("Using default takeoff altitude: 2.5 m", _height(1.8)),
     **{
-        name: Given('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_centre)
+        name: State('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_centre)
         for name in ("air_orbit_basic", "air_orbit_nan_radius", "air_orbit_too_fast", "air_orbit_centre_1km",
                      "air_orbit_yaw_behaviour_9", "air_orbit_nan_velocity")
     },
-    "air_mission_clear_while_running": Given('"custom_mode": 50593792', _mode(*HOLD_MODE)),
-    "cmd_actuator_test_release": Given("Attitude failure (roll)", _on_its_side),
-    "param_set_cal_volatile": Given("Attitude failure (roll)", _on_its_side),
-    "fence_upload_inclusion_polygon": Given('"total": 200', _items_200),
-    "fence_arm_inside_exclusion": Given("[logger] ./log/", _disarmed),
-    "fence_clear": Given('"base_mode": 29', _disarmed),
-    "mission_start_range_disarmed": Given("Armed by mission start", _disarmed),
-    "setmode_mission_disarmed_with_mission": Given('"base_mode": 29', _disarmed),
-    "param_set_int32_back": Given('"param_id": "NAV_DLL_ACT"', _parameter("NAV_DLL_ACT", 2, 2.5)),
-    "param_cruise_restore": Given('"param_value": 5.0', _parameter("MPC_XY_CRUISE", 12.0, 2.5)),
-    "param_set_negative_int": Given('"param_id": "COM_ARM_WO_GPS"', _parameter("COM_ARM_WO_GPS", 1, 0.2)),
-    "hold_after_rtl": Given('"relative_altitude_m": 4.99', _returning),
-    "setmode_disarmed_posctl": Given('"system_status": 2', _turning_by_hand),
-    "setmode_disarmed_base_29": Given('"system_status": 2', _turning_by_hand),
-    "shell_again_after_exit": Given("again_after_exit", _console_closed),
+    "air_mission_clear_while_running": State('"custom_mode": 50593792', _mode(*HOLD_MODE)),
+    "cmd_actuator_test_release": State("Attitude failure (roll)", _on_its_side),
+    "param_set_cal_volatile": State("Attitude failure (roll)", _on_its_side),
+    "fence_upload_inclusion_polygon": State('"total": 200', _items_200),
+    "fence_arm_inside_exclusion": State("[logger] ./log/", _disarmed),
+    "fence_clear": State('"base_mode": 29', _disarmed),
+    "mission_start_range_disarmed": State("Armed by mission start", _disarmed),
+    "setmode_mission_disarmed_with_mission": State('"base_mode": 29', _disarmed),
+    "param_set_int32_back": State('"param_id": "NAV_DLL_ACT"', _parameter("NAV_DLL_ACT", 2, 2.5)),
+    "param_cruise_restore": State('"param_value": 5.0', _parameter("MPC_XY_CRUISE", 12.0, 2.5)),
+    "param_set_negative_int": State('"param_id": "COM_ARM_WO_GPS"', _parameter("COM_ARM_WO_GPS", 1, 0.2)),
+    "hold_after_rtl": State('"relative_altitude_m": 4.99', _returning),
+    "setmode_disarmed_posctl": State('"system_status": 2', _turning_by_hand),
+    "setmode_disarmed_base_29": State('"system_status": 2', _turning_by_hand),
+    "shell_again_after_exit": State("again_after_exit", _console_closed),
     **{
-        name: Given("46706172616d65746572732e62736f6e09", _on_disk)  # "Fparameters.bson" and its size
+        name: State("46706172616d65746572732e62736f6e09", _on_disk)  # "Fparameters.bson" and its size
         for name in ("ftp_list_root_offset_5", "ftp_list_dot", "ftp_list_empty", "armed_ground_ftp_list")
     },
-    "offboard_air_no_stream": Given('"custom_mode": 33816576', _taking_off),
-    "offboard_disarmed_stream_1hz": Given('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
-    "offboard_disarmed_stream_2hz": Given('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
-    "sp_mask_velocity_0xdc7": Given('"yaw": -0.194', _heading(-0.19)),
-    "sp_mask_position_only_0xdf8": Given('"vz": 0.24', _at_rest),
-    "gsp_frame11_terrain": Given('"vy": -0.06', _at_rest),
+    "offboard_air_no_stream": State('"custom_mode": 33816576', _taking_off),
+    "offboard_disarmed_stream_1hz": State('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
+    "offboard_disarmed_stream_2hz": State('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
+    "sp_mask_velocity_0xdc7": State('"yaw": -0.194', _heading(-0.19)),
+    "sp_mask_position_only_0xdf8": State('"vz": 0.24', _at_rest),
+    "gsp_frame11_terrain": State('"vy": -0.06', _at_rest),
 }  # fmt: skip
 """By the dialogue's id."""

@@ -1,7 +1,7 @@
-"""Whole flights that were logged, told by the simulated vehicle in the same words.
+"""Logged flights of a real PX4: the simulated vehicle sends the same messages.
 
-What the ground station sent stands in the log; it is sent again at the same moments on a fake clock. Compared
-are how often each message came, and what changed when: modes, texts, events, where it flies to, the gimbal.
+The log contains what the ground station sent; it is sent again at the same times on a fake clock. The tests
+compare the number of each message, and the changes of mode, texts, events, target position and gimbal.
 """
 
 import gzip
@@ -23,24 +23,26 @@ FLIGHTS = {
     "failsafe-datalink-rtl": ("gcs", {"NAV_DLL_ACT": 2}),
     "offboard-api": ("api", {}),
 }
-"""Logs that hold all that was sent to the vehicle: the link logged, and the parameters set before."""
+"""Logs that contain everything that was sent to the vehicle: the logged link, and the parameters set
+before."""
 AUTOPILOT, API_CLIENT = 1, 245
 READY_S = 5.0
-"""The simulated estimator is ready sooner; from here on both are."""
+"""The simulated estimator is ready earlier; from this time on both are."""
 LEAST, TOLERANCE = 10, 0.1
 HEIGHT_M = 1.5
 NOT_STREAMED = {"PARAM_VALUE", "STATUSTEXT", "EVENT", "COMMAND_ACK", "COMMAND_LONG", "AVAILABLE_MODES"}
 
-Heard = list[tuple[float, str, dict[str, Any]]]
-"""(seconds since the log began, message, its fields)."""
+Received = list[tuple[float, str, dict[str, Any]]]
+"""(seconds since the log began, message, fields)."""
 Sent = list[tuple[float, tuple[int, int], str, dict[str, Any]]]
-"""(seconds since the log began, sender, message, its fields)."""
+"""(seconds since the log began, sender, message, fields)."""
 
 
-def read(path: Path) -> tuple[Heard, Sent, float]:
-    """What the vehicle said, what it was sent, and how old the vehicle was when the log began [s]."""
+def read(path: Path) -> tuple[Received, Sent, float]:
+    """The vehicle's messages, the messages sent to it, and the vehicle's time since boot when the log began
+    [s]."""
     raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-    said: Heard = []
+    said: Received = []
     sent: Sent = []
     at, began_us, boot_s = 0, 0, None
     while at + TIME_BYTES < len(raw):
@@ -62,8 +64,8 @@ def read(path: Path) -> tuple[Heard, Sent, float]:
     return said, sent, boot_s
 
 
-def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Heard:
-    """What the simulated vehicle says on that link."""
+def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Received:
+    """The simulated vehicle's messages on that link."""
     station = Station(heartbeats=False, parameters=parameters, links=BOTH)
     for time_s, sender, name, fields in sent:
         station.run(max(0.0, boot_s + time_s - station.now_s))
@@ -74,9 +76,11 @@ def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str
     return [(time_s - boot_s, m.name, dict(m.values)) for time_s, via, m in station.log if via == link]
 
 
-def changes(heard: Heard, name: str, tell: Any, until_s: float, lasting_s: float = 0.0) -> list[Any]:
-    """What `tell` makes of a message's fields, whenever that is new and stays so for a while."""
-    told = [(time_s, tell(fields)) for time_s, n, fields in heard if n == name and READY_S < time_s < until_s]
+def changes(heard: Received, name: str, value_of: Any, until_s: float, lasting_s: float = 0.0) -> list[Any]:
+    """The values of `value_of` for a message's fields, whenever the value is new and remains for a while."""
+    told = [
+        (time_s, value_of(fields)) for time_s, n, fields in heard if n == name and READY_S < time_s < until_s
+    ]
     runs = itertools.groupby((row for row in told if row[1] is not None), key=lambda row: row[1])
     spans = [(value, [time_s for time_s, _ in run]) for value, run in runs]
     kept = [value for value, times_s in spans if times_s[-1] - times_s[0] >= lasting_s]
@@ -84,7 +88,7 @@ def changes(heard: Heard, name: str, tell: Any, until_s: float, lasting_s: float
 
 
 def steps(heights_m: list[float]) -> list[float]:
-    """Only those that differ clearly from the one before."""
+    """Only heights that differ clearly from the previous one."""
     clear = heights_m[:1]
     for height_m in heights_m:
         if abs(height_m - clear[-1]) > HEIGHT_M:
@@ -92,8 +96,8 @@ def steps(heights_m: list[float]) -> list[float]:
     return clear
 
 
-def spoken(fields: dict[str, Any]) -> str | None:
-    """A text without its numbers; what only a vehicle with an onboard log says is left out."""
+def text_of(fields: dict[str, Any]) -> str | None:
+    """A text without its numbers; texts that only a vehicle with an onboard log sends are omitted."""
     text = str(fields["text"])
     return None if "[logger]" in text else re.sub(r"\d+", "#", text)
 
@@ -103,13 +107,13 @@ def event(fields: dict[str, Any]) -> str | None:
     return None if name.startswith("logger") else name
 
 
-def disarmed_s(heard: Heard) -> float:
+def disarmed_s(heard: Received) -> float:
     flown = [t for t, n, f in heard if n == "HEARTBEAT" and f["base_mode"] & 128]
     return flown[-1] + 1.5
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_logged_flight_is_told_alike(recorded: Path, name: str) -> None:
+def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path, name: str) -> None:
     (path,) = (recorded / "tlogs").glob(f"{name}.tlog*")
     real, sent, boot_s = read(path)
     end_s = real[-1][0]
@@ -127,28 +131,32 @@ def test_a_logged_flight_is_told_alike(recorded: Path, name: str) -> None:
 
     until_s = [disarmed_s(real), disarmed_s(ours)]
 
-    def both(message: str, tell: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
-        told = [changes(h, message, tell, s, lasting_s) for h, s in zip((real, ours), until_s, strict=True)]
+    def both(message: str, value_of: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
+        told = [
+            changes(h, message, value_of, s, lasting_s) for h, s in zip((real, ours), until_s, strict=True)
+        ]
         return told[0], told[1]
 
-    for message, tell in (
+    for message, value_of in (
         ("HEARTBEAT", lambda f: (f["base_mode"] >> 7, hex(f["custom_mode"]), f["system_status"])),
         ("EXTENDED_SYS_STATE", lambda f: f["landed_state"]),
-        ("STATUSTEXT", spoken),
+        ("STATUSTEXT", text_of),
         ("EVENT", event),
         ("OPEN_DRONE_ID_LOCATION", lambda f: f["status"]),
         ("MISSION_CURRENT", lambda f: f["seq"]),
         ("GIMBAL_MANAGER_STATUS", lambda f: f["flags"]),
     ):
-        px4, simulated = both(message, tell)
+        px4, simulated = both(message, value_of)
         assert simulated == px4, message
 
-    # From attitude back to position PX4 flies by velocity for a tenth of a second; the simulator does not.
+    # From attitude back to position, PX4 controls velocity for a tenth of a second; the simulator does not.
     px4, simulated = both("POSITION_TARGET_LOCAL_NED", lambda f: f["type_mask"], lasting_s=0.3)
-    assert simulated == px4, "what is controlled"
+    assert simulated == px4, "controlled quantities"
     px4, simulated = both("COMMAND_LONG", lambda f: f["command"])
-    assert set(simulated) == set(px4), "what it tells its own parts"
+    assert set(simulated) == set(px4), "commands to its own components"
     px4, simulated = (steps(told) for told in both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"]))
-    assert simulated == [pytest.approx(height_m, abs=HEIGHT_M) for height_m in px4], "where it flies to"
+    assert simulated == [pytest.approx(height_m, abs=HEIGHT_M) for height_m in px4], "target positions"
     px4, simulated = both("TIME_ESTIMATE_TO_TARGET", lambda f: f["safe_return"])
-    assert max(simulated, default=0) == pytest.approx(max(px4, default=0), abs=3), "the way home [s]"
+    assert max(simulated, default=0) == pytest.approx(max(px4, default=0), abs=3), (
+        "duration of the return [s]"
+    )

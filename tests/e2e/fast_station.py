@@ -1,4 +1,4 @@
-"""Simulated vehicles three times as fast as real time, and what several stories have them do."""
+"""Simulated vehicles at three times real time, and manoeuvres that several tests use."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 from gcs_server.client import SyncGcs, SyncVehicle
 
 SPEED = 3
-"""Simulated over real time: a minute of flight takes 20 s, and 50 Hz are still 17 a simulated second."""
+"""Simulated over real time: one minute of flight takes 20 s, and 50 Hz are 17 per simulated second."""
 FAST = ["--speed", str(SPEED), "--no-log"]
-"""A vehicle at that speed; its onboard log would take a fifth of its work."""
+"""A vehicle at this speed, without its onboard log, which would take a fifth of its CPU time."""
 
 
 @dataclass(frozen=True)
 class Station:
-    """Where a test's server and its vehicle are."""
+    """Addresses of a test's server and vehicle."""
 
     url: str
     gcs: SyncGcs
@@ -23,7 +23,7 @@ class Station:
 
 
 def airborne(drone: Any, height_m: float = 10) -> None:
-    """Takes off and waits for Hold at the top."""
+    """Takes off and waits for Hold."""
     drone.takeoff(height_m)
     drone.until(
         lambda v: v["status"]["mode"] == "hold" and v["status"]["landed_state"] == "in_air",
@@ -32,8 +32,8 @@ def airborne(drone: Any, height_m: float = 10) -> None:
 
 
 def move_aside(drone: SyncVehicle, east_m: float) -> None:
-    """Flies a vehicle there, into Hold: simulated ones take off 3 m apart, which leaves little of a group's
-    margin on a busy machine."""
+    """Flies a vehicle to the east, into Hold: simulated vehicles take off 3 m apart, too near for a group on
+    a busy machine."""
     n, e, d = drone.position_ned_m()
     with drone.offboard(position_ned_m=(n, e + east_m, d), valid_for_s=60):
         drone.until(lambda v: (v["offboard"]["health"]["position_error_m"] or 9.0) < 1.0, what="the place")

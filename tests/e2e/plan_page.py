@@ -1,4 +1,4 @@
-"""What stories about the plan room do in it."""
+"""Steps in the plan room that several tests use."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ steps:
   - {step: fly, name: Back, points: [{offset_ned_m: [0, 0, -6]}], speed_m_s: 5}
   - {step: land}
 """
-"""Flown in less than a minute."""
+"""Takes less than a minute of flight."""
 PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
-"""Clicked, as shares of the map."""
+"""Positions to click, as fractions of the map."""
 
 
 def plan_room(page: Page) -> Locator:
-    """The plan room, open, with a map that takes clicks."""
+    """Opens the plan room and waits until its map accepts clicks."""
     page.get_by_role("toolbar", name="Map").wait_for()
     expect(page.locator(".bar")).to_have_text("10 m")
     page.keyboard.press("w")
@@ -51,19 +51,19 @@ def plan_room(page: Page) -> Locator:
 
 
 def steps_of(room: Locator) -> Locator:
-    """The entries of its list."""
+    """The entries of the list of steps."""
     return room.get_by_role("listbox", name="Steps").get_by_role("option")
 
 
 def on_map(page: Page, place: tuple[float, float]) -> tuple[float, float]:
-    """Where a place of the map is in the window [px]."""
+    """Position of a map point in the window [px]."""
     box = page.get_by_role("application").bounding_box()
     assert box is not None
     return box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
 
 
 def undo_and_redo_everything(page: Page, room: Locator) -> None:
-    """Back to where the page began and forth again: the list is what it was."""
+    """Undoes all edits and redoes them: the list must be the same."""
     steps = steps_of(room)
     undo, redo = (page.get_by_role("button", name=name, exact=True) for name in ("Undo", "Redo"))
     before = steps.all_inner_texts()
@@ -80,14 +80,14 @@ def undo_and_redo_everything(page: Page, room: Locator) -> None:
 
 
 def imported_tower(page: Page, room: Locator) -> None:
-    """The tower inspection in the editor, by choosing a file."""
+    """Imports the tower inspection from a file into the editor."""
     file = {"name": "tower.yaml", "mimeType": "application/yaml", "buffer": TOWER.encode()}
     page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
     expect(room.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
 
 def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
-    """Flies the plan in simulation; the scrub bar of what came of it."""
+    """Runs a dry run of the plan; returns the time slider of its result."""
     bar = room.get_by_role("region", name="Dry run")
     bar.get_by_role("button", name="Dry run", exact=True).click()
     expect(bar).to_contain_text("Flown: ", timeout=longest_s * 1000)
@@ -95,7 +95,7 @@ def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
 
 
 def uploaded(room: Locator) -> Locator:
-    """The vehicle gets the plan; the part of the room that says so."""
+    """Uploads the plan to the vehicle; returns the part of the room that confirms it."""
     on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
     on_vehicle.get_by_role("button", name="pload").click()
     expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
@@ -103,7 +103,7 @@ def uploaded(room: Locator) -> Locator:
 
 
 def flown(page: Page, on_vehicle: Locator, station: Station) -> None:
-    """The vehicle flies the plan that it holds, once that is confirmed."""
+    """Starts the uploaded plan and confirms it."""
     on_vehicle.get_by_role("button", name="Fly…").click()
     hold_space(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
@@ -111,7 +111,7 @@ def flown(page: Page, on_vehicle: Locator, station: Station) -> None:
 
 
 def home_of(station: Station) -> dict[str, float]:
-    """Of the vehicle, as a plan has it."""
+    """The vehicle's home, in the form of a plan."""
     wait_until(lambda: station.drone.topic("home") is not None, "the vehicle's home")
     topic = station.drone.topic("home")
     assert topic is not None
@@ -119,7 +119,7 @@ def home_of(station: Station) -> dict[str, float]:
 
 
 def saved_by_anna(station: Station, path: str, version: int, plan: dict[str, Any]) -> None:
-    """Somebody else saves a plan, as its next version."""
+    """Another client saves a plan as its next version."""
     body = {"name": "Tower", "plan": plan, "base_version": version}
     with SyncGcs(station.url, client="anna", client_id="anna") as anna:
         anna.request("PUT", path, body)

@@ -1,7 +1,7 @@
 """`make screenshots`: the page in each of its states, light and dark, as small pictures in docs/images.
 
-A station of its own with simulated vehicles is flown through the states; the pictures are what a person sees.
-States that fail are named at the end, the others are kept. `--only offboard,lost` takes some of them.
+It starts a station with simulated vehicles and flies it through the states.
+The states that failed are listed at the end. `--only offboard,lost` takes only these.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ IMAGES = REPOSITORY / "docs" / "images"
 
 
 def flying(at: PictureSetup) -> None:
-    """Under way in Hold, with a trail behind it."""
+    """In Hold after a flight, with a trail."""
     home = at.drone.topic("home")
     assert home is not None
     at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
@@ -46,7 +46,7 @@ def flying(at: PictureSetup) -> None:
 
 
 def places(at: PictureSetup) -> None:
-    """The map fills the stage; a click asks what to do at that place."""
+    """The map fills the stage; a click opens the menu for its position."""
     page = at.page
     page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
@@ -59,13 +59,13 @@ def places(at: PictureSetup) -> None:
 
 
 def confirmation(at: PictureSetup) -> None:
-    """Return is asked for and not yet confirmed."""
+    """The confirmation of Return."""
     shoot(at.page, at.folder, "confirm", lambda: at.page.keyboard.press("r"))
     at.page.keyboard.press("Escape")
 
 
 def offboard(at: PictureSetup) -> None:
-    """The server streams, the target has been nudged ahead."""
+    """A setpoint stream whose target is ahead of the vehicle."""
     page = at.page
     page.keyboard.press("o")
     hold_space(page)
@@ -83,7 +83,7 @@ def offboard(at: PictureSetup) -> None:
 
 
 def room(at: PictureSetup) -> None:
-    """Setpoints by form: what is streamed and flown, what is not sent yet."""
+    """Setpoints by form: the streamed setpoint, the vehicle's values, and an unsent preview."""
     page = at.page
     page.keyboard.press("m")
     page.keyboard.press("p")
@@ -112,7 +112,7 @@ def room(at: PictureSetup) -> None:
 
 
 def drag(at: PictureSetup) -> None:
-    """A place dragged by handles in 3D, not sent yet."""
+    """A position set by handles in 3D, not sent yet."""
     page = at.page
     until_pill(page, "Holding")
     page.keyboard.press("p")
@@ -127,7 +127,7 @@ def drag(at: PictureSetup) -> None:
 
 
 def gimbal(at: PictureSetup) -> None:
-    """The camera is steered from here."""
+    """The camera is pointed from this panel."""
     page = at.page
     card = page.get_by_label("Gimbal", exact=True)
     card.scroll_into_view_if_needed()
@@ -140,7 +140,7 @@ def gimbal(at: PictureSetup) -> None:
 
 
 def refused(at: PictureSetup) -> None:
-    """The vehicle does not disarm in the air and says why."""
+    """The vehicle refuses to disarm in flight, with the reason."""
     page = at.page
     page.keyboard.press("Shift+A")
     hold_space(page)
@@ -150,8 +150,8 @@ def refused(at: PictureSetup) -> None:
 
 
 def tablet(at: PictureSetup) -> None:
-    """A touch screen, held in two hands."""
-    at.page.goto("about:blank")  # two 3D views at once are too much for drawing in software
+    """The layout for a tablet."""
+    at.page.goto("about:blank")  # two 3D views at once are too slow in software
     for theme in SCHEMES:
         context = at.browser.new_context(
             viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme=theme
@@ -160,7 +160,7 @@ def tablet(at: PictureSetup) -> None:
         page.add_init_script(same_client(CLIENT_ID))
         page.goto(at.url)
         until_pill(page, "Holding")
-        until_still(page, 6)  # its 3D view loads anew
+        until_still(page, 6)  # its 3D view loads again
         save(page, at.folder / f"tablet-{theme}.webp")
         context.close()
     at.page.goto(at.url)
@@ -169,7 +169,7 @@ def tablet(at: PictureSetup) -> None:
 
 @contextlib.contextmanager
 def beside(at: PictureSetup) -> Generator[SyncVehicle]:
-    """A second vehicle takes off, and lands at the end; its simulator stays."""
+    """A second vehicle takes off, and lands at the end; its simulator continues."""
     with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
             at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", *FAST]))
@@ -182,13 +182,13 @@ def beside(at: PictureSetup) -> Generator[SyncVehicle]:
 
 
 def two(at: PictureSetup) -> None:
-    """A second vehicle is heard and flies."""
+    """A second vehicle is connected and flies."""
     with beside(at):
         shoot(at.page, at.folder, "two")
 
 
 def group(at: PictureSetup) -> None:
-    """Both fly as one: state, members, the nearest two, what is left of the validity."""
+    """Both vehicles as a group: state, members, smallest distance, remaining validity."""
     page = at.page
     with beside(at) as second:
         home = at.drone.topic("home")
@@ -215,7 +215,7 @@ def group(at: PictureSetup) -> None:
 
 
 def lost(at: PictureSetup) -> None:
-    """The simulator is stopped: nothing is heard of the vehicle."""
+    """The simulator is stopped: the connection is lost."""
     os.killpg(at.simulator.pid, signal.SIGSTOP)
     try:
         until_pill(at.page, "Connection lost")
@@ -226,7 +226,7 @@ def lost(at: PictureSetup) -> None:
 
 
 def replay(at: PictureSetup) -> None:
-    """The flight just flown, opened from the list and gone into half way."""
+    """A replay of the previous flight, opened from the list at half of its duration."""
     page = at.page
     page.get_by_role("button", name="Recorded flights").click()
     page.locator("section.list ol button").first.click()
@@ -262,7 +262,7 @@ STATES: tuple[Callable[[PictureSetup], None], ...] = (
 
 @contextlib.contextmanager
 def airborne(folder: Path) -> Generator[PictureSetup]:
-    """A station with one vehicle in the air and the page open on it."""
+    """A station with one vehicle in flight and the page open."""
     port = free_port()
     with contextlib.ExitStack() as stack:
         url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{port}"]))
@@ -281,7 +281,7 @@ def airborne(folder: Path) -> Generator[PictureSetup]:
 
 
 def main() -> int:
-    """Takes the pictures; the number of states that failed is the exit code."""
+    """Takes the pictures; the exit code is the number of failed states."""
     names = [state.__name__ for state in STATES]
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the pictures")
@@ -301,7 +301,7 @@ def main() -> int:
             print(state.__name__, flush=True)
             try:
                 state(at)
-            except Exception as error:  # the other pictures are still worth taking
+            except Exception as error:  # continues with the other pictures
                 failed.append(state.__name__)
                 print(f"  failed: {error}", file=sys.stderr, flush=True)
                 at.page.keyboard.press("Escape")

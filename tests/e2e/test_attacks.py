@@ -1,7 +1,7 @@
-"""Attacks on running servers: all refused, and afterwards nothing has moved and nothing has left the machine.
+"""Attacks on running servers: all are refused, no vehicle moves, and no data leaves the machine.
 
-Two servers with a vehicle each that is ready to arm: one on loopback, as it starts by default; one that
-listens on all addresses (its own token guards it while the test runs).
+Two servers, each with a vehicle that is ready to arm: one with the default settings on loopback, and one that
+listens on all addresses and requires a token.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ FOREIGN = ["http://evil.example", "null", "http://localhost:1", "http://localhos
 
 @dataclass
 class Site:
-    """A server, its vehicle, and what lets in."""
+    """A server, its vehicle, and its credentials."""
 
     port: int
     token: str | None
@@ -78,7 +78,7 @@ class Site:
 
     @property
     def own(self) -> dict[str, str]:
-        """What a person's browser sends from the page: its Origin, and the cookie where there is one."""
+        """What a browser sends from the page: its Origin, and the cookie if there is one."""
         return {"Origin": self.url} | self.cookie
 
     @functools.cached_property
@@ -94,7 +94,7 @@ class Site:
         return {"Authorization": f"Bearer {self.token}"} if self.token else {}
 
     def statuses(self, headers: dict[str, str], *, reads: bool = True, query: str = "") -> set[int]:
-        """Everything tried once with these headers: what was answered."""
+        """The statuses of all requests with these headers."""
         found: set[int] = set()
         with httpx.Client(verify=False, base_url=self.url, headers=headers, timeout=30) as client:
             for method, path, body in COMMANDS:
@@ -104,9 +104,9 @@ class Site:
         return found | {asyncio.run(self.handshake(path + query, headers)) for path in STREAMS}
 
     async def handshake(self, path: str, headers: dict[str, str]) -> int:
-        """101 for an open WebSocket, else the status that refused it."""
+        """101 for an open WebSocket, otherwise the status of the refusal."""
         more = {name: value for name, value in headers.items() if name != "Host"}
-        # The name in the address is what becomes the Host; the socket goes to our server all the same.
+        # The host in the address becomes the Host header; the connection goes to this server.
         address = f"ws://{headers.get('Host', f'127.0.0.1:{self.port}')}{path}"
         protocols = [VISER] if path.startswith("/scene/") else None
         try:
@@ -123,7 +123,8 @@ class Site:
             return refused.response.status_code
 
     def assert_untouched(self) -> None:
-        """No vehicle moved, no command was taken, no link was opened, nothing talks to the outside."""
+        """Checks that no vehicle moved, no command was accepted, no link was opened, and no connection leaves
+        the machine."""
         with httpx.Client(verify=False, base_url=f"{self.url}/api/v1", headers=self.bearer) as client:
             shown = client.get(f"/vehicles/{VEHICLE}").raise_for_status().json()
             assert shown["status"]["armed"] is False
@@ -146,7 +147,7 @@ def processes(root: int) -> set[int]:
 
 
 def tcp_sockets(root: int) -> list[tuple[str, str, str]]:
-    """(local, remote, state) of all TCP sockets of the process and its descendants, as /proc has them."""
+    """(local, remote, state) of all TCP sockets of the process and its descendants, from /proc."""
     inodes: set[str] = set()
     for process in processes(root):
         for link in Path(f"/proc/{process}/fd").iterdir():
@@ -159,7 +160,7 @@ def tcp_sockets(root: int) -> list[tuple[str, str, str]]:
 
 
 def outside(root: int) -> set[str]:
-    """Remote ends that are not this machine."""
+    """Remote addresses on other machines."""
     here = ("0100007F:", "00000000:", "0000000000000000FFFF00000100007F:", "0" * 32 + ":")
     return {remote for _, remote, _ in tcp_sockets(root) if not remote.startswith(here)}
 
@@ -201,7 +202,7 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]
 
 @pytest.fixture(params=["alone", "exposed"])
 def site(sites: dict[str, Site], request: pytest.FixtureRequest) -> Iterator[Site]:
-    """Either of them; afterwards nothing has happened to it."""
+    """Either site; checks afterwards that nothing has changed."""
     found = sites[request.param]
     yield found
     found.assert_untouched()
@@ -220,23 +221,24 @@ def exposed(sites: dict[str, Site]) -> Iterator[Site]:
 
 
 @pytest.mark.parametrize("origin", FOREIGN)
-def test_pages_of_other_sites_get_nothing(site: Site, origin: str) -> None:
-    """Whatever they bring: a browser adds the cookie by itself, and a token may have been stolen."""
+def test_pages_of_other_sites_are_refused(site: Site, origin: str) -> None:
+    """With any credentials: a browser adds the cookie by itself, and a token may have been stolen."""
     for credentials in ({}, site.cookie | site.bearer):
         assert site.statuses({**credentials, "Origin": origin}) == {403}
 
 
-def test_what_a_foreign_page_embeds_without_an_origin_is_refused(site: Site) -> None:
-    """`<img src>` and the like: the browser says `Sec-Fetch-Site` instead."""
+def test_requests_of_a_foreign_page_without_an_origin_are_refused(site: Site) -> None:
+    """For example `<img src>`: instead of an Origin the browser sends `Sec-Fetch-Site`."""
     assert site.statuses({**site.cookie, "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}) == {
         403
     }
 
 
 @pytest.mark.parametrize("name", ["rebound.example:{}", "localhost.evil.example:{}", "192.168.1.5:{}"])
-def test_a_rebound_name_gets_nothing(sites: dict[str, Site], name: str) -> None:
-    """The page's own name has been turned to our address: its Origin is the Host, and it has no cookie."""
-    # A WebSocket that is refused before it is accepted is always answered by 403.
+def test_a_rebound_host_name_is_refused(sites: dict[str, Site], name: str) -> None:
+    """DNS rebinding: another name resolves to this server. Its Origin equals the Host, and it has no
+    cookie."""
+    # A WebSocket that is refused before it is accepted is always answered with 403.
     for site, refused in ((sites["alone"], {403}), (sites["exposed"], {401, 403})):
         host = name.format(site.port)
         rebound = {"Host": host, "Origin": f"http://{host}"}
@@ -245,7 +247,7 @@ def test_a_rebound_name_gets_nothing(sites: dict[str, Site], name: str) -> None:
         site.assert_untouched()
 
 
-def test_without_the_token_or_with_a_wrong_one_nothing_opens(exposed: Site) -> None:
+def test_requests_without_a_valid_token_are_refused(exposed: Site) -> None:
     assert exposed.token
     name, _, value = exposed.cookie["Cookie"].partition("=")
     tries = [
@@ -260,24 +262,24 @@ def test_without_the_token_or_with_a_wrong_one_nothing_opens(exposed: Site) -> N
     ]
     for headers in tries:
         assert exposed.statuses(headers) == {401, 403}, headers
-    # The link signs a browser in, which then asks again: it commands nothing by itself.
+    # The link signs a browser in, which then repeats the request: the link itself commands nothing.
     assert exposed.statuses({}, reads=False, query=f"?token={exposed.token}") == {401, 403}
     with SyncGcs(exposed.url, token="wrong") as gcs, pytest.raises(NotAllowed, match="Bearer"):
         gcs.vehicles()
 
 
-def test_a_cookie_without_its_page_commands_nothing(exposed: Site) -> None:
+def test_a_cookie_without_the_pages_origin_commands_nothing(exposed: Site) -> None:
     assert exposed.statuses(exposed.cookie, reads=False) == {403}
 
 
-def test_straight_to_viser_is_refused(site: Site) -> None:
+def test_direct_access_to_viser_is_refused(site: Site) -> None:
     listening = {
         int(local.rpartition(":")[2], 16)
         for pid in family(site.process.pid)
         for local, _, state in tcp_sockets(pid)
         if state == "0A"
     }
-    assert listening == {site.port}, "the only way in is ours"
+    assert listening == {site.port}, "the proxy is the only access"
     (path,) = site.folder.glob("gcs-scene-*/s")
     assert path.parent.stat().st_mode & 0o077 == 0
     secrets = [{}, {"X-Scene-Secret": "guess"}, site.bearer or {"X-Scene-Secret": ""}]
@@ -298,7 +300,7 @@ def test_straight_to_viser_is_refused(site: Site) -> None:
 
 
 def types_in(data: bytes) -> set[str]:
-    """What viser says in one frame: two lengths, then compressed messages, then buffers."""
+    """viser's messages in one frame: two lengths, then compressed messages, then buffers."""
     size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
     inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
     return {message["type"] for message in msgspec.msgpack.decode(inner)["messages"]}
@@ -318,7 +320,7 @@ def test_a_share_request_opens_no_tunnel(site: Site) -> None:
             for kind in ("ShareUrlRequest", "ShareUrlDisconnect", "ShareUrlRequest"):
                 await stream.send(msgspec.msgpack.encode({"type": kind}))
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            # The scene answers the camera, which went after them.
+            # The scene answers the camera message, which was sent after the share requests.
             async with asyncio.timeout(15):
                 while "SetCameraPositionMessage" not in seen:
                     seen |= types_in(await stream.recv())
@@ -330,12 +332,12 @@ def test_a_share_request_opens_no_tunnel(site: Site) -> None:
 
     seen = asyncio.run(ask())
     assert not [kind for kind in seen if "Share" in kind]
-    assert processes(site.process.pid) == before, "viser's tunnel is a process of its own"
+    assert processes(site.process.pid) == before, "viser's tunnel is a separate process"
     assert outside(site.process.pid) == set()
 
 
-def obeyed(client: httpx.Client, command: str) -> None:
-    """Commands until the vehicle answers: on a busy machine it may have missed its heartbeats."""
+def succeeded(client: httpx.Client, command: str) -> None:
+    """Repeats a command until the vehicle answers: on a busy machine it may have missed heartbeats."""
     answers: list[int] = []
 
     def done() -> bool:
@@ -346,22 +348,22 @@ def obeyed(client: httpx.Client, command: str) -> None:
     assert answers[-1] == httpx.codes.OK
 
 
-def test_after_all_that_who_may_command_does(sites: dict[str, Site]) -> None:
-    """Last: the vehicles could have moved all the time."""
+def test_after_all_attacks_authorized_commands_work(sites: dict[str, Site]) -> None:
+    """Last: shows that the vehicles could have moved all the time."""
     for site in sites.values():
         for headers in (site.bearer, site.own):
             with httpx.Client(
                 verify=False, base_url=f"{site.url}/api/v1/vehicles", headers=headers
             ) as client:
-                obeyed(client, "arm")
+                succeeded(client, "arm")
                 assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
-                obeyed(client, "disarm")
+                succeeded(client, "disarm")
         assert {asyncio.run(site.handshake(path, site.own)) for path in STREAMS} == {101}
 
 
 @pytest.mark.realtime
-def test_a_restarted_server_knows_its_people(tmp_path: Path) -> None:
-    """The cookie of before still opens: nobody is logged out in flight."""
+def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
+    """The earlier cookie is still accepted: no user is signed out in flight."""
     port = free_port(socket.SOCK_STREAM)
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     cookies: list[dict[str, str]] = []

@@ -1,4 +1,4 @@
-"""What happens when a client, the server or its streams die in flight: real processes, really killed."""
+"""The death of a client, the server or the stream process in flight: real processes, killed by signals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ORDER = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid
 
 
 def speed_m_s(drone: Any) -> float:
-    """Over ground."""
+    """Ground speed [m/s]."""
     north, east, _ = drone.topic("local_position")["velocity_ned_m_s"]
     return float((north**2 + east**2) ** 0.5)
 
@@ -59,12 +59,14 @@ def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
         wait_until(expired_unix_s, "the setpoint's expiry")
         expired_s = expired_unix_s()
         assert expired_s is not None
-        assert expired_s - killed_unix_s < 0.5 + 0.5, "later than valid_for_s, and a beat of the server's"
+        assert expired_s - killed_unix_s < 0.5 + 0.5, (
+            "later than valid_for_s plus one heartbeat of the server"
+        )
     wait_until(lambda: speed_m_s(station.drone) < 0.5, "coming to rest")
     station.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="PX4's Hold mode")
 
 
-def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_seize_it(
+def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothing(
     tmp_path: Path,
 ) -> None:
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
@@ -75,7 +77,9 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
             wait_until(lambda: answers(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-                airborne(drone, 25)  # so that it still sinks when a busy machine has the next server up
+                airborne(
+                    drone, 25
+                )  # so that it is still descending when the next server is ready on a busy machine
                 with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -25)) as stream:
                     assert "lands at its current position" in stream.started["if_stream_stops"]
                     end(first, signal.SIGKILL)
@@ -84,16 +88,16 @@ def test_a_killed_server_lets_the_vehicle_fail_safe_and_its_successor_does_not_s
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)
                 shown = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
-                assert shown["status"]["armed"], "found in flight"
+                assert shown["status"]["armed"], "vehicle found in flight"
                 assert drone.request("GET", "/offboard")["state"] == "idle"
                 drone.until_disarmed(timeout_s=120)
                 assert drone.status()["landed_state"] == "on_ground"
                 journal = gcs.request("GET", "/journal")["entries"]
                 since_restart = [entry for entry in journal if entry["client"] != "e2e"]
-                assert not since_restart, "the server did something by itself"
+                assert not since_restart, "the server sent a command by itself"
 
 
-def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_on(tmp_path: Path) -> None:
+def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_start(tmp_path: Path) -> None:
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
@@ -117,8 +121,8 @@ def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_o
 
 
 def stream_process(server_pid: int) -> int:
-    """The child of the server's that sends the setpoints."""
-    tasks = Path(f"/proc/{server_pid}/task").iterdir()  # a thread starts it
+    """The server's child process that sends the setpoints."""
+    tasks = Path(f"/proc/{server_pid}/task").iterdir()  # started by a thread
     children = [child for task in tasks for child in (task / "children").read_text().split()]
     commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
     return next(child for child, line in commands.items() if "gcs_server.streamer.process.worker" in line)

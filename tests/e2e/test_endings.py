@@ -1,4 +1,4 @@
-"""How a program's offboard block ends: its own error, Ctrl-C, cancellation, a server that is gone."""
+"""The end of a program's offboard block: an error, Ctrl-C, cancellation, a killed server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.station import end, free_port, running, server, vehicle, wait_until
 pytestmark = pytest.mark.realtime
 
 CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-"""A background job's programs ignore Ctrl-C; these tests may be one."""
+"""Programs in a background job ignore Ctrl-C, and these tests may run in one."""
 SYNC = """
 import sys, time
 from gcs_server.client import SyncGcs
@@ -36,7 +36,7 @@ with SyncGcs(sys.argv[1], client="sync") as gcs:
 
 @pytest.fixture(scope="module")
 def flying() -> Iterator[Any]:
-    """A vehicle in the air for all tests of this file, in real time."""
+    """A vehicle in flight for all tests of this file, in real time."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
@@ -49,7 +49,7 @@ def flying() -> Iterator[Any]:
 
 
 def ends_in_hold(drone: Any) -> None:
-    """Within moments, by the word of the vehicle."""
+    """Checks that the vehicle is in Hold soon, by its own reports."""
     wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "the stream's end")
     assert drone.status()["mode"] == "hold"
 
@@ -72,7 +72,7 @@ def test_ctrl_c_in_a_sync_program_ends_in_hold_and_the_program_ends(flying: Any,
     ends_in_hold(drone)
 
 
-def test_ctrl_c_while_a_sync_program_starts_does_not_hang_and_the_vehicle_ends_in_hold(flying: Any) -> None:
+def test_ctrl_c_during_the_start_of_a_sync_program_ends_in_hold_and_the_program_ends(flying: Any) -> None:
     url, drone, *_ = flying
     code = SYNC.format(before='print("starting", flush=True)', inside="pass").replace("valid_for_s=60", "")
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -84,7 +84,7 @@ def test_ctrl_c_while_a_sync_program_starts_does_not_hang_and_the_vehicle_ends_i
     ends_in_hold(drone)
 
 
-def test_an_error_in_the_block_is_the_one_to_see_and_ends_in_hold(flying: Any) -> None:
+def test_an_error_in_the_block_is_raised_and_the_vehicle_ends_in_hold(flying: Any) -> None:
     _, drone, *_ = flying
     with pytest.raises(ZeroDivisionError), drone.offboard(velocity_ned_m_s=(1, 0, 0), valid_for_s=60):
         print(1 / 0)
@@ -121,7 +121,9 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
     ends_in_hold(drone)
 
 
-def test_a_client_that_goes_away_during_start_leaves_a_stream_that_expires_into_hold(flying: Any) -> None:
+def test_a_client_that_disconnects_during_the_start_leaves_a_stream_that_expires_into_hold(
+    flying: Any,
+) -> None:
     url, drone, *_ = flying
     host, port = url.removeprefix("http://").split(":")
     body = b'{"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 0, 0]}, "valid_for_s": 0.5}'
@@ -135,8 +137,8 @@ def test_a_client_that_goes_away_during_start_leaves_a_stream_that_expires_into_
     assert drone.status()["mode"] == "hold"
 
 
-def test_a_stop_that_fails_says_so_beside_the_blocks_own_error() -> None:
-    """The server is gone inside the block: nobody can put the vehicle into Hold, and the error tells."""
+def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
+    """The server is killed inside the block: the vehicle cannot be put into Hold, and the error says so."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),

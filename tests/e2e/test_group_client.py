@@ -1,4 +1,5 @@
-"""A group by the Python client against real processes: together, held at the block's end and by an error."""
+"""A group by the Python client with real processes: common flight, held at the end of the block and after an
+error."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ pytestmark = pytest.mark.realtime
 IDS = ("101", "102")
 
 
-def test_a_group_flies_changes_and_ends_in_hold_however_its_block_ends() -> None:
+def test_a_group_flies_changes_and_ends_in_hold_at_every_end_of_its_block() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
@@ -28,7 +29,7 @@ def test_a_group_flies_changes_and_ends_in_hold_however_its_block_ends() -> None
             drone.takeoff(8)
         for drone in drones:
             drone.until(lambda v: v["status"]["mode"] == "hold", what="the height")
-        move_aside(drones[1], 8.0)  # 3 m are too little for the guard's margin on a busy machine
+        move_aside(drones[1], 8.0)  # 3 m are too near for the guard's margin on a busy machine
         north = dict.fromkeys(IDS, setpoints.velocity_ned(1, 0, 0))
         with gcs.group(north, minimum_separation_m=1, valid_for_s=20) as group:
             assert group.started["state"] == "waiting"
@@ -55,7 +56,7 @@ def test_a_group_flies_changes_and_ends_in_hold_however_its_block_ends() -> None
 
         async def fails() -> None:
             async with Gcs(url, client="pair") as program, program.group(north, minimum_separation_m=1):
-                raise RuntimeError("of the program's own")
+                raise RuntimeError("the program's own error")
 
         with contextlib.suppress(RuntimeError):
             asyncio.run(fails())

@@ -1,4 +1,4 @@
-"""Attacks on a running server: others are served meanwhile, its memory and its log stay small."""
+"""Attacks on a running server: other clients are served, memory and log stay small."""
 
 import resource
 from pathlib import Path
@@ -31,7 +31,7 @@ def attacks():
 
 
 @pytest.mark.parametrize("attack", list(attacks()))
-def test_others_are_served_while_somebody_attacks_and_memory_and_log_stay_small(site, attack):
+def test_other_clients_are_served_during_an_attack_and_memory_and_log_stay_small(site, attack):
     target, log = site
     with attacked(target, attack, b"X-Client-Id: innocent\r\n") as noticed:
         pass
@@ -44,7 +44,7 @@ def test_others_are_served_while_somebody_attacks_and_memory_and_log_stay_small(
     assert len(text) < 20_000
 
 
-def test_a_server_that_has_no_file_left_says_so_once_and_goes_on_when_it_has_some(site):
+def test_a_server_without_file_descriptors_reports_it_once_and_continues_when_it_has_some(site):
     target, log = site
     soft, hard = resource.prlimit(target.process, resource.RLIMIT_NOFILE)
     used = len(list(Path(f"/proc/{target.process}/fd").iterdir()))
@@ -53,7 +53,9 @@ def test_a_server_that_has_no_file_left_says_so_once_and_goes_on_when_it_has_som
     try:
         for _ in range(100):
             target.connect()
-        wait_until(lambda: "no connection can be accepted" in log.read_text()[before:], "the server's word")
+        wait_until(
+            lambda: "no connection can be accepted" in log.read_text()[before:], "the server's message"
+        )
     finally:
         target.release()
         resource.prlimit(target.process, resource.RLIMIT_NOFILE, (soft, hard))
@@ -66,7 +68,7 @@ def test_a_server_that_has_no_file_left_says_so_once_and_goes_on_when_it_has_som
     assert any("refuses clients" in warning["text"] for warning in warnings)
 
 
-def test_what_was_refused_arrives_in_words_though_the_client_goes_on_sending(site):
+def test_a_refusal_is_received_although_the_client_continues_to_send(site):
     target, _ = site
     made = target.connect()
     head = b"POST /api/v1/vehicles/1/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000000\r\n\r\n"

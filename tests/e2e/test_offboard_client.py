@@ -1,4 +1,4 @@
-"""The Python client by every way in, against real processes: blocks, live orders, a path, limits."""
+"""The Python client with real processes: blocks, streamed setpoints, a path, limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def distance_m(a: Any, b: Any) -> float:
     return math.dist(tuple(a), tuple(b))
 
 
-def test_blocks_live_orders_a_path_and_limits(station: Station) -> None:
+def test_blocks_streamed_setpoints_a_path_and_limits(station: Station) -> None:
     airborne(station.drone)
     asyncio.run(flight(station.url))
 
@@ -33,7 +33,7 @@ async def flight(url: str) -> None:
         assert (failsafe["action"], failsafe["after_s"]) == ("hold", 1.5)
 
         place = await drone.position_ned_m()
-        async with drone.offboard(valid_for_s=5) as offboard:  # stays where it is
+        async with drone.offboard(valid_for_s=5) as offboard:  # holds its position
             assert offboard.started["ordered_type"] == "position_body"
             assert distance_m(offboard.started["setpoint"]["position_ned_m"], place) < 2
             with pytest.raises(Refused, match="limit of 60 m from home"):

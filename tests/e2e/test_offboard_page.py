@@ -1,4 +1,4 @@
-"""The offboard room as an operator uses it: by form, by a gamepad, by a handle dragged in 3D."""
+"""The offboard room as operators use it: by form, by gamepad, by handles in 3D."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ HANDLE = """
   return [x, y, (ex - x) / long, (ey - y) / long];
 }
 """
-"""Where a handle is in the view, and which way an axis of it runs there."""
+"""Position of a handle in the view, and the direction of one of its axes."""
 
 
 EYE = """
@@ -69,9 +69,9 @@ EYE = """
   return [handles, camera].map((node) => [...node.matrixWorld.elements.slice(12, 15)]);
 }
 """
-"""Where the handles are, and from where one looks."""
+"""Positions of the handles and of the camera."""
 REACH_PX = 90
-"""How far the handles' arrows reach from their middle."""
+"""Length of the handles' arrows."""
 PANELS = """
 () => [...document.querySelectorAll('main .panel, main .cameras, .dock')]
   .map((panel) => panel.getBoundingClientRect()).map((box) => [box.left, box.top, box.right, box.bottom])
@@ -80,7 +80,7 @@ PANELS = """
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    """One Chromium for all tests; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
@@ -88,7 +88,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def hovering() -> Iterator[Station]:
-    """One station whose vehicle hovers; each test leaves it in Hold."""
+    """One station with a hovering vehicle; each test leaves it in Hold."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
@@ -102,7 +102,7 @@ def hovering() -> Iterator[Station]:
 
 @pytest.fixture(autouse=True)
 def held(hovering: Station) -> Iterator[None]:
-    """In Hold after each."""
+    """Puts the vehicle into Hold after each test."""
     yield
     hovering.drone.hold()
 
@@ -112,7 +112,7 @@ def pill(page: Page) -> Locator:
 
 
 def open_room(page: Page) -> Locator:
-    """By its key, as soon as the vehicle is there."""
+    """Opens the room by its key, once the vehicle is shown."""
     expect(pill(page)).to_have_text(re.compile("Holding|Offboard"))
     page.keyboard.press("p")
     room = page.get_by_role("region", name="Offboard room")
@@ -120,8 +120,8 @@ def open_room(page: Page) -> Locator:
     return room
 
 
-def under_no_panel(page: Page, frame: Any) -> bool:
-    """Whether the handles are in the 3D view with room about them, and no panel lies over them."""
+def beside_all_panels(page: Page, frame: Any) -> bool:
+    """Whether the handles are fully visible in the 3D view and beside all panels."""
     box = page.get_by_title("3D view", exact=True).bounding_box()
     handle = frame.evaluate(HANDLE, 0)
     if box is None or handle is None:
@@ -146,8 +146,9 @@ def speed_m_s(drone: Any) -> float:
 
 
 @pytest.mark.story
-def test_flown_by_form(browser: Browser, hovering: Station) -> None:
-    """Preview, start, another kind, what the limits left of it, and why two kinds cannot be flown."""
+def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> None:
+    """Preview, start, another kind, the values after limits, and the reasons why two kinds are
+    unavailable."""
     drone = hovering.drone
     with opened(browser, hovering.url, scene=False) as page:
         room = open_room(page)
@@ -167,7 +168,7 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         health = page.get_by_label("Stream health")
         wait_until(lambda: number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the room")
         expect(health).to_contain_text("Position error")
-        wait_until(lambda: drone.topic("local_position")["position_ned_m"][0] > 4, "the place flown to")
+        wait_until(lambda: drone.topic("local_position")["position_ned_m"][0] > 4, "the position reached")
         expect(page.get_by_label(re.compile("^North: target 5.0 m, actual"))).to_be_visible()
 
         room.get_by_text("Limits", exact=True).click()
@@ -182,15 +183,15 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         room.get_by_role("button", name="Send").click()
         sent = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
         expect(sent).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
-        wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the speed that the limit leaves")
+        wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the limited speed")
         tab_to(page, "Stop")
         page.keyboard.press("Enter")
         expect(pill(page)).to_have_text("Holding")
         drone.request("PUT", "/offboard/limits", {})
 
 
-@pytest.mark.realtime  # hands are slow
-def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hovering: Station) -> None:
+@pytest.mark.realtime  # dragging takes time
+def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hovering: Station) -> None:
     drone = hovering.drone
     with opened(browser, hovering.url, scene=False, script=PAD) as page:
         room = open_room(page)
@@ -209,12 +210,14 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         assert streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
         page.evaluate("testPad.held = true")
         expect(room).to_contain_text("Sticks fly the vehicle")
-        wait_until(lambda: speed_m_s(drone) > 0.7, "the stick flown")
+        wait_until(lambda: speed_m_s(drone) > 0.7, "the stick's setpoint flown")
         assert in_both_themes(page) == []
         page.evaluate("testPad.held = false")
         expect(room).to_contain_text("Hovering")
         wait_until(
-            lambda: streamed(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0], "zero asked for", 5
+            lambda: streamed(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
+            "zero velocity requested",
+            5,
         )
         wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
         expect(page.get_by_label("Sent setpoints", exact=True)).to_contain_text("Gamepad · accepted")
@@ -223,24 +226,24 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         expect(room).to_contain_text("Sticks fly the vehicle")
         page.evaluate("testPad.there = false")
         expect(room.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
-        expect(pill(page)).to_have_text("Holding")  # nothing renewed it: held, then Hold
+        expect(pill(page)).to_have_text("Holding")  # not renewed: position hold, then Hold
         wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
 
 
-@pytest.mark.realtime  # drags in 3D, drawn in software
-def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
-    """What is dragged is a preview until Go; by keys it is stepped."""
+@pytest.mark.realtime  # drags in the 3D view, rendered in software
+def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station) -> None:
+    """The position is a preview until Go is pressed; keys move it in steps."""
     drone = hovering.drone
     with opened(browser, hovering.url, size=(1280, 720)) as page:
         room = open_room(page)
         room.get_by_role("button", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
-        wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 4.4, "the camera's stepping back")
+        wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 4.4, "the camera moving back")
         ahead, _ = frame.evaluate(EYE)
         room.get_by_role("button", name="North 1 m more").click()
-        wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles a step ahead")
-        wait_until(lambda: under_no_panel(page, frame), "the handles beside all panels")
+        wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles one step further")
+        wait_until(lambda: beside_all_panels(page, frame), "the handles beside all panels")
         before = drone.topic("local_position")["position_ned_m"]
         box = page.get_by_title("3D view", exact=True).bounding_box()
         assert box is not None
@@ -249,13 +252,15 @@ def test_a_handle_dragged_in_3d(browser: Browser, hovering: Station) -> None:
             return [number(text) for text in room.locator(".cell b").all_inner_texts()]
 
         stepped = shown()
-        x, y, dx, dy = frame.evaluate(HANDLE, 1)  # across the view: along it a pixel is long
+        x, y, dx, dy = frame.evaluate(
+            HANDLE, 1
+        )  # across the view: along the view one pixel is too long a distance
         at = (box["x"] + x + 70 * dx, box["y"] + y + 70 * dy)
         page.mouse.move(*at)
         page.mouse.down()
         page.mouse.move(at[0] + 40 * dx, at[1] + 40 * dy, steps=6)
         page.mouse.up()
-        wait_until(lambda: math.dist(shown()[:2], stepped[:2]) > 0.3, "the place dragged")
+        wait_until(lambda: math.dist(shown()[:2], stepped[:2]) > 0.3, "the dragged position")
         assert shown()[2] == stepped[2]
         assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
         wanted = shown()

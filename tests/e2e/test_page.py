@@ -1,4 +1,4 @@
-"""The page as an operator uses it: real Chromium, real server, a vehicle simulated three times as fast."""
+"""The page as operators use it: real Chromium, real server, a vehicle simulated at three times real time."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FLIGHT_MS = 40_000
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    """One Chromium for all tests; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
@@ -48,7 +48,7 @@ def field() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        # a return waits above home, however slow the page is with its next click
+        # a return waits above home for the page's next click
         vehicle(port, more=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
@@ -57,7 +57,7 @@ def field() -> Iterator[Station]:
 
 @pytest.fixture
 def landed(field: Station) -> Iterator[Station]:
-    """The station with its vehicle ready on the ground, before and after."""
+    """The station with its vehicle ready on the ground, before and after each test."""
     drone = field.gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
     yield field
     if drone.status()["armed"]:
@@ -66,11 +66,11 @@ def landed(field: Station) -> Iterator[Station]:
 
 
 def pill(page: Page) -> Any:
-    """What the vehicle does, in the middle of the top bar."""
+    """The vehicle's state, in the middle of the top bar."""
     return page.locator(".pill b")
 
 
-def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
+def test_a_flight_by_mouse(browser: Browser, landed: Station) -> None:
     drone = landed.drone
     with opened(browser, landed.url, scene=False) as page:
         instrument, card = (
@@ -92,7 +92,7 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
         wait_until(lambda: shown(instrument, "Above home") > 3, "the climb on the page")
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
-        wait_until(lambda: abs(shown(instrument, "Above home") - 6) < 1, "the height that was asked for")
+        wait_until(lambda: abs(shown(instrument, "Above home") - 6) < 1, "the requested height")
 
         card.get_by_role("button", name="Start").click()
         slide(page)
@@ -107,14 +107,14 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         assert stream["streaming"]
         assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
         assert in_both_themes(page) == []
-        wait_until(lambda: shown(instrument, "Above home") > 6.6, "the nudge flown")
+        wait_until(lambda: shown(instrument, "Above home") > 6.6, "the moved target reached")
 
         card.get_by_role("button", name="Hold", exact=True).click()
         expect(pill(page)).to_have_text("Holding")
         expect(card).to_contain_text("no stream")
         assert not drone.request("GET", "/offboard")["streaming"]
 
-        steer_the_gimbal(page, drone)
+        point_the_gimbal(page, drone)
 
         page.get_by_role("button", name="Return", exact=True).click()
         expect(page.get_by_role("alertdialog")).to_contain_text(re.compile(r"m above home, flies \d"))
@@ -129,8 +129,8 @@ def test_a_flight_by_hand(browser: Browser, landed: Station) -> None:
         expect(page.get_by_role("button", name="Arm", exact=True)).to_be_visible()
 
 
-def steer_the_gimbal(page: Page, drone: Any) -> None:
-    """Takes control, points by the pad and by a button, gives control back; telemetry agrees."""
+def point_the_gimbal(page: Page, drone: Any) -> None:
+    """Takes control of the gimbal, points it by pad and button, releases it; compares with telemetry."""
     card = page.get_by_label("Gimbal", exact=True)
     card.get_by_role("button", name="Take").click()
     pad = card.get_by_role("slider", name="Gimbal pad")
@@ -144,10 +144,10 @@ def steer_the_gimbal(page: Page, drone: Any) -> None:
     def pitch_rad() -> float:
         return float(drone.topic("gimbal")["pitch_rad"])
 
-    wait_until(lambda: -1.2 < pitch_rad() < -0.3, "the gimbal where the pad was let go")
+    wait_until(lambda: -1.2 < pitch_rad() < -0.3, "the gimbal at the angles where the pad was released")
     card.get_by_role("button", name="Down", exact=True).click()
-    # PX4's servo outputs reach half of MNT_RANGE_PITCH to either side
-    wait_until(lambda: pitch_rad() < -0.78, "the gimbal down as far as it goes")
+    # PX4's servo outputs reach half of MNT_RANGE_PITCH to each side
+    wait_until(lambda: pitch_rad() < -0.78, "the gimbal at its lowest angle")
     expect(card).to_contain_text("−45.0°")
     turn = card.get_by_role("button", name="Tilt up").bounding_box()
     assert turn is not None
@@ -165,7 +165,7 @@ def steer_the_gimbal(page: Page, drone: Any) -> None:
     expect(card.get_by_role("button", name="Take")).to_be_visible()
 
 
-def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, landed: Station) -> None:
+def test_a_flight_by_keyboard_and_a_refusal_beside_its_button(browser: Browser, landed: Station) -> None:
     drone = landed.drone
     with opened(browser, landed.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
@@ -185,7 +185,7 @@ def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, lan
         page.keyboard.press("Enter")
         wait_until(
             lambda: -drone.request("GET", "/offboard")["setpoint"]["position_ned_m"][2] > up_m + 0.9,
-            "the nudge by keys",
+            "the target moved by keys",
             5,
         )
         page.keyboard.press("h")
@@ -195,7 +195,7 @@ def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, lan
         expect(page.get_by_label("Gimbal", exact=True).get_by_role("button", name="Release")).to_be_visible()
         tab_to(page, "Tilt down")
         page.keyboard.down("Enter")
-        wait_until(lambda: drone.topic("gimbal")["pitch_rad"] < -0.1, "the camera turned by a key")
+        wait_until(lambda: drone.topic("gimbal")["pitch_rad"] < -0.1, "the gimbal moved by a key")
         page.keyboard.up("Enter")
         tab_to(page, "Release")
         page.keyboard.press("Enter")
@@ -220,7 +220,9 @@ def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, lan
 
 
 @pytest.mark.story
-def test_the_3d_view_shows_the_vehicle_and_asks_nobody_else(browser: Browser, landed: Station) -> None:
+def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
+    browser: Browser, landed: Station
+) -> None:
     with opened(browser, landed.url) as page:
         expect(pill(page)).to_have_text("Ready")
         frame = scene(page)
@@ -228,7 +230,7 @@ def test_the_3d_view_shows_the_vehicle_and_asks_nobody_else(browser: Browser, la
 
         def drawn() -> bool:
             found = frame.evaluate(READ_CANVAS)
-            # A cleared canvas is one colour and transparent; the vehicle with its shades alone is hundreds.
+            # A cleared canvas is transparent and of one colour; the shaded vehicle has hundreds of colours.
             return found["colours"] > 200 and found["drawn"] > 0.01
 
         wait_until(drawn, "a picture in the 3D view")
@@ -238,7 +240,7 @@ def test_the_3d_view_shows_the_vehicle_and_asks_nobody_else(browser: Browser, la
         wait_until(drawn, "a picture in the small 3D view")
 
 
-def test_nothing_serious_stands_in_anyones_way(browser: Browser, landed: Station) -> None:
+def test_the_page_has_no_serious_accessibility_violations(browser: Browser, landed: Station) -> None:
     with opened(browser, landed.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
@@ -256,7 +258,9 @@ def test_nothing_serious_stands_in_anyones_way(browser: Browser, landed: Station
 
 
 @pytest.mark.story
-def test_the_values_are_chosen_by_hand_and_by_keys_and_stay_chosen(browser: Browser, landed: Station) -> None:
+def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
+    browser: Browser, landed: Station
+) -> None:
     with opened(browser, landed.url, scene=False) as page:
         values = page.get_by_label("Values", exact=True)
         labels = values.locator(".grid .name")
@@ -282,7 +286,7 @@ def test_the_values_are_chosen_by_hand_and_by_keys_and_stay_chosen(browser: Brow
         values.get_by_role("button", name="Done").click()
         chosen = ["Motor 1", "From home", "Climb", "Flight time", "Position north", "Position east"]
         expect(labels).to_have_text(chosen)
-        # A topic the page did not ask for before: now it does.
+        # A topic to which the page was not subscribed before.
         wait_until(lambda: shown(values, "Motor 1") >= 900, "the first motor's value")
 
         page.reload()
@@ -294,7 +298,9 @@ def test_the_values_are_chosen_by_hand_and_by_keys_and_stay_chosen(browser: Brow
 
 
 @pytest.mark.realtime
-def test_a_killed_server_is_said_and_its_successor_found(browser: Browser, tmp_path: Path) -> None:
+def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
+    browser: Browser, tmp_path: Path
+) -> None:
     port, http_port = free_port(), free_port()
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)

@@ -1,4 +1,4 @@
-"""Why it cannot arm, as an operator finds out: from the status, from a refusal, by keyboard; live."""
+"""The reasons against arming on the page: in the status, after a refusal, by keyboard; updated live."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tools import build_page
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
-def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
+def test_the_reasons_against_arming_and_against_each_mode_are_shown(station: Station) -> None:
     build_page.build(REPOSITORY)
     drone = station.drone
     with chromium() as browser, opened(browser, station.url, scene=False) as page:
@@ -56,7 +56,7 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         expect(panel).to_contain_text("Cannot arm in Position")
         expect(panel).to_contain_text("The vehicle is in Position and cannot be armed in it. Choose Hold.")
         press(panel.get_by_role("button", name="Switch to Hold"), "Enter")
-        expect(panel).to_contain_text("Ready to arm in Hold")  # as it changes, with nothing pressed
+        expect(panel).to_contain_text("Ready to arm in Hold")  # updated without any input
 
         start = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -2]}}
         drone.request("POST", "/offboard/start", start)

@@ -1,4 +1,4 @@
-"""The reference at /docs in a browser: every call with one to paste, and nothing from elsewhere."""
+"""The API reference at /docs in a browser: an example for each call, and no requests to other sites."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.station import server
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
-def test_the_reference_shows_every_call_and_loads_nothing_from_elsewhere() -> None:
+def test_the_reference_shows_every_call_and_loads_nothing_from_other_sites() -> None:
     with server([]) as (url, _), chromium() as browser:
         paths = httpx.get(f"{url}/api/v1/openapi.json", timeout=30.0).json()["paths"]
         page = browser.new_page()
@@ -26,5 +26,5 @@ def test_the_reference_shows_every_call_and_loads_nothing_from_elsewhere() -> No
         page.locator("details:visible summary").click()
         assert page.get_by_text("Height above home to climb to [m], 1 to 120.").is_visible()
         page.set_viewport_size({"width": 360, "height": 740})
-        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no sideways scrolling"
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no horizontal scrolling"
         watched.check()

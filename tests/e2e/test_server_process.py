@@ -1,4 +1,5 @@
-"""The server as its operator meets it: ports taken, recordings, garbage, twins, its simulator, its end."""
+"""The server's process: used ports, recordings, invalid bytes, equal system ids, its simulator, its
+shutdown."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ class Server:
 
 @contextlib.contextmanager
 def serving(command: list[str], **options: Any) -> Iterator[Server]:
-    """Runs a server command (its --port is given in it) until the block ends."""
+    """Runs a server command (which has a --port) until the block ends."""
     url = f"http://127.0.0.1:{command[command.index('--port') + 1]}"
     with running(command, **options) as process:
         wait_until(lambda: answers(url), "the server's start")
@@ -62,7 +63,7 @@ def bare(links: list[str], data: Path) -> list[str]:
     return [*server_command(free_port(socket.SOCK_STREAM), links, data), "--no-scene"]
 
 
-def test_a_taken_http_port_ends_it_with_words_that_name_port_and_remedy(tmp_path: Path) -> None:
+def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_remedy(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -75,12 +76,12 @@ def test_a_taken_http_port_ends_it_with_words_that_name_port_and_remedy(tmp_path
 
 
 @pytest.mark.story
-def test_a_taken_mavlink_port_is_named_and_used_once_it_is_free(tmp_path: Path) -> None:
+def test_a_mavlink_port_in_use_is_named_and_opened_once_it_is_free(tmp_path: Path) -> None:
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.bind(("127.0.0.1", 0))
     port = taken.getsockname()[1]
     with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server:
-        wait_until(lambda: server.link()["state"] == "waiting", "the link's trouble")
+        wait_until(lambda: server.link()["state"] == "waiting", "the link's error")
         assert str(port) in server.link()["detail"]
         assert any(str(port) in text for text in server.texts())
         taken.close()
@@ -91,7 +92,7 @@ def test_a_taken_mavlink_port_is_named_and_used_once_it_is_free(tmp_path: Path) 
 
 
 @pytest.mark.story
-def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path, tmp_path: Path) -> None:
+def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp_path: Path) -> None:
     tape = shared / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
     port = free_port(socket.SOCK_STREAM)
     command = [*server_command(port, [], tmp_path)[:3], "replay", str(tape), "--speed", "4", "--no-scene"]
@@ -106,7 +107,7 @@ def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path,
         for command_name in ("arm", "land", "gimbal/take", "offboard/stop"):
             answer = httpx.post(f"{url}/{command_name}", timeout=30)
             if command_name == "offboard/stop":
-                assert answer.status_code == 200, "nothing streams: nothing to refuse"
+                assert answer.status_code == 200, "no stream, so nothing to refuse"
             else:
                 assert answer.status_code == 409
                 assert "recording" in answer.json()["detail"]
@@ -120,7 +121,7 @@ def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path,
 
 
 @pytest.mark.realtime
-def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_path: Path) -> None:
+def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp_path: Path) -> None:
     mavlink, own = free_port(), free_port()
     more = f"--gcs-remote-port {mavlink} --gcs-local-port {own} --no-api --tcp-port 0"
 
@@ -138,7 +139,7 @@ def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_pa
             before_s = booted_s(first)
             pid = json.loads(note.read_text())["pid"]
             end(first.process, signal.SIGKILL)
-        assert Path(f"/proc/{pid}").exists(), "it flies on"
+        assert Path(f"/proc/{pid}").exists(), "it keeps flying"
         with serving(command()) as second:
             assert booted_s(second) > before_s, "the same flight, not a new boot"
             assert json.loads(note.read_text())["pid"] == pid
@@ -154,7 +155,7 @@ def test_a_simulator_survives_its_killed_server_and_the_next_one_finds_it(tmp_pa
 
 
 @pytest.mark.realtime
-def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_path: Path) -> None:
+def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected(tmp_path: Path) -> None:
     port = free_port()
     with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
         wait_until(lambda: "101" in server.vehicles(), "the vehicle")
@@ -164,7 +165,7 @@ def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_pat
             noise.sendto(
                 b"\xfd\x09\x00\x00\x00\x01\x01\x00\x00\x00" + bytes(9) + b"\x12\x34", ("127.0.0.1", port)
             )
-        wait_until(lambda: server.link()["bytes_skipped"] > 10_000, "the count of garbage")
+        wait_until(lambda: server.link()["bytes_skipped"] > 10_000, "the count of invalid bytes")
         counted = server.link()
         assert counted["crc_errors"] >= 1
         wait_until(
@@ -179,7 +180,7 @@ def test_garbage_on_a_link_is_counted_and_the_vehicle_beside_it_flies_on(tmp_pat
 
 
 @pytest.mark.realtime
-def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: Path) -> None:
+def test_two_vehicles_with_one_system_id_are_two_with_a_warning_each(tmp_path: Path) -> None:
     port = free_port()
     with (
         serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
@@ -197,7 +198,9 @@ def test_two_vehicles_of_one_system_id_are_two_and_both_are_warned_of(tmp_path: 
 
 
 @pytest.mark.realtime
-def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_hold(tmp_path: Path) -> None:
+def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_vehicle_into_hold(
+    tmp_path: Path,
+) -> None:
     port = free_port()
     command = bare([f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST), serving(command) as server:
@@ -216,11 +219,11 @@ def test_our_own_hold_is_news_and_the_servers_end_puts_a_streamed_vehicle_into_h
                 told = [m for m in messages if m["data"].get("source") == "offboard"]
                 return [(m["kind"], m["severity"], m["data"]["code"]) for m in told]
 
-            wait_until(said, "a line that says so")
+            wait_until(said, "the line about the shutdown")
             assert said() == [("command", 6, "commanded")]
             drone.request("POST", "/offboard/start", start)
         end(server.process, signal.SIGTERM)
-        assert server.process.returncode != -signal.SIGKILL, "it took too long to end by itself"
+        assert server.process.returncode != -signal.SIGKILL, "the shutdown took too long"
         line = json.loads((tmp_path / "journal.jsonl").read_text().splitlines()[-1])
         assert (line["client"], line["command"], line["vehicle"], line["result"]) == (
             "server",

@@ -1,4 +1,4 @@
-"""Work in a process of its own: what it reports, what it ends with, and that cancelling reaches it."""
+"""Work in a separate process: its progress, its errors, and its cancellation."""
 
 import asyncio
 import os
@@ -24,7 +24,7 @@ def ended(pid):
     return False
 
 
-def test_its_progress_and_result_arrive():
+def test_progress_and_result_are_received():
     said = []
     body = """
     def work(report):
@@ -48,13 +48,13 @@ def test_its_progress_and_result_arrive():
         ("print('[1]', flush=True); time.sleep(60)", "cannot be read"),
     ],
 )
-def test_what_ends_otherwise_fails_in_words(body, words):
+def test_any_other_end_of_the_process_is_an_error_with_a_reason(body, words):
     with pytest.raises(WorkerFailed, match=words):
         asyncio.run(run_process(program(body), lambda *_: None))
 
 
 @pytest.mark.parametrize("stubborn", [False, True])
-def test_cancelling_ends_the_process_even_one_that_does_not_listen(stubborn):
+def test_cancelling_ends_the_process_even_if_it_ignores_signals(stubborn):
     body = f"""
     if {stubborn}:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -78,7 +78,7 @@ def test_cancelling_ends_the_process_even_one_that_does_not_listen(stubborn):
     assert ended(asyncio.run(run()))
 
 
-def test_it_ends_when_its_server_does():
+def test_the_process_ends_when_its_server_does():
     body = """
     def work(report):
         report("there", None)

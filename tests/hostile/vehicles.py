@@ -1,6 +1,6 @@
 """Hostile vehicles on a UDP link: `python -m tests.hostile.vehicles ATTACK PORT [SEED] [COUNT]`.
 
-Every frame is well formed MAVLink 2 with a right checksum: only what it says is bad.
+Every frame is well-formed MAVLink 2 with a correct checksum; only its content is hostile.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ ENDLESS_BYTES = 900_000
 
 
 class Sender:
-    """One socket that speaks as any system, at a bounded pace."""
+    """One socket that sends as any system, at a limited rate."""
 
     def __init__(self, port: int, frames_per_s: float = FRAMES_PER_S) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -54,8 +54,8 @@ class Sender:
         self._due_s = time.monotonic()
         self.sent = 0
 
-    def say(self, message: d.MAVLink_message, system: int = HOSTILE, component: int = 1) -> None:
-        """Packs and sends."""
+    def send(self, message: d.MAVLink_message, system: int = HOSTILE, component: int = 1) -> None:
+        """Packs and sends a message."""
         wire = self._wires.get((system, component))
         if wire is None:
             wire = self._wires[system, component] = d.MAVLink(None, system, component)
@@ -64,7 +64,7 @@ class Sender:
         self.raw(raw)
 
     def raw(self, data: bytes) -> None:
-        """Sends a datagram, not faster than the pace."""
+        """Sends a datagram at the limited rate."""
         self._due_s = max(self._due_s + self._every_s, time.monotonic() - 0.05)
         wait_s = self._due_s - time.monotonic()
         if wait_s > 0.002:
@@ -73,12 +73,12 @@ class Sender:
         self.sent += 1
 
     def heartbeat(self, system: int = HOSTILE, component: int = 1) -> None:
-        """That of a PX4 quadrotor that flies Offboard."""
+        """The heartbeat of a PX4 quadrotor in Offboard."""
         mode = 6 << 16
-        self.say(d.MAVLink_heartbeat_message(2, 12, 128 | 1, mode, 4, 3), system, component)
+        self.send(d.MAVLink_heartbeat_message(2, 12, 128 | 1, mode, 4, 3), system, component)
 
-    def heard(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
-        """What the server sends back until nothing comes for so long."""
+    def received(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
+        """Received datagrams, until none arrives for this time."""
         parser = d.MAVLink(None, HOSTILE, 1)
         parser.robust_parsing = True
         self.socket.settimeout(timeout_s)
@@ -91,7 +91,7 @@ class Sender:
 
 
 def payload(kind: type[d.MAVLink_message], pick: Callable[[str], object]) -> bytes:
-    """A payload of a message, each element picked by its type's letter."""
+    """The payload of a message; `pick` returns each element for its type letter."""
     packer = kind.unpacker
     values = [pick(code) for code in _codes(packer.format)]
     return packer.pack(*values)
@@ -124,7 +124,7 @@ def _text(code: str, chance: random.Random) -> bytes:
 
 
 def frame(kind: type[d.MAVLink_message], body: bytes, seq: int, system: int, component: int) -> bytes:
-    """A MAVLink 2 frame around a payload, with its checksum."""
+    """A MAVLink 2 frame with this payload and its checksum."""
     body = body.rstrip(b"\0") or body[:1]
     number = kind.id
     head = struct.pack(
@@ -136,7 +136,7 @@ def frame(kind: type[d.MAVLink_message], body: bytes, seq: int, system: int, com
 
 
 def extremes(sender: Sender, chance: random.Random, count: int) -> None:
-    """Every message of the dialect, its fields at one extreme after the other."""
+    """Every message of the dialect, with each field at its extreme values in turn."""
     seq = itertools.count()
     kinds = list(d.mavlink_map.values())
     for turn in range(count):
@@ -156,7 +156,7 @@ def extremes(sender: Sender, chance: random.Random, count: int) -> None:
 
 
 def fuzz(sender: Sender, chance: random.Random, count: int) -> None:
-    """Random messages with random contents, of a few systems and components."""
+    """Random messages with random contents from a few systems and components."""
     seq = itertools.count()
     kinds = list(d.mavlink_map.values())
 
@@ -176,14 +176,14 @@ def fuzz(sender: Sender, chance: random.Random, count: int) -> None:
             chance.choice((1, 1, 154, 100)),
         )
         if system == 101:
-            continue  # the innocent's own: another test's matter
+            continue  # system ids of the flight under attack: another test covers them
         if chance.random() < 0.02:
             sender.heartbeat(system, component)
         sender.raw(frame(kind, payload(kind, pick), next(seq), system, component))
 
 
 def sources(sender: Sender, chance: random.Random, count: int) -> None:
-    """Vehicles without end: every system id, many components, from many addresses."""
+    """An endless number of vehicles: every system id, many components, from many addresses."""
     for _ in range(count):
         other = Sender(sender.to[1])
         for _ in range(20):
@@ -193,15 +193,17 @@ def sources(sender: Sender, chance: random.Random, count: int) -> None:
 
 
 def texts(sender: Sender, chance: random.Random, count: int) -> None:
-    """Status texts in parts that never end, and events that nobody knows."""
+    """Status texts in endless parts, and unknown events."""
     for n in range(count):
         if n % 500 == 0:
             sender.heartbeat()
         if n % 2:
-            sender.say(d.MAVLink_statustext_message(chance.randrange(8), b"<a " * 16, 1 + n % 60000, n % 200))
+            sender.send(
+                d.MAVLink_statustext_message(chance.randrange(8), b"<a " * 16, 1 + n % 60000, n % 200)
+            )
         else:
             arguments = [chance.randrange(256) for _ in range(40)]
-            sender.say(
+            sender.send(
                 d.MAVLink_event_message(
                     0, 0, chance.getrandbits(32), 1000 + n, n % 65536, chance.randrange(256), arguments
                 )
@@ -209,11 +211,11 @@ def texts(sender: Sender, chance: random.Random, count: int) -> None:
 
 
 def files(sender: Sender, chance: random.Random, count: int) -> None:
-    """A vehicle whose files never end: one byte a piece, wherever it is asked; count: for so many seconds."""
+    """A vehicle with endless files: one byte per piece at any offset, for `count` seconds."""
     end_s = time.monotonic() + count
     while time.monotonic() < end_s:
         sender.heartbeat()
-        for message in sender.heard(0.2):
+        for message in sender.received(0.2):
             _answer(sender, chance, message)
             if time.monotonic() > end_s:
                 break
@@ -233,26 +235,26 @@ def _answer(sender: Sender, chance: random.Random, message: d.MAVLink_message) -
         else:
             _ftp(sender, sequence + 1, session, opcode, 0, b"")
     elif kind == "COMMAND_LONG":
-        sender.say(d.MAVLink_command_ack_message(message.command, 0))
+        sender.send(d.MAVLink_command_ack_message(message.command, 0))
         if message.command == 512 and int(message.param1) == 397:
             uri = b"mftp://etc/extras/parameters.json.xz"
-            sender.say(d.MAVLink_component_metadata_message(0, chance.getrandbits(32), uri))
+            sender.send(d.MAVLink_component_metadata_message(0, chance.getrandbits(32), uri))
     elif kind == "PARAM_REQUEST_LIST":
         for n in range(3000):
             name = bytes(chance.randrange(1, 256) for _ in range(16))
-            sender.say(
+            sender.send(
                 d.MAVLink_param_value_message(
                     name, chance.choice(FLOATS), chance.choice((6, 9, 0, 255)), 65535, n * 7 % 65536
                 )
             )
-        sender.say(d.MAVLink_param_value_message(b"_HASH_CHECK", math.nan, 5, 65535, 65535))
+        sender.send(d.MAVLink_param_value_message(b"_HASH_CHECK", math.nan, 5, 65535, 65535))
     elif kind == "PARAM_REQUEST_READ":
-        sender.say(d.MAVLink_param_value_message(b"COM_OBL_RC_ACT", math.nan, 255, 1, 0))
+        sender.send(d.MAVLink_param_value_message(b"COM_OBL_RC_ACT", math.nan, 255, 1, 0))
 
 
 def _ftp(sender: Sender, sequence: int, session: int, to: int, offset: int, data: bytes) -> None:
     head = FTP_HEAD.pack(sequence & 0xFFFF, session, ACK, len(data), to, 0, 0, offset & 0xFFFFFFFF)
-    sender.say(d.MAVLink_file_transfer_protocol_message(0, 255, 190, list((head + data).ljust(251, b"\0"))))
+    sender.send(d.MAVLink_file_transfer_protocol_message(0, 255, 190, list((head + data).ljust(251, b"\0"))))
 
 
 ATTACKS = {f.__name__: f for f in (extremes, fuzz, sources, texts, files)}

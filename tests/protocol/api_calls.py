@@ -1,4 +1,4 @@
-"""A server's routes without HTTP: called as functions, over vehicles on simulated time."""
+"""The server's routes without HTTP: called as functions, with vehicles on simulated time."""
 
 import json
 from pathlib import Path
@@ -56,8 +56,8 @@ def view(response):
     return json.loads(response.body)
 
 
-def desk(jump, story, *, flying=True, loss=0.0, seed=0):
-    """A flying vehicle and the station's routes, on simulated time."""
+def with_routes(jump, story, *, flying=True, loss=0.0, seed=0):
+    """Runs a test with a flying vehicle and the server's routes, on simulated time."""
 
     async def run():
         world = OffboardWorld()

@@ -1,4 +1,4 @@
-"""Scripted vehicles in the air beside a server's desk, and the calls that fly them as one group."""
+"""Scripted vehicles in flight with the server's routes, and calls that fly them as a group."""
 
 import math
 from types import SimpleNamespace
@@ -13,8 +13,8 @@ DEG_M = math.radians(1) * 6_371_000.0
 STREAM_PERIOD_S = 0.02
 
 
-def desk(jump, story, *, count=3, spacing_m=10.0):
-    """Vehicles 1, 2, … in a row to the east, in the air, each at its own local origin."""
+def with_routes(jump, story, *, count=3, spacing_m=10.0):
+    """Runs a test with vehicles 1, 2, … in a row to the east, in flight, each with its own local origin."""
 
     async def run():
         world = OffboardWorld()
@@ -77,7 +77,7 @@ def modes(at):
 
 
 def first_s(pilot, north_m):
-    """When a setpoint for that place was first heard."""
+    """Time when a setpoint for that position was first received."""
     return next(t for t, m in pilot.setpoints if abs(m.x - north_m) < 0.01)
 
 

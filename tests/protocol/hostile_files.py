@@ -1,4 +1,4 @@
-"""A vehicle's file server that answers well framed nonsense: too small, from elsewhere, or without end."""
+"""A vehicle's file server with valid frames and invalid answers: too short, of other offsets, or endless."""
 
 import struct
 from collections.abc import Callable
@@ -10,11 +10,11 @@ HEAD = struct.Struct("<HBBBBBBI")
 OPEN, READ, BURST, LIST, ACK, NAK = 4, 5, 15, 3, 128, 129
 CRC, RESET, TERMINATE = 14, 2, 1
 Answer = Callable[[int, int], list[tuple[int, bytes]]]
-"""(offset, size asked for) → the answers: (offset, data) each."""
+"""(offset, requested size) → the answers, each (offset, data)."""
 
 
 class HostileFiles:
-    """Hooks itself into a FakeAutopilot; counts what it is asked."""
+    """Replaces a FakeAutopilot's file server; counts the requests."""
 
     def __init__(
         self,

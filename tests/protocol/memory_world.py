@@ -1,4 +1,4 @@
-"""A whole wire path without a network or waiting: simulated time and links in memory."""
+"""The server's links and vehicles without a network, on simulated time."""
 
 import asyncio
 from typing import Any
@@ -12,7 +12,7 @@ from tests.protocol.fake_autopilot import FakeAutopilot
 
 
 class World:
-    """A server's wire and vehicle rooms, started on simulated time."""
+    """The server's MAVLink and vehicle layers, started on simulated time."""
 
     def __init__(self, **settings: Any) -> None:
         self.loop = asyncio.get_running_loop()
@@ -46,7 +46,7 @@ class World:
         return pilot
 
     async def ready(self, vehicle_id: str = "1", patience_s: float = 20.0) -> Any:
-        """The vehicle, once it has been heard well."""
+        """The vehicle, once its connection is good."""
         end_s = self.loop.time() + patience_s
         while self.loop.time() < end_s:
             await asyncio.sleep(0.1)

@@ -1,4 +1,4 @@
-"""Offboard missions flown by the server's own parts, on simulated time."""
+"""Offboard missions flown by the server's own modules, on simulated time."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ LEASE_S = 5.0
 
 
 class Missions:
-    """Missions of vehicle 1 of a world, and who has control of it.
+    """Missions of vehicle 1 of a world, and its control lease.
 
     Args:
-        world: must not have heard of a vehicle yet.
+        world: a world without a vehicle so far.
         folder: for the journal.
     """
 
@@ -47,7 +47,7 @@ class Missions:
         self.flight: Any = None
 
     def begin(self, vehicle: Vehicle, mission: OffboardMission, *, in_air: bool = False) -> MissionFlight:
-        """Starts it, compiled for where the vehicle is."""
+        """Starts a mission, compiled for the vehicle's position."""
         estimates = VehicleEstimates(vehicle)
         local, attitude = estimates.local(), estimates.attitude()
         assert local is not None
@@ -61,7 +61,7 @@ class Missions:
         return self.flight
 
     def take(self, who: Principal, *, force: bool = False) -> None:
-        """Control of vehicle 1."""
+        """Takes control of vehicle 1."""
         self.authority.control("1").lease.take(who, force=force)
 
     @property
@@ -69,12 +69,12 @@ class Missions:
         return self.flight.status().state
 
     async def reach(self, *states: str, within_s: float = 120.0) -> None:
-        """Until the mission is in one of them."""
+        """Flies until the mission is in one of these states."""
         await until(lambda: self.state in states, within_s)
 
 
 def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) -> None:
-    """A scripted vehicle in the air that flies a mission, Alice in control; then what happens to it."""
+    """Runs a test with a scripted vehicle in flight that flies a mission; Alice has control."""
 
     async def run() -> None:
         world = OffboardWorld()
@@ -96,7 +96,7 @@ def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) ->
     jump(run)
 
 
-def codes_told(vehicle: Vehicle) -> list[str]:
-    """What the mission told people, in order."""
+def event_codes(vehicle: Vehicle) -> list[str]:
+    """Codes of the mission's events, in order."""
     told = [event.data or {} for event in vehicle.events.since()]
     return [str(data["code"]) for data in told if data.get("source") == "offboard_mission"]

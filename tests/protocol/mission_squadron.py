@@ -1,4 +1,4 @@
-"""Simulated PX4 vehicles that each fly a mission of another kind of step, and meet the same event at once."""
+"""Simulated PX4 vehicles, each with another kind of step, that meet the same event at the same time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STEPS = {
     "take_off": "step: take_off, height_m: 9",
     "land": "step: land",
 }
-"""One step each; what PX4 flies by itself comes last."""
+"""One step of each kind; those that PX4 flies itself are last."""
 BY_PX4 = ("take_off", "land")
 BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in BY_PX4)
 HEIGHT_M, APART_M = 12.0, 40.0
@@ -39,8 +39,8 @@ BOOT_WITHIN_S, RISE_WITHIN_S = 30.0, 30.0
 
 
 @functools.cache
-def _risen(kinds: tuple[str, ...]) -> VehicleSim:
-    """All but the one that is to take off hover at 12 m."""
+def _climbed(kinds: tuple[str, ...]) -> VehicleSim:
+    """Vehicles that hover at 12 m, except the one that is to take off."""
     places = np.zeros((len(kinds), 3))
     places[:, 1] = APART_M * np.arange(len(kinds))
     sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
@@ -75,7 +75,7 @@ class Squadron:
         self.vehicles: dict[str, Vehicle] = {}
 
     async def begin(self, **actions: str) -> None:
-        """All in the middle of their step."""
+        """Starts all missions and flies to the middle of their steps."""
         for kind in self.kinds:
             vehicle = self.vehicles[kind] = await self.world.ready(str(self.row(kind) + 1))
             await until(lambda v=vehicle: v.topic("battery") is not None, 10)
@@ -95,7 +95,7 @@ class Squadron:
         return self.flights[kind].status().state
 
     async def reach(self, states: dict[str, Iterable[str]], within_s: float = 30.0) -> None:
-        """Until each is in one of its states."""
+        """Flies until each is in one of its states."""
         for kind, wanted in states.items():
             allowed = {wanted} if isinstance(wanted, str) else set(wanted)
             try:
@@ -107,31 +107,31 @@ class Squadron:
         return {kind: str(flight.status().reason) for kind, flight in self.flights.items()}
 
     def modes(self) -> dict[str, str]:
-        """What each vehicle flies in truth."""
+        """The simulated mode of each vehicle."""
         return {kind: self.commander(kind).active.name.lower() for kind in self.kinds}
 
     def commander(self, kind: str) -> Any:
         return self.sim.autopilots[self.row(kind)].commander
 
     def place(self, kind: str) -> tuple[float, ...]:
-        """In truth."""
+        """Its true position."""
         return tuple(self.sim.simulation.truth.position_ned_m[self.row(kind)].tolist())
 
     async def stay(self, kinds: Iterable[str], for_s: float = 3.0, within_m: float = 2.0) -> None:
-        """They hold their places, as well as their estimates let them."""
+        """Checks that they hold their positions, within the accuracy of their estimates."""
         before = {kind: self.place(kind) for kind in kinds}
         await asyncio.sleep(for_s)
         moved = {kind: math.dist(self.place(kind), place) for kind, place in before.items()}
         assert max(moved.values()) < within_m, moved
 
     def move_sticks(self, forward: int) -> None:
-        """Each vehicle's pilot, by a joystick of another station."""
+        """Moves the sticks of each vehicle by a joystick of another station."""
         for row in range(len(self.kinds)):
             layout, payload = pack("MANUAL_CONTROL", target=row + 1, x=forward, y=0, z=500, r=0, buttons=0)
             self.sim.feed(row, "gcs", frame_v2(layout, payload, 0, 254, 190))
 
-    async def end_well(self, within_s: float = 60.0) -> None:
-        """Each mission goes on to its end."""
+    async def end_normally(self, within_s: float = 60.0) -> None:
+        """Flies until each mission ends normally."""
         if "wait" in self.kinds:
             await self.reach({"wait": "waiting"})
             self.flights["wait"].go_on("Alice")
@@ -141,11 +141,11 @@ class Squadron:
 
 
 def fly(jump: Any, tmp_path: Path, story: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str) -> None:
-    """Tells a story of vehicles in the middle of each kind of step."""
+    """Runs a test with vehicles in the middle of each kind of step."""
 
     async def run() -> None:
         chosen = tuple(kinds)
-        world = SimulatedWorld(len(chosen), sim=snapshot(_risen(chosen)))
+        world = SimulatedWorld(len(chosen), sim=snapshot(_climbed(chosen)))
         squadron = Squadron(world, Missions(world, tmp_path), chosen)
         try:
             await squadron.begin(**actions)

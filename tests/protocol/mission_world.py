@@ -1,4 +1,4 @@
-"""The simulator's mission service without the rest of the vehicle: thousands of items in a moment."""
+"""The simulator's mission service without the rest of the vehicle: fast for thousands of items."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ REQUEST_MESSAGE, MISSION_CURRENT = 512, 42
 
 
 class Flight:
-    """Stands for the navigator's mission, which nothing flies here."""
+    """Replaces the navigator's mission, which is not flown here."""
 
     def __init__(self) -> None:
         self.current, self.reached, self.reached_count = 0, None, 0
@@ -24,7 +24,7 @@ class Flight:
 
 
 class MissionPilot(FakeAutopilot):
-    """A scripted autopilot whose missions the simulator's own service keeps."""
+    """A scripted autopilot with the simulator's own mission service."""
 
     def __init__(self, link: Any, **options: Any) -> None:
         super().__init__(link, **options)
@@ -60,7 +60,7 @@ class MissionPilot(FakeAutopilot):
         self.send(getattr(sim, f"MAVLink_{name.lower()}_message")(**fields))
 
     def receive(self, data: bytes) -> None:
-        """Packets keep their order."""
+        """Receives packets in order."""
         if self.random.random() >= self.loss:
             for message in self.parser.parse_buffer(data) or []:
                 self.heard_at_s = max(self.loop.time() + LATENCY_S, self.heard_at_s + 1e-6)
@@ -79,7 +79,7 @@ class MissionPilot(FakeAutopilot):
             super().handle(message)
 
     def take(self, message: Any, sender: tuple[int, int]) -> None:
-        """A mission message of any station."""
+        """Handles a mission message of any station."""
         fields = {name: getattr(message, name) for name in message.fieldnames}
         name = message.get_type()
         known = SimpleNamespace(
@@ -89,13 +89,13 @@ class MissionPilot(FakeAutopilot):
 
 
 class OtherStation:
-    """Another ground station on the same link, which the vehicle hears without loss."""
+    """Another ground station on the same link, without packet loss."""
 
     def __init__(self, pilot: MissionPilot) -> None:
         self._pilot = pilot
 
     async def upload(self, items: Any, pause_s: float = 0.05) -> None:
-        """Sends all items whether they are asked for or not."""
+        """Sends all items without waiting for requests."""
         self._pilot.take(sim.MAVLink_mission_count_message(1, 1, len(items), 0), (254, 190))
         for i in items:
             await asyncio.sleep(pause_s)

@@ -1,7 +1,7 @@
-"""A vehicle that flies Offboard as the recordings of PX4 show, and the whole streamer, on simulated time.
+"""A vehicle that flies Offboard as in the recordings of PX4, and all setpoint streams, on simulated time.
 
-The scheduler of the streams runs in the loop instead of its process, so that a flight is the same every time;
-the process itself is tested in `tests/integration/gcs_server/streamer/process/`.
+The scheduler of the streams runs in the event loop instead of its process, so that a flight is repeatable;
+`tests/integration/gcs_server/streamer/process/` tests the process.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ OF_LOSS_S = 1.0
 
 
 class OffboardPilot(FakeAutopilot):
-    """Takes Offboard only with a stream, fails safe to Position a second after the last setpoint, and says
-    Offboard again once it has disarmed, since that is still the mode asked for."""
+    """Accepts Offboard only with a stream, switches to Position by failsafe a second after the last setpoint,
+    and reports Offboard again after disarming, because it is still the requested mode."""
 
     def __init__(self, link: Any, **options: Any) -> None:
         super().__init__(link, **options)
         self.params |= {"COM_OF_LOSS_T": (9, OF_LOSS_S), "COM_OBL_RC_ACT": (6, 0)}
         self.setpoints: list[tuple[float, Any]] = []
         self.other_targets: list[tuple[float, Any]] = []
-        """By attitude, rates or a place on the earth."""
+        """Setpoints of attitude, rates or global position."""
         self.ned = [0.0, 0.0, 0.0]
         self.velocity = (0.0, 0.0, 0.0)
         self.estimates = True
@@ -57,7 +57,7 @@ class OffboardPilot(FakeAutopilot):
         self.send(sim.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0.5, 0, 0, 0))
 
     def fly(self) -> None:
-        """In the air, in Hold."""
+        """Brings it into the air, in Hold."""
         self.armed, self.landed, self.ned = True, 2, [0.0, 0.0, -5.0]
 
     def handle(self, message: Any) -> None:
@@ -98,14 +98,14 @@ class OffboardPilot(FakeAutopilot):
             self.current_mode()
 
     def land_and_disarm(self) -> None:
-        """What ends the failsafe; the mode asked for comes back."""
+        """Lands and disarms: the failsafe ends and the requested mode is reported again."""
         self.armed, self.landed, self.mode = False, 1, self.asked_mode
         self.heartbeat()
         self.current_mode()
 
 
 class OffboardWorld(World):
-    """With a streamer for every vehicle."""
+    """A world with a stream for every vehicle."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -143,7 +143,7 @@ async def seconds(duration_s: float) -> None:
 
 
 def sent_by_us(link: Any) -> int:
-    """Datagrams that left on a link so far."""
+    """Datagrams that were sent on a link so far."""
     return len(link.sent)
 
 
@@ -177,7 +177,7 @@ def asks(pilot, mode):
 
 
 async def silent(pilot, link, seconds_=3.0, settle_s=0.02):
-    """Nothing leaves that flies the vehicle."""
+    """Checks that no message that flies the vehicle is sent."""
     await seconds(settle_s)
     setpoints, commands = len(pilot.setpoints), len(pilot.commands(176))
     await seconds(seconds_)

@@ -1,7 +1,7 @@
-"""One scripted vehicle on a link that loses packets, for as long as a story about it lasts."""
+"""One scripted vehicle on a link that loses packets, for the duration of a test."""
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
-"""The share of packets lost each way, and a seed for which ones."""
+"""The share of packets lost in each direction, and the seed of the losses."""
 
 
 def flight(kit, jump, story, *, loss=0.0, seed=0):

@@ -1,4 +1,4 @@
-"""The server but for its HTTP, with simulated PX4 vehicles at the other end of its links."""
+"""The server without HTTP, with simulated PX4 vehicles on its links."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ TICK_S = 0.02
 
 
 class SimulatedWorld(OffboardWorld):
-    """Vehicles "1", "2", … stand in a row to the east, 3 m apart.
+    """Vehicles "1", "2", … in a row to the east, 3 m apart.
 
     Args:
-        count: how many.
-        parameters: of all of them, as if set before boot.
-        seed: of noise and gusts.
-        sim: vehicles that fly already, with a link "gcs"; the other arguments but `count` are theirs then.
-        camera: whether each carries one.
+        count: number of vehicles.
+        parameters: parameters of all vehicles, set before boot.
+        seed: seed of noise and gusts.
+        sim: a fleet that is already flying, with a link "gcs"; only `count` is used with it.
+        camera: whether each has a camera.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class SimulatedWorld(OffboardWorld):
         return lambda data, _peer: self.sim.feed(row, "gcs", data)
 
     async def _rounds(self) -> None:
-        """As often as the vehicle steps: what is sent within a step arrives at its end anyway."""
+        """Runs at the rate of the vehicle's steps: packets within a step arrive at its end anyway."""
         while True:
             self.streamer._streams.step()
             await self.clock.sleep(TICK_S)
@@ -59,13 +59,13 @@ class SimulatedWorld(OffboardWorld):
             await self.clock.sleep(TICK_S)
 
     async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
-        """The vehicle once it says that it can arm."""
+        """The vehicle, once it can be armed."""
         vehicle = await self.ready(vehicle_id, patience_s=40)
         await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
         return vehicle
 
     async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
-        """The vehicle, taken off and in Hold."""
+        """The vehicle after take-off, in Hold."""
         vehicle = await self.ready_to_arm(vehicle_id)
         await vehicle.command.takeoff(height_m)
         await until(lambda: vehicle.status.mode == "hold", 40)
@@ -73,10 +73,10 @@ class SimulatedWorld(OffboardWorld):
 
 
 async def until(condition: Any, patience_s: float) -> None:
-    """Looks ten times a second.
+    """Checks the condition ten times a second.
 
     Raises:
-        AssertionError: it never held.
+        AssertionError: it was not true in time.
     """
     for _ in range(int(patience_s * 10)):
         if condition():

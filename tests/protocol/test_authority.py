@@ -1,4 +1,4 @@
-"""Who may command a vehicle, through the API's own functions: refusals send nothing; some is open to all."""
+"""Who may command a vehicle, by the API's functions: refusals send nothing; some commands need no control."""
 
 import contextlib
 
@@ -8,7 +8,7 @@ from gcs_server.api import control_models, control_routes, models, offboard_rout
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
-from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, desk, lines, station_of, view
+from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, lines, station_of, view, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, order, seconds, silent
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -22,7 +22,7 @@ def told(vehicle):
     return [(e.data["action"], e.text) for e in vehicle.events.since() if e.kind == "control"]
 
 
-def test_a_command_by_another_is_refused_sends_nothing_and_names_the_holder(jump):
+def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(jump):
     async def story(at):
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
         heard = len(at.pilot.commands(176))
@@ -42,11 +42,11 @@ def test_a_command_by_another_is_refused_sends_nothing_and_names_the_holder(jump
         assert not at.pilot.commands(400)
         assert lines(at.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize("what", ["hold", "land_now", "kill"])
-def test_hold_land_now_and_kill_are_open_to_all_and_the_holder_is_informed(jump, what):
+def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(jump, what):
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         if what == "hold":
@@ -68,7 +68,7 @@ def test_hold_land_now_and_kill_are_open_to_all_and_the_holder_is_informed(jump,
         assert lines(at.station)[-1] == ("bob", what, "1", "ok")
         assert view(await control_routes.show("1", at.station, ANNA))["yours"]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_land_now_without_confirmation_sends_nothing(jump):
@@ -81,10 +81,10 @@ def test_land_now_without_confirmation_sends_nothing(jump):
         assert not asks(at.pilot, LAND)
         assert told(at.vehicle) == []
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_control_is_granted_while_the_vehicle_flies_on(jump):
+def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
     async def story(at):
         with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
             await offboard_routes.start("1", START, at.station, ANNA)
@@ -105,10 +105,10 @@ def test_control_is_granted_while_the_vehicle_flies_on(jump):
             assert at.pilot.mode == HOLD
         assert [action for action, _ in told(at.vehicle)] == ["taken", "requested", "granted"]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_control_taken_by_force_is_journaled_and_the_holder_informed(jump):
+def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump):
     async def story(at):
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA)
@@ -123,10 +123,10 @@ def test_control_taken_by_force_is_journaled_and_the_holder_informed(jump):
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
         assert lines(at.station)[-1] == ("bob", "control/take", "1", "ok")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_requests_of_any_kind_renew_and_leaving_releases_all(jump):
+def test_any_request_renews_control_and_disconnecting_releases_it(jump):
     async def story(at):
         await control_routes.take("1", at.station, ANNA)
         for _ in range(5):
@@ -137,18 +137,18 @@ def test_requests_of_any_kind_renew_and_leaving_releases_all(jump):
         assert told(at.vehicle)[-1][0] == "released"
         assert lines(at.station)[-1] == ("anna", "control/release", "1", "ok")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_an_unknown_vehicle_has_no_control_to_take(jump):
+def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
     async def story(at):
         with pytest.raises(UnknownVehicle):
             await control_routes.take("77", at.station, ANNA)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-# --- the holder is not heard any more -------------------------------------------------------------
+# --- control expires ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_an_unknown_vehicle_has_no_control_to_take(jump):
 )
 def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, ends):
     async def story(at):
-        at.pilot.has_stream = lambda: True  # in Offboard by somebody else's setpoints
+        at.pilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
         at.pilot.mode = mode
         await seconds(2.5)
         take = control_models.TakeControl(on_expiry=agreed)
@@ -179,10 +179,10 @@ def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, end
         assert ours[0] == ("server", "control/expired", "1", "ok")
         assert ours[1:] == ([] if ends == mode else [("server", agreed, "1", "ok")])
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_on_the_ground_an_expiry_commands_nothing(jump):
+def test_expired_control_commands_nothing_on_the_ground(jump):
     async def story(at):
         at.pilot.mode = MISSION
         await seconds(2.5)
@@ -190,10 +190,10 @@ def test_on_the_ground_an_expiry_commands_nothing(jump):
         await seconds(40)
         assert not at.pilot.commands(176)
 
-    desk(jump, story, flying=False)
+    with_routes(jump, story, flying=False)
 
 
-# --- others, who ask nobody -----------------------------------------------------------------------
+# --- external control -----------------------------------------------------------------------------
 
 
 def mode_lines(vehicle):
@@ -201,12 +201,12 @@ def mode_lines(vehicle):
 
 
 def transmitter(pilot):
-    """The vehicle hears one."""
+    """Simulates the input of an RC transmitter."""
     rc = 1 << 16
     pilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
 
 
-def test_a_pilots_switch_to_position_is_reported_and_never_overridden(jump):
+def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
     async def story(at):
         transmitter(at.pilot)
         await offboard_routes.start("1", START, at.station, ANNA)
@@ -219,7 +219,7 @@ def test_a_pilots_switch_to_position_is_reported_and_never_overridden(jump):
         cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
@@ -236,7 +236,7 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
         )
         assert at.pilot.mode == RTL
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(jump):
@@ -250,7 +250,7 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_failsafe_is_reported_as_failsafe(jump):
@@ -261,7 +261,7 @@ def test_a_failsafe_is_reported_as_failsafe(jump):
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
@@ -275,7 +275,7 @@ def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
         await seconds(0.1)
         assert at.vehicle.mode_cause.source == "failsafe"
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
@@ -293,10 +293,10 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
         with pytest.raises(Refused, match="controlled by system 245"):
             await at.vehicle.gimbal.set_angles(-10, 0)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_recording_has_no_control(jump):
+def test_a_recording_has_no_control_lease(jump):
     async def run():
         world = OffboardWorld()
         link = world.link("tape", replay=True)
@@ -316,7 +316,7 @@ def test_a_recording_has_no_control(jump):
     jump(run)
 
 
-def test_a_setpoint_stream_outlives_its_clients_control_by_its_own_validity_only(jump):
+def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_control(jump):
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         await seconds(31)
@@ -326,7 +326,7 @@ def test_a_setpoint_stream_outlives_its_clients_control_by_its_own_validity_only
         assert at.pilot.mode == HOLD
         assert order().valid_for_s == START.valid_for_s
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_stream_reports_its_clients_key(jump):
@@ -334,13 +334,11 @@ def test_a_stream_reports_its_clients_key(jump):
 
     async def story(at):
         await offboard_routes.start("1", START, at.station, first)
-        status = (
-            at.vehicle.offboard.status()
-        )  # as the streams' process tells it: a name alone has no key any more
+        status = at.vehicle.offboard.status()  # as the stream process reports it: a name without a key
         assert (status.client, status.client_key) == ("anna", first.key)
         await control_routes.release("1", at.station, first)
         await offboard_routes.setpoint("1", SETPOINT, at.station, second)
         await seconds(0.5)
         assert at.vehicle.offboard.status().client_key == second.key != first.key
 
-    desk(jump, story)
+    with_routes(jump, story)

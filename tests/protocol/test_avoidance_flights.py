@@ -1,4 +1,5 @@
-"""Flights at the obstacle box: into it, before it, over it, and with sensors that fall silent."""
+"""Flights at an obstacle: a collision, a stop in front of it, a flight over it, and sensors that stop
+sending."""
 
 import asyncio
 
@@ -25,7 +26,7 @@ def to(place, valid_for_s=120.0):
 
 
 class Flight:
-    """In front of the box, in Offboard, looking north."""
+    """A flight in Offboard in front of the box, heading north."""
 
     def __init__(self, world, vehicle):
         self.world, self.vehicle, self.offboard = world, vehicle, vehicle.offboard
@@ -100,7 +101,7 @@ def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
 
 
 @pytest.mark.story
-def test_the_brake_holds_it_before_the_box_and_avoidance_switched_on_in_flight_leads_it_over(jump):
+def test_the_brake_stops_it_before_the_box_and_avoidance_enabled_in_flight_leads_it_over(jump):
     async def story(flight):
         offboard = flight.offboard
         await offboard.setpoint(to(GOAL))
@@ -123,7 +124,7 @@ def test_the_brake_holds_it_before_the_box_and_avoidance_switched_on_in_flight_l
 
 
 @pytest.mark.story
-def test_a_path_through_the_box_is_left_sideways_and_met_again_behind(jump):
+def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
     async def story(flight):
         await flight.offboard.avoidance.switch_on("around")
         points = tuple(PathPoint(t, (1.5 * t, 0.0, -2.0), 0.0) for t in (0.0, 6.0, 12.0))
@@ -138,7 +139,7 @@ def test_a_path_through_the_box_is_left_sideways_and_met_again_behind(jump):
 
 
 @pytest.mark.story
-def test_sensors_that_fall_silent_in_flight_stop_it_until_they_are_back(jump):
+def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(jump):
     async def story(flight):
         await flight.offboard.avoidance.switch_on("over")
         await flight.offboard.setpoint(to(GOAL))
@@ -160,7 +161,7 @@ def test_sensors_that_fall_silent_in_flight_stop_it_until_they_are_back(jump):
     fly(jump, story)
 
 
-def test_without_a_sensor_avoidance_is_refused_in_words_and_no_stream_begins_with_it(jump):
+def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(jump):
     async def run():
         world = SimulatedWorld(sim=flown(Station, 2.0, links=(("gcs", "gcs"),)).sim)
         try:

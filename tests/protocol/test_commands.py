@@ -1,4 +1,5 @@
-"""Commands against a scripted autopilot, with packets lost: the vehicle's state is the answer."""
+"""Commands to a scripted autopilot, with packet loss: a command succeeds when the vehicle's state shows
+it."""
 
 import asyncio
 import math
@@ -60,7 +61,7 @@ def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, 
     flight(kit, jump, story, loss=0.2, seed=100 + seed)
 
 
-def test_confirmation_counts_up_and_nothing_is_sent_after_success(kit, jump):
+def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(kit, jump):
     async def story(world, vehicle, pilot):
         dropped = []
         pilot.handlers.append(
@@ -94,7 +95,7 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ki
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
-def test_arming_refused_carries_the_checks_that_fail(kit, jump):
+def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.arm_denied = True
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
@@ -114,7 +115,7 @@ def test_arming_refused_carries_the_checks_that_fail(kit, jump):
         with pytest.raises(Rejected):
             await vehicle.command.takeoff(5)
         assert pilot.commands(401)
-        assert vehicle.status.mode == "hold"  # not left in Take off, where arming would climb
+        assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
 
     flight(kit, jump, story)
 
@@ -129,7 +130,7 @@ def test_disarming_in_flight_is_refused(kit, jump):
     flight(kit, jump, story)
 
 
-def test_an_acceptance_without_the_state_is_not_a_success(kit, jump):
+def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.handlers.append(
             lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 0)
@@ -140,7 +141,7 @@ def test_an_acceptance_without_the_state_is_not_a_success(kit, jump):
     flight(kit, jump, story)
 
 
-def test_the_state_without_acknowledgement_is_a_success(kit, jump):
+def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.ack = lambda *_: None
         await vehicle.command.arm()
@@ -150,7 +151,7 @@ def test_the_state_without_acknowledgement_is_a_success(kit, jump):
     flight(kit, jump, story)
 
 
-def test_silence_ends_at_the_deadline(kit, jump):
+def test_a_command_without_an_answer_fails_at_its_deadline(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.silent_commands.add(400)
         began = world.loop.time()
@@ -161,7 +162,7 @@ def test_silence_ends_at_the_deadline(kit, jump):
     flight(kit, jump, story)
 
 
-def test_acknowledgements_to_others_are_ignored(kit, jump):
+def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
     async def story(world, vehicle, pilot):
         def foreign(m):
             if m.get_type() == "COMMAND_LONG" and m.command == 400:
@@ -176,7 +177,7 @@ def test_acknowledgements_to_others_are_ignored(kit, jump):
     flight(kit, jump, story)
 
 
-def test_progress_prolongs_the_wait(kit, jump):
+def test_progress_extends_the_deadline(kit, jump):
     async def story(world, vehicle, pilot):
         told = []
 
@@ -205,12 +206,12 @@ def test_progress_prolongs_the_wait(kit, jump):
         assert news[0].text == f"Commanding vehicle {vehicle.id} to arm"
         wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
         assert wanted in [dict(e.data) for e in news]
-        assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # kept in no history
+        assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # not stored in any history
 
     flight(kit, jump, story)
 
 
-def test_the_other_form_is_tried_where_the_vehicle_wants_it(kit, jump):
+def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, jump):
     async def story(world, vehicle, pilot):
         def ints_only(m):
             return m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 8)
@@ -235,7 +236,7 @@ def test_a_newer_command_ends_an_older_one(kit, jump):
     flight(kit, jump, story)
 
 
-def test_a_lost_link_fails_what_waits_at_once(kit, jump):
+def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.silent_commands.add(400)
         waiting = asyncio.ensure_future(vehicle.command.arm())
@@ -272,7 +273,7 @@ def test_a_lost_link_fails_what_waits_at_once(kit, jump):
         (lambda c: c.goto(47, 8, alt_home_m=5, max_distance_m=math.nan), "max_distance_m"),
     ],
 )
-def test_bad_values_name_their_field_and_send_nothing(kit, jump, call, field):
+def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(kit, jump, call, field):
     async def story(world, vehicle, pilot):
         before = len([m for m in pilot.heard if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
@@ -283,7 +284,7 @@ def test_bad_values_name_their_field_and_send_nothing(kit, jump, call, field):
     flight(kit, jump, story)
 
 
-def test_server_checks_refuse_values_that_px4_would_accept(kit, jump):
+def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
     async def story(world, vehicle, pilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
@@ -305,7 +306,7 @@ def test_server_checks_refuse_values_that_px4_would_accept(kit, jump):
 
 
 @pytest.mark.parametrize(("autopilot", "kind"), [(3, 2), (12, 1), (12, 10)])
-def test_unverified_vehicles_are_shown_and_commands_refused(kit, jump, autopilot, kind):
+def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, autopilot, kind):
     async def story(world, vehicle, pilot):
         pilot.autopilot, pilot.vehicle_type = autopilot, kind
         await asyncio.sleep(2)

@@ -1,4 +1,4 @@
-"""The calls that can drop an aircraft, through the API's own functions: named exactly, or nothing is sent."""
+"""Calls that can crash a vehicle, by the API's functions: without the exact confirmation nothing is sent."""
 
 import json
 import math
@@ -94,7 +94,7 @@ def test_kill_is_sent_to_a_lost_vehicle(jump):
     twins(jump, story)
 
 
-def test_kill_of_a_vehicle_that_is_not_there_is_unknown(jump):
+def test_kill_of_an_unknown_vehicle_is_404(jump):
     async def story(world, station, first, second):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
@@ -105,7 +105,8 @@ def test_kill_of_a_vehicle_that_is_not_there_is_unknown(jump):
 
 
 def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
-    """`1~2` is found to be `1` on another link while it is streamed to: the id is gone and may come again."""
+    """While it gets setpoints, `1~2` is identified as `1` on another link: the id is removed and may be used
+    again."""
 
     async def story(world, station, first, second):
         gone, kept = world.fleet.get("1~2"), world.fleet.get("1")
@@ -124,7 +125,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
     twins(jump, story)
 
 
-def test_a_handover_writes_both_clients_to_the_journal(jump):
+def test_a_handover_of_control_journals_both_clients(jump):
     async def story(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
@@ -150,7 +151,7 @@ def test_a_handover_writes_both_clients_to_the_journal(jump):
         setpoints = {(who, result) for who, command, _, result in said if command == "offboard/setpoint"}
         both = {(name, result) for name in ("anna", "bert") for result in ("ok", "not_in_control")}
         assert setpoints == both | {("bert", "refused")}
-        assert len(said) < 20, "a line a second for those who send many"
+        assert len(said) < 20, "one line a second for frequent setpoints"
         assert said[-3:] == [
             ("carla", "offboard/stop", "1", "not_in_control"),
             ("bert", "offboard/stop", "1", "ok"),
@@ -161,7 +162,7 @@ def test_a_handover_writes_both_clients_to_the_journal(jump):
     twins(jump, story)
 
 
-def test_hold_by_another_client_ends_the_stream_and_nothing_more_is_sent(jump):
+def test_hold_by_another_client_ends_the_stream(jump):
     async def story(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)

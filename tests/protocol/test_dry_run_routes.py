@@ -1,9 +1,10 @@
-"""A dry run for a vehicle through the server's routes: what is taken from it, and that it hears nothing."""
+"""Dry runs for a vehicle by the server's routes: which of its data they use, and that they send it
+nothing."""
 
 import json
 
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
-from tests.protocol.api_calls import ANNA, BOB, YES, desk, view
+from tests.protocol.api_calls import ANNA, BOB, YES, view, with_routes
 from tests.protocol.offboard_world import seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -15,7 +16,7 @@ ASKS_FOR_MESSAGES = (401, 511, 512)
 
 
 class DryRuns:
-    """In place of the processes: says what it was asked."""
+    """Replaces the processes; returns the request."""
 
     def __init__(self) -> None:
         self.asked = []
@@ -29,7 +30,7 @@ class DryRuns:
         return {"dry_run": dry_run_id}
 
 
-async def asked_by(at, by=ANNA, **more):
+async def requested_by(at, by=ANNA, **more):
     at.station.dry_runs = DryRuns()
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
     begun = view(await dry_run_routes.start_dry_run(body, at.station, by))
@@ -38,15 +39,15 @@ async def asked_by(at, by=ANNA, **more):
 
 
 def commands(pilot):
-    """What would change anything; that the server asks for messages does not."""
+    """Commands that would change something; the server's requests for messages do not count."""
     kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
     heard = [m for m in pilot.heard if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))]
     return [m for m in heard if getattr(m, "command", 0) not in ASKS_FOR_MESSAGES]
 
 
-def test_a_dry_run_takes_what_is_known_of_the_vehicle_and_says_what_is_not(jump):
+def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(jump):
     async def story(at):
-        request, about = await asked_by(at)
+        request, about = await requested_by(at)
         aircraft = request["aircraft"]
         here = at.vehicle.topic("global_position").value
         assert aircraft["home"] == {
@@ -59,27 +60,27 @@ def test_a_dry_run_takes_what_is_known_of_the_vehicle_and_says_what_is_not(jump)
         assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
         json.dumps(request, allow_nan=False)
 
-    desk(jump, story, flying=False)
+    with_routes(jump, story, flying=False)
 
 
-def test_of_a_vehicle_in_flight_the_dry_run_starts_at_its_home(jump):
+def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(jump):
     async def story(at):
-        request, about = await asked_by(at)
+        request, about = await requested_by(at)
         home = at.vehicle.topic("home").value
         assert request["aircraft"]["home"]["lat_deg"] == home.lat_deg
         assert any("starts on the ground at its home" in text for text in about["assumed"])
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_dry_run_sends_the_vehicle_nothing_and_needs_no_control(jump):
+def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(jump):
     async def story(at):
         await control_routes.take("1", at.station, BOB, YES)
         await seconds(1.0)
         before = len(commands(at.pilot))
-        await asked_by(at, ANNA, flights=50)
+        await requested_by(at, ANNA, flights=50)
         await seconds(1.0)
         assert [str(m) for m in commands(at.pilot)[before:]] == []
         assert at.station.authority.control("1").status().holder_key == BOB.key
 
-    desk(jump, story)
+    with_routes(jump, story)

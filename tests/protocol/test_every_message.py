@@ -1,8 +1,8 @@
-"""Every message of the dialect with each field at its extremes, through the whole path.
+"""Every message of the dialect with each field at its extremes, from the link to every output.
 
-Frames go in at the link and are looked at where anybody looks: the REST views, the history, the telemetry,
-the streams' snapshots, the 3D view. Nothing may fail (what is isolated and left out counts as failed), all
-that is said must be JSON, and the values of the innocent vehicle beside stay as they are.
+The test checks all outputs: REST, history, telemetry, the streams' snapshots, the 3D view. Nothing may fail
+(a message that is isolated and skipped counts as a failure), every output must be JSON, and the values of a
+second vehicle must not change.
 """
 
 import itertools
@@ -52,7 +52,7 @@ BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
 
 
 def values_of(code: str) -> list[Any]:
-    """What a field of this type is set to."""
+    """Test values of a field of this type."""
     if code in "fd":
         return FLOATS
     if code == "c":
@@ -72,7 +72,8 @@ def codes_of(msg_id: int) -> list[str]:
 
 
 def payloads_of(msg_id: int, good: bytes, *, each: bool) -> list[bytes]:
-    """The good payload with one field after the other at each of its extremes, and all of them together."""
+    """The valid payload with each field in turn at each of its extremes, and with all fields at them
+    together."""
     packer, codes = LAYOUTS[msg_id].unpacker, codes_of(msg_id)
     base = list(packer.unpack(good))
     texts = [b"", b"\xff\xfe\xc3(\xed\xa0\x80", b"<script>", b"\x1b[2J"]
@@ -86,7 +87,7 @@ def payloads_of(msg_id: int, good: bytes, *, each: bool) -> list[bytes]:
 
 
 class Look:
-    """Everybody who looks at the two vehicles, by hand and on simulated time."""
+    """All outputs for the two vehicles, driven step by step on simulated time."""
 
     def __init__(self, world: OffboardWorld, link: Any) -> None:
         self.world, self.link = world, link
@@ -147,7 +148,8 @@ class Look:
         assert self.good.unusable() == {}
 
     def stream(self) -> None:
-        """Setpoints go to both, again where the bad one's mode or heartbeat ended it."""
+        """Sends setpoints to both; restarts the stream if the invalid messages changed the first one's mode
+        or heartbeat."""
         streams = self.world.streamer._streams
         for vehicle in (self.bad, self.good):
             if streams.state(vehicle.id).phase == "idle":

@@ -1,4 +1,4 @@
-"""Every kind of setpoint flown through the server by a simulated PX4, on simulated time."""
+"""Every kind of setpoint, sent by the server and flown by a simulated PX4, on simulated time."""
 
 import asyncio
 import math
@@ -31,7 +31,7 @@ from tests.unit.vehicle_sim.sim_station import Station
 
 
 def flown(jump, story, height_m=8.0):
-    """A story that begins with one vehicle in Hold."""
+    """Runs a test that begins with one vehicle in Hold."""
 
     async def run():
         world = SimulatedWorld(sim=hovering(Station, height_m).sim)
@@ -58,7 +58,7 @@ def order(setpoint, valid_for_s=60.0, **expiry):
 
 
 async def fly(vehicle, setpoint, duration_s):
-    """Sends it on the stream that runs, and lets it be flown."""
+    """Sends a setpoint on the running stream and flies it."""
     await vehicle.offboard.setpoint(order(setpoint))
     await seconds(duration_s)
     status = vehicle.offboard.status()
@@ -94,7 +94,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         assert place.alt_home_m == pytest.approx(9.0, abs=0.6)
 
         before = local(vehicle).position_ned_m
-        await fly(vehicle, PositionBody((4.0, 0.0, 1.0)), 6)  # it looks east: forward is east
+        await fly(vehicle, PositionBody((4.0, 0.0, 1.0)), 6)  # its heading is east: forward is east
         assert off_m(vehicle, (before[0], before[1] + 4.0, before[2] + 1.0)) < 0.9
 
         await fly(vehicle, Velocity((2.0, 0.0, 0.0), yaw_ned_rad=math.pi / 2), 4)
@@ -111,7 +111,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
 
         speed = local(vehicle).velocity_ned_m_s[0]
         await fly(vehicle, Acceleration((-0.8, 0.0, 0.0)), 2)
-        assert -1.7 < local(vehicle).velocity_ned_m_s[0] - speed < -0.5  # drag and lag take their part
+        assert -1.7 < local(vehicle).velocity_ned_m_s[0] - speed < -0.5  # less, due to drag and delay
 
         height = local(vehicle).position_ned_m[2]
         mixed = Trajectory((None, None, height), (1.0, 0.0, None), (0.0, 0.0, None), yaw_ned_rad=0.0)
@@ -151,7 +151,8 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
 
 
 def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
-    """By the simulator's inner interface they fly; the server sees somebody else's Offboard and keeps off."""
+    """The simulator's internal interface accepts them; the server detects another program's Offboard and
+    sends nothing."""
 
     async def story(world, vehicle):
         offboard = world.sim.autopilots[0].offboard
@@ -196,7 +197,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
             await seconds(4)
             worst = max(worst, off_m(vehicle, points[index].position_ned_m))
             assert vehicle.offboard.status().ordered_type == "path"
-        assert worst < 1.6  # it lags behind a moving place
+        assert worst < 1.6  # it lags behind a moving setpoint
         await seconds(0.5)
         assert off_m(vehicle, points[-1].position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after its end
@@ -213,7 +214,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
     flown(jump, story)
 
 
-def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
+def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
     async def story(world, vehicle):
         home = vehicle.topic("home").value
         await vehicle.offboard.operator.set(
@@ -230,12 +231,12 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
             n, e, d = local(vehicle).position_ned_m
             farthest, highest = max(farthest, math.hypot(n, e)), max(highest, -d)
         assert 20 < farthest < 25.2
-        assert 10.5 < highest < 12.5  # by an estimate of height that wanders by a few tenths of a metre
+        assert 10.5 < highest < 12.5  # the estimated height drifts by a few decimetres
         status = vehicle.offboard.status()
         assert any("before the fence" in words for words in status.limited)
         assert math.hypot(*local(vehicle).velocity_ned_m_s[:2]) < 0.4
         assert "limited" in codes(vehicle)
-        # back, then by attitude, which steers no place: taken over in time
+        # back, then by attitude setpoints, which control no position: the fence takes over in time
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
         await vehicle.offboard.setpoint(order(Attitude(q_from_euler(0.0, math.radians(-12), 0.0), 0.505)))
         farthest = 0.0
@@ -251,7 +252,7 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
 
 
 @pytest.mark.story
-def test_one_vehicle_follows_another_until_that_is_lost(jump):
+def test_one_vehicle_follows_another_until_the_other_is_lost(jump):
     async def run():
         world = SimulatedWorld(2)
         try:

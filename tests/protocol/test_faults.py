@@ -1,6 +1,6 @@
-"""What dies in flight, told as a whole: what everybody hears, in order, and where the vehicle ends.
+"""Faults in flight: the complete list of events, and the vehicle's final state.
 
-Each narrative is the list of what the vehicle's feed says, from the first command to long after the fault.
+Each expected list has the events of the vehicle from the first command until long after the fault.
 """
 
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
-from tests.protocol.api_calls import ANNA, BOB, MISSION, YES, desk
+from tests.protocol.api_calls import ANNA, BOB, MISSION, YES, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import POSITION, asks, seconds, silent
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -23,7 +23,7 @@ LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
 
 
 def narrative(vehicle):
-    """The feed in short: who has control, which mode by whom, what the stream says, the link."""
+    """The events in short form: control, mode and its cause, the stream, the link."""
     said = []
     for event in vehicle.events.since():
         data = event.data
@@ -45,11 +45,13 @@ async def setpoints(at, client, duration_s, every_s=0.3):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_killed_client_leaves_the_vehicle_in_hold_and_control_free(jump, loss, seed):
+def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, loss, seed):
     async def story(at):
         await offboard_routes.start("1", FIRST, at.station, ANNA)
         await setpoints(at, ANNA, 3.0)
-        await seconds(1.0 + 2.0 + 6.0)  # validity, the place held, and Hold as it is asked for under loss
+        await seconds(
+            1.0 + 2.0 + 6.0
+        )  # validity, position hold, and the request for Hold, repeated under loss
         assert at.pilot.mode == HOLD
         await silent(at.pilot, None, seconds_=30.0)
         assert narrative(at.vehicle) == [
@@ -61,14 +63,14 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_control_free(jump, loss,
             "control expired",
         ]
         assert at.pilot.failsafes == 0
-        await vehicle_routes.rtl("1", at.station, BOB)  # who comes next has it
+        await vehicle_routes.rtl("1", at.station, BOB)  # the next client gets control
 
-    desk(jump, story, loss=loss, seed=seed)
+    with_routes(jump, story, loss=loss, seed=seed)
 
 
-def test_a_browser_tab_asleep_keeps_control_but_not_the_stream(jump):
+def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
     async def story(at):
-        with at.station.authority.connected(ANNA):  # the browser keeps its socket, the page does not run
+        with at.station.authority.connected(ANNA):  # the browser keeps its socket open, the page does not run
             await offboard_routes.start("1", FIRST, at.station, ANNA)
             await setpoints(at, ANNA, 3.0)
             await seconds(8.0)
@@ -86,7 +88,7 @@ def test_a_browser_tab_asleep_keeps_control_but_not_the_stream(jump):
             "stream held",
         ]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize("agreed", ["nothing", "hold"])
@@ -96,7 +98,7 @@ def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed
             await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=agreed))
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), at.station, ANNA)
             await seconds(100)
-        await seconds(29)  # the socket is found dead; its client's time begins
+        await seconds(29)  # the socket is closed; the client's time until expiry begins
         assert at.pilot.mode == MISSION
         await seconds(4)
         await silent(at.pilot, None, seconds_=60.0)
@@ -106,10 +108,10 @@ def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed
         assert narrative(at.vehicle) == ends
         assert at.pilot.mode == (HOLD if agreed == "hold" else MISSION)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_when_it_is_back(jump):
+def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_returns(jump):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         at.pilot.loss = 1.0
@@ -129,17 +131,17 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_when_it_i
             "control expired",
         ]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_second_client_takes_over_and_the_first_one_moves_nothing_any_more(jump):
+def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_vehicle(jump):
     async def story(at):
         with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
             await offboard_routes.start("1", LONG, at.station, ANNA)
             await control_routes.request("1", at.station, BOB)
             await seconds(15.5)
             await control_routes.take("1", at.station, BOB, YES)
-            assert at.pilot.mode == OFFBOARD, "it flies on as it did"
+            assert at.pilot.mode == OFFBOARD, "its flight does not change"
             sent = at.pilot.setpoints[-1][1].z
             there = {"type": "position", "position_ned_m": [9, 0, -9]}
             moved = SetpointRequest.model_validate({"setpoint": there})
@@ -165,11 +167,11 @@ def test_a_second_client_takes_over_and_the_first_one_moves_nothing_any_more(jum
             "mode hold by command",
         ]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_pilot_takes_the_vehicle_with_position_mode(jump, loss, seed):
+def test_a_pilot_takes_over_the_vehicle_by_position_mode(jump, loss, seed):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         held = len(asks(at.pilot, HOLD)) + len(asks(at.pilot, OFFBOARD))
@@ -182,7 +184,7 @@ def test_a_pilot_takes_the_vehicle_with_position_mode(jump, loss, seed):
         assert sorted(told[2:4]) == ["mode position by unknown", "stream left_offboard"]
         assert (told[:2], told[4:]) == (["control taken", "mode offboard by command"], ["control expired"])
 
-    desk(jump, story, loss=loss, seed=seed)
+    with_routes(jump, story, loss=loss, seed=seed)
 
 
 def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
@@ -199,4 +201,4 @@ def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
         told = narrative(at.vehicle)
         assert sorted(told[2:]) == ["mode land by failsafe", "stream left_offboard"]
 
-    desk(jump, story)
+    with_routes(jump, story)

@@ -1,4 +1,4 @@
-"""What is asked of a vehicle as soon as it is heard, and what is said of it before it answers."""
+"""Requests to a new vehicle, and the values shown before it answers."""
 
 import asyncio
 import math
@@ -26,7 +26,7 @@ def asked(pilot, msg_id):
 
 
 def answering(kit, pilot, lost=0):
-    """PX4's answer with its degrees and its garbage for roll, after `lost` requests."""
+    """PX4's answer after `lost` requests, with angles in degrees and an uninitialised roll limit."""
     left = [lost]
 
     def handler(message):
@@ -48,7 +48,7 @@ def answering(kit, pilot, lost=0):
     pilot.handlers.append(handler)
 
 
-def test_gimbal_limits_are_asked_for_until_they_come_and_again_after_a_lost_link(kit, jump):
+def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(kit, jump):
     async def story(world):
         pilot = world.pilot(world.link())
         answering(kit, pilot, lost=2)
@@ -70,7 +70,7 @@ def test_gimbal_limits_are_asked_for_until_they_come_and_again_after_a_lost_link
 
 
 @pytest.mark.parametrize(("autopilot", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
-def test_px4_is_asked_for_gimbal_limits_in_any_case_others_once_a_manager_is_heard(
+def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_have_a_gimbal_manager(
     kit, jump, autopilot, gimbal, times
 ):
     async def story(world):
@@ -83,7 +83,7 @@ def test_px4_is_asked_for_gimbal_limits_in_any_case_others_once_a_manager_is_hea
     jump(told(kit.World, story))
 
 
-def test_whether_it_is_simulated_is_unknown_until_it_says_and_it_is_asked_with_its_first_heartbeat(kit, jump):
+def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_its_first_heartbeat(kit, jump):
     async def story(world):
         pilot = world.pilot(world.link())
         pilot.version = False
@@ -101,14 +101,14 @@ def test_whether_it_is_simulated_is_unknown_until_it_says_and_it_is_asked_with_i
         pilot.version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
-        (again_json,) = topics.news(vehicle, ["identity"], seen)  # to every client anew
+        (again_json,) = topics.news(vehicle, ["identity"], seen)  # sent again to every client
         assert b'"simulated":true' in again_json
 
     jump(told(kit.World, story))
 
 
 @pytest.mark.parametrize(("autopilot", "simulated"), [(12, False), (3, None)])
-def test_hardware_is_known_where_px4_says_so_and_others_stay_unknown(kit, jump, autopilot, simulated):
+def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, autopilot, simulated):
     async def story(world):
         pilot = world.pilot(world.link(), uid=0x1122)
         pilot.autopilot = autopilot

@@ -1,4 +1,4 @@
-"""Who is who: system ids, uids, peers, links, recordings, other stations."""
+"""Identity of vehicles: system ids, uids, peers, links, recordings, other stations."""
 
 import asyncio
 
@@ -24,7 +24,7 @@ def ids(world):
     return [v.id for v in world.fleet.all()]
 
 
-def test_a_simulator_is_known_by_its_uid(kit, jump):
+def test_a_simulator_is_identified_by_its_uid(kit, jump):
     async def story(world):
         pilot = world.pilot(world.link())
         vehicle = await world.ready()
@@ -54,7 +54,7 @@ def test_several_vehicles_share_a_link(kit, jump):
 @pytest.mark.parametrize(
     ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
 )
-def test_two_peers_that_claim_one_id_are_two_and_never_mixed(kit, jump, first, second):
+def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second):
     async def story(world):
         link = world.link()
         one = world.pilot(link, peer="a", uid=first)
@@ -75,7 +75,7 @@ def test_two_peers_that_claim_one_id_are_two_and_never_mixed(kit, jump, first, s
     jump(told(kit.World, story))
 
 
-def test_one_hardware_vehicle_on_two_links_is_one(kit, jump):
+def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
     async def story(world):
         cable, radio = world.link("cable"), world.link("radio")
         world.pilot(cable, uid=HARDWARE_A)
@@ -93,7 +93,7 @@ def test_one_hardware_vehicle_on_two_links_is_one(kit, jump):
 
 
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
-def test_simulators_on_two_links_are_told_apart_by_their_boot_time(kit, jump, other_boot_s, expected):
+def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump, other_boot_s, expected):
     async def story(world):
         world.pilot(world.link("gcs"))
         await world.ready()
@@ -104,7 +104,7 @@ def test_simulators_on_two_links_are_told_apart_by_their_boot_time(kit, jump, ot
     jump(told(kit.World, story))
 
 
-def test_without_uid_and_clock_two_are_shown_and_a_late_uid_joins_them(kit, jump):
+def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit, jump):
     async def story(world):
         one = world.pilot(world.link("a"), uid=HARDWARE_A)
         two = world.pilot(world.link("b"), uid=HARDWARE_A)
@@ -121,7 +121,7 @@ def test_without_uid_and_clock_two_are_shown_and_a_late_uid_joins_them(kit, jump
     jump(told(kit.World, story))
 
 
-def test_a_vehicle_that_comes_back_from_another_port_is_the_same(kit, jump):
+def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump):
     async def story(world):
         link = world.link()
         first = world.pilot(link, peer="a")
@@ -138,7 +138,7 @@ def test_a_vehicle_that_comes_back_from_another_port_is_the_same(kit, jump):
     jump(told(kit.World, story))
 
 
-def test_other_stations_and_companions_are_no_vehicles(kit, jump):
+def test_other_stations_and_companions_are_not_vehicles(kit, jump):
     async def story(world):
         link = world.link()
         pilot = world.pilot(link)
@@ -153,7 +153,7 @@ def test_other_stations_and_companions_are_no_vehicles(kit, jump):
     jump(told(kit.World, story))
 
 
-def test_a_recording_is_shown_beside_the_real_one_and_refuses(kit, jump):
+def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(kit, jump):
     async def story(world):
         world.pilot(world.link())
         await world.ready()
@@ -177,7 +177,7 @@ def test_a_recording_is_shown_beside_the_real_one_and_refuses(kit, jump):
     jump(told(kit.World, story))
 
 
-def test_heartbeats_go_out_once_a_second_to_every_peer(kit, jump):
+def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
     async def story(world):
         link = world.link()
         pilots = [world.pilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
@@ -194,7 +194,7 @@ def test_heartbeats_go_out_once_a_second_to_every_peer(kit, jump):
     jump(told(lambda: kit.World(system_id=42), story))
 
 
-def test_stream_rates_are_left_alone(kit, jump):
+def test_stream_rates_are_not_changed(kit, jump):
     async def story(world):
         pilot = world.pilot(world.link())
         await world.ready()
@@ -205,7 +205,7 @@ def test_stream_rates_are_left_alone(kit, jump):
     jump(told(kit.World, story))
 
 
-def test_another_station_gets_everything_and_reaches_its_target(kit, jump):
+def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
     async def story(world):
         link = world.link()
         pilots = [world.pilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
@@ -223,7 +223,7 @@ def test_another_station_gets_everything_and_reaches_its_target(kit, jump):
         await asyncio.sleep(0.05)
         assert [len(p.commands(400)) - b for p, b in zip(pilots, before, strict=True)] == [0, 1]
         assert heard
-        fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # in a vehicle's name: no loop
+        fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
         heard = [len(p.heard) for p in pilots]
         station.inject(kit.sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
         await asyncio.sleep(0.02)
@@ -279,7 +279,7 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
     jump(told(kit.World, story))
 
 
-def test_history_keeps_four_a_second_and_the_newest_five_minutes(kit, jump):
+def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jump):
     async def story(world):
         world.pilot(world.link())
         vehicle = await world.ready()
@@ -295,7 +295,7 @@ def test_history_keeps_four_a_second_and_the_newest_five_minutes(kit, jump):
     jump(told(kit.World, story))
 
 
-def test_topics_are_decoded_once_until_newer(kit, jump):
+def test_a_topic_is_decoded_once_for_each_message(kit, jump):
     async def story(world):
         world.pilot(world.link())
         vehicle = await world.ready()

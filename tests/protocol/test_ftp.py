@@ -1,4 +1,5 @@
-"""Files of the simulated vehicle, with packets lost; refusals in words; nothing asked twice acts twice."""
+"""FTP with the simulated vehicle under packet loss; refusals have a reason; repeated requests act only
+once."""
 
 import asyncio
 import struct
@@ -32,7 +33,7 @@ def story(kit, jump, work, *, loss=0.0, seed=0):
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
-def test_a_file_is_read_completely_at_any_loss(kit, jump, loss, seed):
+def test_a_file_is_read_completely_at_any_packet_loss(kit, jump, loss, seed):
     async def work(world, ftp, pilot, _):
         told = []
         content = await ftp.read(PARAMETERS, progress=lambda *p: told.append(p))
@@ -46,7 +47,7 @@ def test_a_file_is_read_completely_at_any_loss(kit, jump, loss, seed):
     story(kit, jump, work, loss=loss, seed=seed)
 
 
-def test_each_refusal_says_why_and_leaves_nothing_open(kit, jump):
+def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
     async def work(world, ftp, pilot, _):
         for path, error, words in (
             ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
@@ -70,14 +71,14 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
     async def work(world, ftp, pilot, vehicle):
         before = FtpService(vehicle)
         reading = asyncio.ensure_future(before._open(PARAMETERS))
-        await reading  # and that server died here
+        await reading  # and that server was killed here
         assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
 
     story(kit, jump, work)
 
 
 def test_a_repeated_request_has_the_same_number(kit, jump):
-    """So that the vehicle repeats its answer instead of acting again."""
+    """The vehicle then repeats its answer instead of acting again."""
 
     async def work(world, ftp, pilot, _):
         await ftp.read(PARAMETERS)
@@ -92,7 +93,7 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
     story(kit, jump, work, loss=0.2, seed=8)
 
 
-def test_two_readers_take_turns_and_a_lost_link_ends_both(kit, jump):
+def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
     async def work(world, ftp, pilot, vehicle):
         both = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
         await asyncio.sleep(0.1)
@@ -110,10 +111,10 @@ def test_two_readers_take_turns_and_a_lost_link_ends_both(kit, jump):
     story(kit, jump, work)
 
 
-def test_a_silent_vehicle_gives_no_reply_at_the_deadline(kit, jump):
+def test_a_vehicle_that_does_not_answer_is_reported_at_the_deadline(kit, jump):
     async def run():
         world = kit.World()
-        world.pilot(world.link())  # a vehicle that knows no FTP
+        world.pilot(world.link())  # a vehicle without FTP
         try:
             vehicle = await world.ready()
             with pytest.raises(NoReply, match="did not answer: listing"):

@@ -1,4 +1,4 @@
-"""Vehicles in flight as one group: new setpoints in one round, kept apart, and stopped in one call."""
+"""Vehicles in flight as a group: common setpoints, separation, and one hold for all."""
 
 import asyncio
 import itertools
@@ -21,25 +21,25 @@ from tests.protocol.group_world import (
     STREAM_PERIOD_S,
     begin,
     changes,
-    desk,
     first_s,
     modes,
     path,
     place,
     velocity,
+    with_routes,
 )
 from tests.protocol.offboard_world import POSITION, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
 
-def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):
+def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump):
     async def story(at):
         await begin(at, {"1": place(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": place(4)})
         await seconds(1)
         changed = changes({"1": place(7), "3": place(7)}, valid_for_s=2.0)
         shown = view(await group_routes.setpoints("1", changed, at.station, ANNA))
         assert (shown["client"], shown["client_key"]) == ("anna", ANNA.key)
-        assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path goes on to its end
+        assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
         await seconds(0.1)
         begun = [first_s(at.pilots[v], 7.0) for v in "13"]
         assert max(begun) - min(begun) < STREAM_PERIOD_S
@@ -57,10 +57,10 @@ def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changed, at.station, ANNA)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_an_empty_list_renews_all_from_now_on(jump):
+def test_an_empty_list_renews_the_setpoints_of_all(jump):
     async def story(at):
         await begin(at, ALL_NORTH, valid_for_s=3.0)
         for _ in range(3):
@@ -72,24 +72,24 @@ def test_an_empty_list_renews_all_from_now_on(jump):
         ended = view(await group_routes.show("1", at.station))
         assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
-def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, others_go_on):
+def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump, others_go_on):
     async def story(at):
         await begin(at, ALL_NORTH, others_go_on=others_go_on)
         await seconds(1)
         at.pilots["2"].mode = at.pilots["2"].asked_mode = POSITION  # its pilot
         at.pilots["2"].current_mode()
-        await seconds(7.5)  # a mode asked for lately is waited for
+        await seconds(7.5)  # the server waits for a mode that it has just requested
         others = OFFBOARD if others_go_on else HOLD
         assert modes(at) == {"1": others, "2": POSITION, "3": others}
         shown = view(await group_routes.show("1", at.station))
         assert shown["state"] == ("flying" if others_go_on else "ended")
         finding = shown["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
-        assert finding["held"] == ([] if others_go_on else ["1", "3"]), "2 flies as its pilot wants"
+        assert finding["held"] == ([] if others_go_on else ["1", "3"]), "2 is flown by its pilot"
         assert (
             "Vehicle 2 no longer follows the group's setpoints: The vehicle left Offboard" in finding["text"]
         )
@@ -98,7 +98,7 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, 
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
                 await group_routes.setpoints("1", changes({"2": place(5)}), at.station, ANNA)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_lost_member_holds_the_others_within_two_seconds(jump):
@@ -111,11 +111,11 @@ def test_a_lost_member_holds_the_others_within_two_seconds(jump):
         assert shown["findings"][0]["code"] == "place_unknown"
         assert "The position of vehicle 3 is not known" in shown["findings"][0]["text"]
         last = {v: at.pilots[v].setpoints[-1][1] for v in "12"}
-        assert all(m.type_mask & 7 == 0 for m in last.values())  # places: they stand
+        assert all(m.type_mask & 7 == 0 for m in last.values())  # positions: the vehicles have stopped
         await seconds(8)
         assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_member_can_follow_another_of_the_group(jump):
@@ -132,10 +132,10 @@ def test_a_member_can_follow_another_of_the_group(jump):
         with pytest.raises(NotTogether, match="would come within"):
             await group_routes.setpoints("1", changes({"2": nearer}), at.station, ANNA)
 
-    desk(jump, story, count=2)
+    with_routes(jump, story, count=2)
 
 
-def test_the_end_of_the_server_holds_a_group_without_findings(jump):
+def test_a_server_shutdown_holds_a_group_without_findings(jump):
     async def story(at):
         await begin(at, ALL_NORTH)
         await seconds(1)
@@ -146,31 +146,31 @@ def test_the_end_of_the_server_holds_a_group_without_findings(jump):
         shown = view(await group_routes.show("1", at.station))
         assert (shown["ended"], shown["findings"]) == ("The server was shut down.", [])
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-# With seed 0 the first three heartbeats of vehicle 1 (one a second) are lost, and without one for 3.5 s it
-# counts as lost, rightly: none moves then, and the group cannot be flown.
+# With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. Without one for 3.5 s it
+# counts as lost, so none moves and the group cannot be flown.
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_with_every_fifth_packet_lost_a_group_begins_changes_and_is_held(jump, seed):
+def test_with_every_fifth_packet_lost_a_group_starts_changes_and_is_held(jump, seed):
     async def story(at):
         for index, pilot in enumerate(at.pilots.values()):
             pilot.loss, pilot.random = 0.2, random.Random(seed * 10 + index)
         await begin(at, ALL_NORTH)
         await seconds(2)
         begun = [next(t for t, m in p.setpoints if m.x > 1) for p in at.pilots.values()]
-        assert max(begun) - min(begun) < 10 * STREAM_PERIOD_S  # a first one may be lost on the way
+        assert max(begun) - min(begun) < 10 * STREAM_PERIOD_S  # the first one may have been lost
         await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
         held = view(await group_routes.hold("1", at.station, ANNA))
         assert (held["state"], held["findings"]) == ("ended", [])
         assert set(modes(at).values()) == {HOLD}
         assert sum(pilot.failsafes for pilot in at.pilots.values()) == 0
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
-def test_the_guard_works_during_an_event_loop_stall_and_all_hold_after_a_second(jump, stall_s, code):
+def test_the_guard_works_while_the_event_loop_stalls_and_all_hold_after_a_second(jump, stall_s, code):
     async def story(at):
         await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(8)
@@ -183,7 +183,7 @@ def test_the_guard_works_during_an_event_loop_stall_and_all_hold_after_a_second(
         assert [finding["code"] for finding in findings] == ([] if code is None else [code])
         assert set(modes(at).values()) == ({OFFBOARD} if code is None else {HOLD})
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_killed_client_leaves_all_in_hold(jump):
@@ -193,7 +193,7 @@ def test_a_killed_client_leaves_all_in_hold(jump):
         assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
         assert view(await group_routes.show("1", at.station))["ended"] == "Its setpoints expired."
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 # --- simulated PX4s -------------------------------------------------------------------------------
@@ -227,7 +227,7 @@ def sky(jump, story, count=2):
 
 
 @pytest.mark.story
-def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_above_the_minimum(jump):
+def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minimum_distance(jump):
     async def story(at, vehicles):
         await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=1)
         await until(lambda: apart_m(vehicles) > 22, 30)
@@ -239,7 +239,7 @@ def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_abov
         await begin(at, {"1": stay, "2": stay}, minimum_separation_m=5)
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
-            # as the group's own, past its look ahead, so that only the guard of the flight can know
+            # sent as the group's own setpoints, without the prediction, so that only the guard can detect it
             order = SetpointRequest.model_validate({"setpoint": velocity(0, towards), "valid_for_s": 60})
             await vehicle.offboard.setpoint(replace(order.to_order(ANNA), owner="group"))
         nearest_m, fastest_m_s = math.inf, 0.0

@@ -1,4 +1,4 @@
-"""What happens while a group is looked ahead: everybody else has turns, and nothing is taken unchecked."""
+"""Events during the prediction of a group: other work continues, and nothing is accepted unchecked."""
 
 import asyncio
 
@@ -16,16 +16,16 @@ from tests.protocol.group_world import (
     BOB,
     begin,
     changes,
-    desk,
     modes,
     nobody_moved,
     place,
+    with_routes,
 )
 from tests.protocol.offboard_world import POSITION, asks, seconds
 
 
 def during_plan(monkeypatch, number, work):
-    """Lets `work` happen before the plan of that number (from 1) is finished."""
+    """Runs `work` before the plan with this number (from 1) is finished."""
     in_pieces, count = GroupChecks._in_pieces, 0
 
     async def slowly(self, plan):
@@ -39,7 +39,7 @@ def during_plan(monkeypatch, number, work):
 
 
 def leave(at, vehicle_id):
-    """Its pilot takes it over."""
+    """Its pilot takes control."""
     pilot = at.pilots[vehicle_id]
     pilot.mode = pilot.asked_mode = POSITION
     pilot.current_mode()
@@ -49,7 +49,7 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monk
     async def story(at):
         async def meanwhile():
             assert set(modes(at).values()) == {OFFBOARD}
-            await seconds(6)  # a mode asked for lately is waited for
+            await seconds(6)  # the server waits for a mode that it has just requested
             leave(at, "2")
             await seconds(6)
 
@@ -62,7 +62,7 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monk
         nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["state"] == "ended"
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
@@ -78,7 +78,7 @@ def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
         nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["state"] == "ended"
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monkeypatch):
@@ -93,10 +93,10 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monk
         assert at.vehicles["3"].offboard.status().state == "streaming"
         assert not any(asks(at.pilots[v], OFFBOARD) for v in "12")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_of_two_starts_with_one_vehicle_in_both_one_is_refused(jump):
+def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
     async def story(at):
         both = begin(at, {"1": place(4), "2": place(4)}), begin(at, {"2": place(4), "3": place(4)})
         answers = await asyncio.gather(*both, return_exceptions=True)
@@ -105,7 +105,7 @@ def test_of_two_starts_with_one_vehicle_in_both_one_is_refused(jump):
         assert "Vehicle 2 is already in group 1" in str(refused[0])
         assert len(view(await group_routes.show_all(at.station))["groups"]) == 1
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
@@ -120,11 +120,11 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypa
             await begin(at, ALL_NORTH)
         assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
-def test_a_member_that_leaves_while_new_setpoints_are_looked_ahead(jump, monkeypatch, others_go_on):
+def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jump, monkeypatch, others_go_on):
     async def story(at):
         async def meanwhile():
             leave(at, "2")
@@ -140,10 +140,10 @@ def test_a_member_that_leaves_while_new_setpoints_are_looked_ahead(jump, monkeyp
         assert modes(at) == {"1": others, "2": POSITION, "3": others}
         assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_client_that_disconnects_during_the_prediction_leaves_nothing_incomplete(jump, monkeypatch):
+def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(jump, monkeypatch):
     async def story(at):
         async def gone(call):
             reached = asyncio.Event()
@@ -174,4 +174,4 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_nothing_incomple
         await seconds(0.1)
         assert at.pilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 
-    desk(jump, story)
+    with_routes(jump, story)

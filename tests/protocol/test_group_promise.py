@@ -1,7 +1,7 @@
-"""The promise of a group: the true distance, which the simulator knows, never falls below the minimum.
+"""The minimum distance of a group: the true distance, known to the simulator, never falls below it.
 
-Simulated vehicles with the noise of their GPS and estimators, in wind and gusts, are sent towards each other
-past the group's look ahead, and the server hears of them late: only the guard of the flight can stop them.
+Simulated vehicles with noise of GPS and estimators, in wind and gusts, are sent towards each other without
+the prediction, and their messages reach the server late: only the guard can stop them.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ STAY = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
 
 
 def tilted(roll_rad, yaw_rad=0.0):
-    """Looks north and leans east: it drifts there ever faster."""
+    """Heads north and tilts to the east: it accelerates to the east."""
     half = roll_rad / 2.0
     return Attitude((math.cos(half), math.sin(half), 0.0, 0.0), 0.5)
 
@@ -50,7 +50,8 @@ def truly_apart_m(world):
 
 
 async def one_encounter(at, vehicles, setpoints):
-    """Sends both past the look ahead; returns the smallest true distance until both hold, or are past."""
+    """Sends both without the prediction; returns the smallest true distance until both hold or have
+    passed."""
     world = at.world
     for vehicle, east_m in zip(vehicles, (-FAR_M, FAR_M - 3.0), strict=True):  # they took off 3 m apart
         await vehicle.offboard.start(lasting(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
@@ -71,7 +72,9 @@ async def one_encounter(at, vehicles, setpoints):
         standing_s = standing_s + 0.02 if held else 0.0
         if standing_s > 6.0:
             return nearest_m
-        if truly_apart_m(world) > 2 * FAR_M + 4.0:  # an attitude holds no height: it passed above or below
+        if (
+            truly_apart_m(world) > 2 * FAR_M + 4.0
+        ):  # attitude setpoints hold no altitude: it passed above or below
             for vehicle in vehicles:
                 await vehicle.offboard.stop()
             await asyncio.sleep(3.0)
@@ -80,7 +83,7 @@ async def one_encounter(at, vehicles, setpoints):
 
 
 def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
-    """Smallest true distances, by encounter; the server hears of its vehicles up to `late_s` late."""
+    """Smallest true distance of each encounter; messages reach the server up to `late_s` late."""
 
     async def run():
         world = SimulatedWorld(2, parameters, seed=seed)
@@ -124,5 +127,5 @@ def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
     met = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]
     assert len(met) >= min(3, len(names)), (
-        f"they begin 23 m apart; by attitude they may pass far above, but {met} alone met"
+        f"they begin 23 m apart; by attitude they may pass far above, but only {met} came near"
     )

@@ -1,4 +1,4 @@
-"""Several vehicles begin together as one group or none of them moves, and each refusal names its vehicle."""
+"""Several vehicles start together as a group, or none moves; each refusal names its vehicle."""
 
 import asyncio
 from dataclasses import replace
@@ -19,17 +19,17 @@ from tests.protocol.group_world import (
     begin,
     body,
     changes,
-    desk,
     first_s,
     modes,
     nobody_moved,
     path,
     place,
+    with_routes,
 )
 from tests.protocol.offboard_world import POSITION, asks, seconds
 
 
-def test_all_are_brought_into_offboard_first_and_then_begin_within_one_period(jump):
+def test_all_are_switched_to_offboard_first_and_start_within_one_period(jump):
     async def story(at):
         at.pilots["2"].take_offboard_after_s = 1.4
         started = await begin(at, ALL_NORTH)
@@ -50,7 +50,7 @@ def test_all_are_brought_into_offboard_first_and_then_begin_within_one_period(ju
         assert [state for _, state, _ in at.told] == ["starting", "waiting", "flying"]
         assert lines(at.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_the_start_returns_each_members_limits(jump):
@@ -64,10 +64,10 @@ def test_the_start_returns_each_members_limits(jump):
         }
         assert (limits["2"]["origin"]["set_by"], limits["2"]["origin"]["restored"]) == ("bob", False)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_the_common_start_can_be_given(jump):
+def test_the_start_time_can_be_given(jump):
     async def story(at):
         unix_s = at.world.clock.unix_s()
         instant_s = at.world.loop.time() + 8.0
@@ -78,21 +78,21 @@ def test_the_common_start_can_be_given(jump):
         assert max(begun) - min(begun) < STREAM_PERIOD_S
         assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 @pytest.mark.parametrize("ahead_s", [-5.0, 1.0, 400.0])
-def test_an_impossible_common_start_is_refused(jump, ahead_s):
+def test_an_impossible_start_time_is_refused(jump, ahead_s):
     async def story(at):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
         assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_start_time_before_all_have_confirmed_moves_nobody(jump):
+def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
     async def story(at):
         at.pilots["3"].take_offboard_after_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
@@ -101,10 +101,10 @@ def test_a_start_time_before_all_have_confirmed_moves_nobody(jump):
         assert set(modes(at).values()) == {HOLD}
         nobody_moved(at)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_one_that_refuses_stops_all_and_is_named_with_its_reason(jump):
+def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
     async def story(at):
         at.pilots["2"].has_stream = lambda: False  # it refuses Offboard
         with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
@@ -119,10 +119,10 @@ def test_one_that_refuses_stops_all_and_is_named_with_its_reason(jump):
         assert "Vehicle 2" in ended["ended"]
         assert lines(at.station)[-1][1:] == ("group/start", "1", "not_together")
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_one_that_never_confirms_stops_all(jump):
+def test_a_vehicle_that_never_confirms_stops_all(jump):
     async def story(at):
         at.pilots["3"].take_offboard_after_s = 30.0
         with pytest.raises(NotTogether, match="Vehicle 3: "):
@@ -131,10 +131,10 @@ def test_one_that_never_confirms_stops_all(jump):
         assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
         nobody_moved(at)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_what_one_cannot_fly_is_refused_before_anything_is_sent(jump):
+def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_sent(jump):
     async def story(at):
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
             far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
@@ -154,10 +154,10 @@ def test_what_one_cannot_fly_is_refused_before_anything_is_sent(jump):
             await group_routes.show("7", at.station)
         assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_vehicle_that_flies_offboard_or_in_a_group_already_is_named_and_left_alone(jump):
+def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(jump):
     async def story(at):
         alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, at.station, ANNA)
@@ -170,12 +170,12 @@ def test_a_vehicle_that_flies_offboard_or_in_a_group_already_is_named_and_left_a
         await seconds(1)
         assert set(modes(at).values()) == {OFFBOARD}
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_another_clients_control_of_one_member_refuses_the_group(jump):
     async def story(at):
-        await vehicle_routes.hold("2", at.station, BOB)  # open to all: takes nothing
+        await vehicle_routes.hold("2", at.station, BOB)  # needs no control, and takes none
         at.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
             await begin(at, ALL_NORTH)
@@ -192,17 +192,17 @@ def test_another_clients_control_of_one_member_refuses_the_group(jump):
         assert set(modes(at).values()) == {HOLD}
         assert lines(at.station)[-3:] == [("bob", "hold", v, "ok") for v in "321"]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_two_that_are_too_near_or_would_come_are_refused_in_words(jump):
+def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distance(jump):
     async def story(at):
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 10.0 m apart now") as refused:
             await begin(at, ALL_NORTH, minimum_separation_m=12)
         assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
         with pytest.raises(NotTogether, match=r"vehicles 1 and 2 would come within .* m of each other"):
             await begin(at, {"1": place(0, 9), "2": place(0, 0)})
-        crossing = {  # 2 flies to where 1 will be, both in time
+        crossing = {  # vehicle 2 flies to where vehicle 1 will be at the same time
             "1": path((0, [0, 0, -5]), (10, [20, 10, -5])),
             "2": path((0, [0, 0, -5]), (10, [20, 0, -5])),
         }
@@ -212,10 +212,10 @@ def test_two_that_are_too_near_or_would_come_are_refused_in_words(jump):
         assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
         await begin(at, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": place(20)})
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_problem_before_the_common_start_moves_nobody(jump):
+def test_a_problem_before_the_common_start_prevents_all_motion(jump):
     async def story(at):
         started = asyncio.ensure_future(
             group_routes.start(
@@ -231,10 +231,10 @@ def test_a_problem_before_the_common_start_moves_nobody(jump):
         assert modes(at) == {"1": POSITION, "2": HOLD, "3": HOLD}
         nobody_moved(at)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_hold_before_the_common_start_moves_nobody(jump):
+def test_hold_before_the_common_start_prevents_all_motion(jump):
     async def story(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         await group_routes.hold("1", at.station, ANNA)
@@ -243,10 +243,10 @@ def test_hold_before_the_common_start_moves_nobody(jump):
         nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["findings"] == []
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_setpoint_for_a_member_alone_is_refused_and_the_group_flies_on(jump):
+def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump):
     async def story(at):
         await begin(at, ALL_NORTH)
         await seconds(1)
@@ -263,14 +263,14 @@ def test_a_setpoint_for_a_member_alone_is_refused_and_the_group_flies_on(jump):
         await member.start(alone.to_order(ANNA))
         assert member.status().owner == "operator"
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_member_given_another_setpoint_before_the_instant_moves_nobody(jump):
+def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump):
     async def story(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         other = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
-        # As the group's own: an operator's is refused before it gets so far.
+        # Sent as the group's own setpoint: an operator's would be refused earlier.
         await at.vehicles["1"].offboard.setpoint(replace(other.to_order(ANNA), owner="group"))
         await seconds(12)
         assert set(modes(at).values()) == {HOLD}
@@ -278,4 +278,4 @@ def test_a_member_given_another_setpoint_before_the_instant_moves_nobody(jump):
         finding = view(await group_routes.show("1", at.station))["findings"][0]
         assert "Vehicle 1 was given another setpoint before the common start" in finding["text"]
 
-    desk(jump, story)
+    with_routes(jump, story)

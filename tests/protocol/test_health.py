@@ -1,4 +1,5 @@
-"""Events and arming reports over links that lose packets: complete, in order, told once, live."""
+"""Events and arming reports over links that lose packets: complete, in order, reported once, without
+delay."""
 
 import pytest
 
@@ -37,7 +38,7 @@ def modes(vehicle):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_why_it_cannot_arm_is_known_for_every_mode_and_changes_live(kit, jump, loss, seed):
+def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit, jump, loss, seed):
     async def work(world, vehicle, pilot):
         told = []
         vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
@@ -64,7 +65,7 @@ def test_why_it_cannot_arm_is_known_for_every_mode_and_changes_live(kit, jump, l
         assert modes(vehicle)["offboard"].can_arm
         assert told
         assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in told)
-        await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the signal's end")
+        await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
         assert truth()
 
     story(kit, jump, work, loss=loss, seed=seed)
@@ -84,7 +85,7 @@ def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed)
 
         await until(
             world, lambda: told() == (6, 6), "all events"
-        )  # the last one's loss shows with the next count
+        )  # the loss of the last one is detected with the next counter
         await world.clock.sleep(5.0)
         assert told() == (6, 6)
         if not loss:
@@ -104,7 +105,7 @@ def test_the_report_is_requested_only_once(kit, jump):
 
     async def run():
         world = kit.World()
-        pilot = world.pilot(world.link())  # it acknowledges nothing of this
+        pilot = world.pilot(world.link())  # it acknowledges none of these requests
         try:
             await work(world, await world.ready(), pilot)
         finally:
@@ -113,7 +114,7 @@ def test_the_report_is_requested_only_once(kit, jump):
     jump(run)
 
 
-def test_checks_run_on_request_and_a_restart_drops_the_report(kit, jump):
+def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
     async def work(world, vehicle, pilot):
         await world.clock.sleep(15)
         report = await vehicle.health.check()

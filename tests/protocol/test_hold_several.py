@@ -1,11 +1,11 @@
-"""Hold for several vehicles in one request: sent to all at once, one that fails keeps none of the others."""
+"""Hold for several vehicles in one request: sent to all at once; a failure does not affect the others."""
 
 import pytest
 
 from gcs_server.api import hold_routes
 from tests.protocol.api_calls import lines, view
 from tests.protocol.fake_autopilot import HOLD, MANUAL
-from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, desk, modes
+from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, modes, with_routes
 from tests.protocol.offboard_world import asks, seconds
 
 
@@ -14,7 +14,7 @@ async def held(at, vehicles, client=BOB):
     return view(await hold_routes.hold_several(body, at.station, client))["results"]
 
 
-def test_all_hold_at_once_whoever_has_control_and_their_streams_end(jump):
+def test_all_hold_at_once_without_control_and_their_streams_end(jump):
     async def story(at):
         await begin(at, ALL_NORTH, ANNA)
         began_s = at.world.clock.monotonic_s()
@@ -22,7 +22,7 @@ def test_all_hold_at_once_whoever_has_control_and_their_streams_end(jump):
         assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
             (v, True, None) for v in ("3", "1", "2")
         ]
-        assert at.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat, not three
+        assert at.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat interval, not three
         assert set(modes(at).values()) == {HOLD}
         assert [len(asks(pilot, HOLD)) for pilot in at.pilots.values()] == [1, 1, 1]
         assert sorted(lines(at.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
@@ -31,7 +31,7 @@ def test_all_hold_at_once_whoever_has_control_and_their_streams_end(jump):
         await seconds(2)
         assert {v: len(pilot.setpoints) for v, pilot in at.pilots.items()} == before
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump):
@@ -46,20 +46,20 @@ def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump)
         assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
         assert modes(at) == {"1": HOLD, "2": MANUAL, "3": HOLD}
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_without_names_those_that_are_armed_hold(jump):
+def test_without_ids_all_armed_vehicles_hold(jump):
     async def story(at):
         at.pilots["1"].armed = False
         await seconds(2)
         assert [r["vehicle"] for r in await held(at, None)] == ["2", "3"]
         assert asks(at.pilots["1"], HOLD) == []
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_a_fault_in_one_is_raised_after_the_others_have_held(jump):
+def test_an_error_for_one_is_raised_after_the_others_have_held(jump):
     async def story(at):
         for pilot in at.pilots.values():
             pilot.mode = MANUAL
@@ -73,4 +73,4 @@ def test_a_fault_in_one_is_raised_after_the_others_have_held(jump):
             await held(at, ("1", "2", "3"))
         assert modes(at) == {"1": MANUAL, "2": HOLD, "3": HOLD}
 
-    desk(jump, story)
+    with_routes(jump, story)

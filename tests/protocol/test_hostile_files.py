@@ -1,4 +1,4 @@
-"""A vehicle's file server that lies, dribbles or never ends is given up, with a reason."""
+"""Reads from a vehicle's file server with false, slow or endless answers end with a reason."""
 
 import pytest
 
@@ -27,12 +27,12 @@ def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **be
     return seen
 
 
-def test_a_file_of_one_byte_pieces_is_given_up(kit, jump):
+def test_a_read_of_a_file_in_one_byte_pieces_is_cancelled(kit, jump):
     asked = reading(kit, jump, "too many pieces", read=lambda at, n: [(at, b"x")])
     assert asked[READ] < SIZE / 8
 
 
-def test_a_burst_of_one_byte_pieces_is_given_up(kit, jump):
+def test_a_burst_of_one_byte_pieces_is_cancelled(kit, jump):
     asked = reading(
         kit,
         jump,
@@ -50,7 +50,7 @@ def test_pieces_of_another_offset_are_refused(kit, jump):
     assert asked[READ] == 1
 
 
-def test_a_burst_that_never_ends_and_brings_nothing_is_given_up(kit, jump):
+def test_an_endless_burst_without_data_is_cancelled(kit, jump):
     reading(
         kit,
         jump,
@@ -60,7 +60,7 @@ def test_a_burst_that_never_ends_and_brings_nothing_is_given_up(kit, jump):
     )
 
 
-def test_a_file_that_arrives_one_piece_a_second_is_given_up(kit, jump):
+def test_a_read_of_one_piece_per_second_is_cancelled(kit, jump):
     def slowly(at, n):
         return [(at + 239 * i, b"x" * 239) for i in range(2000)]
 
@@ -73,11 +73,11 @@ def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(kit, jump):
     assert BURST not in asked
 
 
-def test_a_vehicle_that_answers_only_the_opening_is_silent(kit, jump):
+def test_a_vehicle_that_answers_only_the_opening_gives_no_reply(kit, jump):
     reading(kit, jump, "did not answer", error=NoReply, read=lambda at, n: [])
 
 
-def test_an_endless_list_is_given_up(kit, jump):
+def test_an_endless_directory_list_is_cancelled(kit, jump):
     async def story(world, vehicle, pilot):
         HostileFiles(pilot, SIZE, every_s=0.2)
         began_s = world.loop.time()
@@ -88,8 +88,8 @@ def test_an_endless_list_is_given_up(kit, jump):
     flight(kit, jump, story)
 
 
-def test_the_event_loop_gets_its_turn_between_the_pieces_of_a_burst(kit, jump):
-    """All pieces of a burst wait already when the reader gets its turn."""
+def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
+    """All pieces of a burst are already queued when the reader runs."""
 
     async def story(world, vehicle, pilot):
         HostileFiles(pilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)])

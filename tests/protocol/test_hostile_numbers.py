@@ -1,4 +1,5 @@
-"""A vehicle whose numbers are none costs its own topics, never another vehicle, the views or the streams."""
+"""Values that are not finite affect only the vehicle's own topics: never another vehicle, the views or the
+streams."""
 
 import asyncio
 import itertools
@@ -29,7 +30,7 @@ def told(jump, story):
 
 
 async def two(world) -> tuple[Any, Any]:
-    """One that will send nonsense, and one beside it; both fly."""
+    """Two flying vehicles; the first will send invalid values."""
     link = world.link()
     bad = world.offboard_pilot(link, peer="a")
     good = world.offboard_pilot(link, peer="b", system=2)
@@ -41,7 +42,7 @@ async def two(world) -> tuple[Any, Any]:
 
 
 def seen(world) -> list[Any]:
-    """As `GET /vehicles` answers it: JSON as the standard has it."""
+    """The answer of `GET /vehicles`, parsed as standard JSON."""
 
     def refused(word):
         raise AssertionError(f"{word} is no JSON")
@@ -51,7 +52,7 @@ def seen(world) -> list[Any]:
 
 
 def spoil(pilot, kind: str, **fields: float):
-    """From now on all its messages of a kind carry these values; returns what ends that."""
+    """All further messages of a kind have these values; returns a function that ends this."""
     send = pilot.send
 
     def spoiled(message):
@@ -105,7 +106,7 @@ def test_an_invalid_home_keeps_the_last_valid_one(jump):
 
 
 @pytest.mark.parametrize("value", BAD)
-def test_a_streamed_vehicle_whose_estimate_is_no_number_has_none_and_the_others_stream_goes_on(jump, value):
+def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_streams_continue(jump, value):
     async def story(world):
         bad, good = await two(world)
         vehicles = [world.fleet.get("1"), world.fleet.get("2")]
@@ -123,12 +124,12 @@ def test_a_streamed_vehicle_whose_estimate_is_no_number_has_none_and_the_others_
         times = [at_s for at_s, _ in good.setpoints if at_s >= began_s]
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.03
         assert vehicles[1].status.mode == "offboard"
-        assert vehicles[0].status.mode == "land", "heard, and without an estimate that could be held"
+        assert vehicles[0].status.mode == "land", "connected, and without an estimate for a position hold"
 
     told(jump, story)
 
 
-def test_a_snapshot_that_fails_is_a_vehicle_without_estimates_and_the_others_stream_goes_on(jump):
+def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(jump):
     async def story(world):
         bad, good = await two(world)
         for vehicle in world.fleet.all():
@@ -136,7 +137,7 @@ def test_a_snapshot_that_fails_is_a_vehicle_without_estimates_and_the_others_str
         broken = world.fleet.get("1").offboard
 
         def fails(_order=None):
-            raise ZeroDivisionError("made to fail")
+            raise ZeroDivisionError("simulated error")
 
         broken.snapshot = fails
         await asyncio.sleep(3.0)
@@ -147,14 +148,16 @@ def test_a_snapshot_that_fails_is_a_vehicle_without_estimates_and_the_others_str
         bad.heartbeat()
         await asyncio.sleep(0.5)
         streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
-        assert streaming == ["idle", "streaming"], "its mode is still heard: the stream never fights for it"
+        assert streaming == ["idle", "streaming"], (
+            "its mode is still known: the stream does not act against it"
+        )
         assert good.setpoints[-1][0] > world.loop.time() - 0.05
 
     told(jump, story)
 
 
 class Socket:
-    """Takes everything at once."""
+    """Accepts everything at once."""
 
     def __init__(self) -> None:
         self.asks: asyncio.Queue[str] = asyncio.Queue()
@@ -187,7 +190,7 @@ def test_a_lost_and_recovered_link_is_reported(jump):
             lost_s, sample = next((at, s) for at, s in socket.statuses if s["value"]["link_lost"])
             assert 3.4 <= lost_s - silent_s <= 3.65
             assert 3.4 <= sample["value"]["last_heartbeat_age_s"] <= 4.6
-            assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, "told once"
+            assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, "reported once"
             bad.alive = True
             await asyncio.sleep(1.2)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False

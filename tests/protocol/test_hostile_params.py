@@ -1,4 +1,5 @@
-"""A vehicle whose parameters lie, repeat themselves or never end: given up, and the answer stays JSON."""
+"""Parameter lists with false, repeated or endless values end with an error, and the answer stays valid
+JSON."""
 
 import asyncio
 import json
@@ -18,7 +19,7 @@ REAL32, INT32 = 9, 6
 
 
 class HostileParams:
-    """Answers a request for the list (and for single places) as `answers` says."""
+    """Answers requests for the list and for single indices with `answers`."""
 
     def __init__(self, pilot, answers, *, checksum=None, every_s=None) -> None:
         self.pilot, self.answers, self.checksum, self.every_s = pilot, answers, checksum, every_s
@@ -62,7 +63,7 @@ def refreshed(kit, jump, answers, check, *, raises=None, **options):
 
 
 async def answer_of(vehicle):
-    """What `GET …/params` says."""
+    """The answer of `GET …/params`."""
     response = await param_routes.all_params(vehicle)
     return json.loads(response.body, parse_constant=pytest.fail)
 
@@ -79,19 +80,19 @@ def test_a_list_that_claims_65535_parameters_is_not_read(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="reports 65,535")
 
 
-def test_one_parameter_that_is_repeated_without_end_is_given_up(kit, jump):
+def test_a_list_that_repeats_one_parameter_endlessly_is_cancelled(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 6000, nothing, raises="repeats values", every_s=0.001)
 
 
-def test_a_list_that_never_completes_is_given_up(kit, jump):
+def test_a_list_that_never_completes_is_cancelled(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 2000, nothing, raises="not complete within", every_s=0.45)
 
 
-def test_a_list_whose_length_jumps_is_given_up(kit, jump):
+def test_a_list_that_changes_its_length_is_cancelled(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], nothing, raises="changed in number")
 
 
-def test_values_and_names_of_any_bits_are_valid_json(kit, jump):
+def test_any_bit_patterns_of_values_and_names_are_valid_json(kit, jump):
     names = [b"OK", b"\xff\xfe\xfd", b"A\0B", b'"},{"', b"\x01\x02", b"NAN", b"INF", b"", b"A" * 16]
     bits = [bytes(4), NAN, NAN, NAN, NAN, NAN, b"\0\0\x80\x7f", NAN, b"\xff\xff\x7f\x7f"]
 
@@ -107,7 +108,7 @@ def test_values_and_names_of_any_bits_are_valid_json(kit, jump):
     refreshed(kit, jump, lambda: answers, check)
 
 
-def test_a_checksum_that_is_not_a_number_counts_as_none(kit, jump):
+def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
     async def check(vehicle, _):
         assert vehicle.params.list.state == "ready"
         assert vehicle.params.list.hash is None
@@ -115,7 +116,7 @@ def test_a_checksum_that_is_not_a_number_counts_as_none(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", 0, 1)], check, checksum=NAN)
 
 
-def test_unasked_parameters_without_end_are_limited_and_put_into_words_a_few_at_a_time(kit, jump):
+def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(kit, jump):
     async def story(world, vehicle, pilot):
         hostile = HostileParams(pilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
@@ -150,7 +151,7 @@ def test_unasked_parameters_without_end_are_limited_and_put_into_words_a_few_at_
     flight(kit, jump, story)
 
 
-def test_a_parameter_that_changes_its_type_is_told_as_it_is(kit, jump):
+def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump):
     async def story(world, vehicle, pilot):
         hostile = HostileParams(pilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()

@@ -1,4 +1,4 @@
-"""What a vehicle says: too many texts, reports and unknown events are limited, and the rest is told."""
+"""Too many texts, reports and unknown events from a vehicle: the number is limited, and the rest is shown."""
 
 import struct
 
@@ -34,7 +34,7 @@ def lines(vehicle, *kinds):
     return [e.text for e in vehicle.events.since(0) if e.kind in kinds]
 
 
-def test_after_landing_in_offboard_another_mode_is_offered_until_it_is_chosen(kit, jump):
+def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(kit, jump):
     async def story(world, vehicle, pilot):
         told = []
         vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
@@ -54,7 +54,7 @@ def test_after_landing_in_offboard_another_mode_is_offered_until_it_is_chosen(ki
     flight(kit, jump, story)
 
 
-def test_a_flood_of_changing_reports_is_told_a_few_times_a_second_and_the_last_counts(kit, jump):
+def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_one_remains(kit, jump):
     async def story(world, vehicle, pilot):
         told = []
         vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
@@ -67,7 +67,7 @@ def test_a_flood_of_changing_reports_is_told_a_few_times_a_second_and_the_last_c
     flight(kit, jump, story)
 
 
-def test_the_first_event_without_text_fetches_the_metadata(kit, jump):
+def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, jump):
     async def run():
         world = kit.World()
         pilot = SimPilot(world.link())
@@ -98,7 +98,7 @@ def test_the_first_event_without_text_fetches_the_metadata(kit, jump):
     jump(run)
 
 
-def test_an_event_without_text_names_its_component(kit, jump):
+def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
     async def story(world, vehicle, pilot):
         for _ in range(100):
             pilot.event(17980399, 0x66)
@@ -122,7 +122,7 @@ def test_a_status_text_describes_an_event_without_metadata(kit, jump):
     flight(kit, jump, story)
 
 
-def test_a_hundred_thousand_texts_are_limited_counted_and_named(kit, jump):
+def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_shown(kit, jump):
     async def story(world, vehicle, pilot):
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
@@ -139,7 +139,7 @@ def test_a_hundred_thousand_texts_are_limited_counted_and_named(kit, jump):
 
 
 @pytest.mark.parametrize("chunk", [0, 7, 19, 255])
-def test_chunks_without_end_take_limited_memory_and_make_texts_of_limited_length(chunk):
+def test_endless_chunks_take_limited_memory_and_become_texts_of_limited_length(chunk):
     joiner, out = TextJoiner(), []
     for text_id in range(1, 65536):
         out += joiner.feed(struct.pack("<B50sHB", 4, b"x" * 50, text_id, chunk), 0.0)

@@ -1,4 +1,4 @@
-"""Several batteries, groups of outputs, gimbals and components of one vehicle: none takes another's place."""
+"""Several batteries, groups of outputs, gimbals and components of one vehicle: none replaces another."""
 
 import asyncio
 
@@ -26,7 +26,7 @@ def battery(pilot, battery_id, percent, millivolts):
     pilot.send(sim.MAVLink_battery_status_message(battery_id, 0, 0, 0, cells, 100, 0, 0, percent))
 
 
-def test_of_two_batteries_the_one_with_less_charge_is_shown_first(jump):
+def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
     async def story(_world, pilot, vehicle):
         seen = set()
         for _ in range(10):
@@ -35,7 +35,7 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown_first(jump):
                 await asyncio.sleep(0.5)
                 value = vehicle.topic("battery").value
                 seen.add((value.battery_id, value.remaining_percent, value.voltage_v))
-        assert seen == {(0, 80, 16.0), (1, 35, 15.0)}, "the first alone at its beginning, never again"
+        assert seen == {(0, 80, 16.0), (1, 35, 15.0)}, "the first alone at the beginning, never again"
         assert [(b.battery_id, b.remaining_percent) for b in value.batteries] == [(0, 80), (1, 35)]
         past = [s.value for s in vehicle.history(("battery",), 0.0)][2:]
         assert {b.battery_id for b in past} == {1}
@@ -43,7 +43,7 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown_first(jump):
             battery(pilot, 0, 79, 16000)
             await asyncio.sleep(1.0)
         value = vehicle.topic("battery").value
-        assert (value.battery_id, value.batteries) == (0, ()), "the other has not been heard for 10 s"
+        assert (value.battery_id, value.batteries) == (0, ()), "the other has sent nothing for 10 s"
 
     told(jump, story)
 
@@ -59,7 +59,7 @@ def test_the_number_of_batteries_is_limited(jump):
     told(jump, story)
 
 
-def test_two_groups_of_outputs_are_kept_apart(jump):
+def test_two_groups_of_outputs_are_stored_separately(jump):
     async def story(_world, pilot, vehicle):
         for _ in range(5):
             for port in (1, 0):
@@ -79,7 +79,7 @@ def gimbal(pilot, component, pitch_q):
     pilot.send_raw(message.pack(sim.MAVLink(None, srcSystem=1, srcComponent=component)))
 
 
-def test_of_two_gimbals_the_first_is_shown_until_it_falls_silent(jump):
+def test_of_two_gimbals_the_first_is_shown_until_it_stops_sending(jump):
     level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
     async def story(_world, pilot, vehicle):
@@ -135,6 +135,6 @@ def test_a_topics_time_is_that_of_its_newest_sample(jump):
         pilot.alive = False
         await asyncio.sleep(6)
         assert vehicle.status.link_lost
-        assert before_s < changed_s < agree(), "the lost connection is news of the status"
+        assert before_s < changed_s < agree(), "the lost connection is a new sample of the status"
 
     told(jump, story)

@@ -1,4 +1,4 @@
-"""A mission of several vehicles: the route that starts it, and simulated PX4 vehicles on simulated time."""
+"""A mission for several vehicles: the route that starts it, and simulated PX4 vehicles on simulated time."""
 
 import functools
 import json
@@ -32,7 +32,7 @@ def fly(north, east, up):
 
 
 def show(lead_m=3, left_m=11):
-    """Both fly to where the other one stands, at these heights."""
+    """Each flies to the other's start position, at these heights."""
     return read(
         f"name: Show\nroles:\n  lead:\n    steps: {steps(lead_m, APART_M)}\n"
         f"  left:\n    steps: {steps(left_m, -APART_M)}\n"
@@ -57,14 +57,14 @@ def ready():
 
 
 class WorkHere:
-    """Work about plans without a process."""
+    """Executes tasks for plans in this process."""
 
     async def run(self, task, arguments, **_):
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def stage(jump, story):
-    """The vehicles, and the station's routes."""
+    """Runs a test with the vehicles and the server's routes."""
 
     async def run():
         world = SimulatedWorld(2, sim=snapshot(ready()))
@@ -102,16 +102,16 @@ async def reach(at, *wanted, within_s=60):
 
 
 async def crossing(at, **heights):
-    """Both on their way to where the other one stands."""
+    """Flies until both are on their way to the other's start position."""
     begun = await start(at, show(**heights), despite=["separation"])
     assert [each["mission"]["role"] for each in begun] == ["lead", "left"]
     assert begun[0]["mission"]["others"] == ["2"]
     await until(lambda: at.vehicles[0].status.armed, 5)
-    assert at.vehicles[1].status.armed  # in the same moment
+    assert at.vehicles[1].status.armed  # at the same moment
     await reach(at, "flying", "flying")
 
 
-def test_two_vehicles_cross_at_their_own_heights_and_land_where_the_other_one_stood(jump):
+def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(jump):
     async def story(at):
         await start(at, show())
         await reach(at, "done", "done", within_s=120)
@@ -124,7 +124,7 @@ def test_two_vehicles_cross_at_their_own_heights_and_land_where_the_other_one_st
     stage(jump, story)
 
 
-def test_two_that_come_too_near_are_held_by_the_guard_and_their_mission_is_over(jump):
+def test_two_that_come_too_near_are_held_by_the_guard_and_their_mission_ends(jump):
     async def story(at):
         await crossing(at, lead_m=10, left_m=13)
         least_m = APART_M
@@ -144,7 +144,7 @@ def test_two_that_come_too_near_are_held_by_the_guard_and_their_mission_is_over(
     stage(jump, story)
 
 
-def test_the_operators_hold_of_one_holds_the_other_and_ends_the_mission(jump):
+def test_hold_of_one_vehicle_holds_the_other_and_ends_the_mission(jump):
     async def story(at):
         await crossing(at)
         await vehicle_routes.hold("2", at.station, BOB)
@@ -156,7 +156,7 @@ def test_the_operators_hold_of_one_holds_the_other_and_ends_the_mission(jump):
     stage(jump, story)
 
 
-def test_pause_resume_and_abort_of_one_act_on_all_and_need_the_control_of_all(jump):
+def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump):
     async def story(at):
         await crossing(at)
         await routes.pause("2", at.station, ANNA)
@@ -219,7 +219,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
     stage(jump, story)
 
 
-def test_a_mission_of_several_vehicles_never_starts_on_one(jump):
+def test_a_mission_for_several_vehicles_cannot_be_started_on_one(jump):
     async def story(at):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
         at.station.plan_work = PlanWork(Path("no elevation"))

@@ -1,4 +1,5 @@
-"""The operator's limits outlive the server: kept by vehicle, restored, and told; no other inherits them."""
+"""The operator's limits are stored per vehicle, restored after a restart, and reported; no other vehicle gets
+them."""
 
 import asyncio
 import json
@@ -31,14 +32,14 @@ def parse(kept):
     return LimitsRequest.model_validate(kept).to_limits()
 
 
-def run_of_the_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
-    """One life of a server with that data folder, and a vehicle of system 1 in the air."""
+def with_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
+    """One run of a server with this data folder, and a vehicle with system id 1 in flight."""
 
     async def run():
         world = OffboardWorld()
         store = LimitStore(Records(folder), parse)
         await store.load()
-        await world.supervisor.close()  # the rooms of another store
+        await world.supervisor.close()  # a folder of another store
         world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
@@ -68,7 +69,7 @@ def set_once(jump, folder, **options):
         await vehicle.offboard.operator.set(LIMITS, by="anna")
         assert vehicle.offboard.operator.origin().kept
 
-    run_of_the_server(jump, folder, story, **options)
+    with_server(jump, folder, story, **options)
 
 
 @pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
@@ -89,15 +90,15 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
         assert answer["limits"]["operator"]["speed_max_m_s"] == 4.0
         told = answer["limits"]["origin"]
         assert (told["restored"], told["set_by"], told["set_unix_s"]) == (True, "anna", origin.set_unix_s)
-        assert codes(vehicle).count("limits_restored") == 2  # to who begins a stream, too
+        assert codes(vehicle).count("limits_restored") == 2  # also to the client that starts a stream
         await seconds(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
 
-    run_of_the_server(jump, tmp_path, after, uid=uid)
+    with_server(jump, tmp_path, after, uid=uid)
 
 
 @pytest.mark.parametrize(("before", "after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
-def test_another_vehicle_with_the_same_system_id_inherits_nothing(jump, tmp_path, before, after):
+def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(jump, tmp_path, before, after):
     set_once(jump, tmp_path, uid=before)
 
     async def story(world, vehicle, store):
@@ -105,10 +106,10 @@ def test_another_vehicle_with_the_same_system_id_inherits_nothing(jump, tmp_path
         assert not vehicle.offboard.status().limits_origin.active
         assert codes(vehicle) == []
 
-    run_of_the_server(jump, tmp_path, story, uid=after)
+    with_server(jump, tmp_path, story, uid=after)
 
 
-def test_a_vehicle_with_a_used_id_gets_no_stored_limits(jump, tmp_path):
+def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
     async def unlike(world, vehicle, store):
@@ -117,7 +118,7 @@ def test_a_vehicle_with_a_used_id_gets_no_stored_limits(jump, tmp_path):
         assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
         assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
 
-    run_of_the_server(jump, tmp_path, unlike, uid=7, twin_uid=8)
+    with_server(jump, tmp_path, unlike, uid=7, twin_uid=8)
 
     async def alike(world, vehicle, store):
         first, second = world.fleet.all()
@@ -126,12 +127,12 @@ def test_a_vehicle_with_a_used_id_gets_no_stored_limits(jump, tmp_path):
         assert first.offboard.operator.origin().kept
         assert not second.offboard.operator.origin().kept
         assert "not stored" in second.offboard.operator.origin().warning
-        assert second.offboard.limits().operator.speed_max_m_s == 1.0  # in force all the same
+        assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
 
-    run_of_the_server(jump, tmp_path / "other", alike, uid=SITL_UID, twin_uid=SITL_UID)
+    with_server(jump, tmp_path / "other", alike, uid=SITL_UID, twin_uid=SITL_UID)
 
 
-def test_a_vehicle_that_turns_out_to_be_another_loses_the_limits_of_the_one_before(jump, tmp_path):
+def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
     async def story(world, vehicle, store):
@@ -143,10 +144,10 @@ def test_a_vehicle_that_turns_out_to_be_another_loses_the_limits_of_the_one_befo
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert "limits_other_vehicle" in codes(vehicle)
 
-    run_of_the_server(jump, tmp_path, story, uid=7)
+    with_server(jump, tmp_path, story, uid=7)
 
 
-def test_a_vehicle_that_does_not_tell_who_it_is_says_so_when_a_stream_begins(jump, tmp_path):
+def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
     async def story(world, vehicle, store):
@@ -157,7 +158,7 @@ def test_a_vehicle_that_does_not_tell_who_it_is_says_so_when_a_stream_begins(jum
         await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert "once the vehicle is identified" in vehicle.offboard.operator.origin().warning
 
-    run_of_the_server(jump, tmp_path, story, version=False)
+    with_server(jump, tmp_path, story, version=False)
 
 
 def test_removed_limits_stay_removed(jump, tmp_path):
@@ -166,13 +167,13 @@ def test_removed_limits_stay_removed(jump, tmp_path):
     async def clear(world, vehicle, store):
         await vehicle.offboard.operator.set(OperatorLimits(), by="bob")
 
-    run_of_the_server(jump, tmp_path, clear)
+    with_server(jump, tmp_path, clear)
 
     async def story(world, vehicle, store):
         assert not vehicle.offboard.status().limits_origin.active
         assert codes(vehicle) == []
 
-    run_of_the_server(jump, tmp_path, story)
+    with_server(jump, tmp_path, story)
 
 
 def good(tmp_path):
@@ -197,7 +198,7 @@ CORRUPTIONS = {
 
 
 @pytest.mark.parametrize("name", list(CORRUPTIONS))
-def test_a_file_that_cannot_be_read_is_a_warning_everywhere_and_no_crash(jump, tmp_path, name):
+def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
     set_once(jump, tmp_path)
     path = tmp_path / f"uid-{7:016x}.json"
     path.write_bytes(CORRUPTIONS[name](good(tmp_path)))
@@ -214,7 +215,7 @@ def test_a_file_that_cannot_be_read_is_a_warning_everywhere_and_no_crash(jump, t
         assert vehicle.offboard.operator.origin().warning is None
         assert store.warnings() == []
 
-    run_of_the_server(jump, tmp_path, story)
+    with_server(jump, tmp_path, story)
     set_once(jump, tmp_path)
 
 
@@ -225,21 +226,21 @@ def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(jump, tmp_path)
     async def story(world, vehicle, store):
         assert "not a file" in vehicle.offboard.status().limits_origin.warning
 
-    run_of_the_server(jump, tmp_path, story)
+    with_server(jump, tmp_path, story)
 
 
-def test_a_folder_that_cannot_be_read_is_said_for_every_vehicle(jump, tmp_path):
+def test_an_unreadable_folder_is_reported_for_every_vehicle(jump, tmp_path):
     folder = tmp_path / "limits"
     folder.write_text("a file")
 
     async def story(world, vehicle, store):
         assert "cannot be read" in vehicle.offboard.status().limits_origin.warning
         await vehicle.offboard.operator.set(LIMITS, by="anna")
-        assert vehicle.offboard.limits().operator == LIMITS  # in force, not kept
+        assert vehicle.offboard.limits().operator == LIMITS  # applied, not stored
         assert "lost when the server restarts" in vehicle.offboard.operator.origin().warning
         assert len(store.warnings()) == 2
 
-    run_of_the_server(jump, folder, story)
+    with_server(jump, folder, story)
 
 
 def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
@@ -259,7 +260,7 @@ def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
         while not keeping.done():
             await asyncio.sleep(0.01)
             ticks += 1
-            if ticks == 20:  # the loop ran on; the file is still the whole one before
+            if ticks == 20:  # the loop continued; the file is still the previous one
                 kept = json.loads((tmp_path / "uid-ab.json").read_text())
                 assert kept["limits"] == {"speed_max_m_s": 1.0}
                 written.set()

@@ -1,4 +1,4 @@
-"""Who may cut a vehicle's link, and who may let another ground station in, through the API's functions."""
+"""Who may close a vehicle's link, and who may let another ground station use it, by the API's functions."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
-from tests.protocol.api_calls import ANNA, BOB, START, YES, desk, lines
+from tests.protocol.api_calls import ANNA, BOB, START, YES, lines, with_routes
 from tests.protocol.offboard_world import seconds
 
 WORDS = "link memory closes, vehicle 1 in flight loses its last link"
@@ -37,10 +37,10 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
         assert len(at.pilot.setpoints) > heard + 30
         assert names(at) == ["memory"]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-@pytest.mark.parametrize("flown", ["streamed to", "armed", "armed and nobody's"])
+@pytest.mark.parametrize("flown", ["streamed to", "armed", "armed and not controlled"])
 def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
     async def story(at):
         if flown == "streamed to":
@@ -57,7 +57,7 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
         assert names(at) == []
         assert ("anna", "links/remove", None, "ok") in lines(at.station)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_with_a_second_link_no_confirmation_is_needed(jump):
@@ -69,20 +69,20 @@ def test_with_a_second_link_no_confirmation_is_needed(jump):
         await close(at, ANNA)
         assert names(at) == ["second"]
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
-def test_on_the_ground_the_holder_or_anybody_where_there_is_none_closes_it(jump):
+def test_on_the_ground_a_link_is_closed_by_the_client_in_control_or_by_any_without_one(jump):
     async def story(at):
         await close(at, BOB)
         assert names(at) == []
         with pytest.raises(UnknownLink):
             await close(at, BOB)
 
-    desk(jump, story, flying=False)
+    with_routes(jump, story, flying=False)
 
 
-def test_on_the_ground_the_link_of_anothers_vehicle_stays(jump):
+def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(jump):
     async def story(at):
         await control_routes.take("1", at.station, ANNA, YES)
         with pytest.raises(NotInControl):
@@ -90,7 +90,7 @@ def test_on_the_ground_the_link_of_anothers_vehicle_stays(jump):
         await close(at, ANNA)
         assert names(at) == []
 
-    desk(jump, story, flying=False)
+    with_routes(jump, story, flying=False)
 
 
 def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
@@ -104,7 +104,7 @@ def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
         with pytest.raises(Refused, match="last link"):
             await close(at, ANNA)
 
-    desk(jump, story)
+    with_routes(jump, story)
 
 
 def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
@@ -122,4 +122,4 @@ def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
         await close(at, BOB, name="more")
         assert names(at) == ["memory"]
 
-    desk(jump, story)
+    with_routes(jump, story)

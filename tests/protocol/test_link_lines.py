@@ -1,4 +1,4 @@
-"""What `GET /links` says of a link: what came, what of it was no frame, and whether it is recorded."""
+"""The answer of `GET /links`: received frames, bytes that were no frames, and the recording."""
 
 import asyncio
 
@@ -16,7 +16,7 @@ def told(kit, jump, story, **settings):
     jump(run)
 
 
-def test_garbage_is_counted_also_of_a_peer_that_has_gone(kit, jump):
+def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
     async def story(world):
         link = world.link()
         world.pilot(link)
@@ -43,7 +43,7 @@ def test_garbage_is_counted_also_of_a_peer_that_has_gone(kit, jump):
     told(kit, jump, story)
 
 
-def test_the_recording_of_a_link_is_told_and_why_it_stopped(kit, jump, tmp_path, monkeypatch):
+def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, jump, tmp_path, monkeypatch):
     async def story(world):
         link = world.link()
         nothing = world.router.links()[0].recording

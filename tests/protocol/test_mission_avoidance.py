@@ -1,4 +1,4 @@
-"""Missions through the place of the obstacle box: avoidance of the plan, of the operator, and none."""
+"""Missions past an obstacle: avoidance enabled by the plan, by the operator, and not at all."""
 
 import asyncio
 import math
@@ -6,7 +6,7 @@ import math
 import pytest
 
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from tests.protocol.mission_flights import Missions, codes_told
+from tests.protocol.mission_flights import Missions, event_codes
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
 from tests.unit.vehicle_sim.flown import flown
@@ -20,7 +20,7 @@ BEHIND = (10.0, 0.0)
 
 
 def through_the_box(jump, tmp_path, story, avoidance):
-    """A vehicle at the box's height that flies a mission straight north."""
+    """Runs a test with a vehicle at the box's height that flies a mission straight north."""
 
     async def run():
         station = flown(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
@@ -44,7 +44,7 @@ def through_the_box(jump, tmp_path, story, avoidance):
 
 
 def estimated_down_m(vehicle):
-    """What the mission's heights count by; the estimate drifts from the truth by some decimetres."""
+    """The estimate that the mission's heights refer to; it differs from the truth by some decimetres."""
     return vehicle.topic("local_position").value.position_ned_m[2]
 
 
@@ -53,7 +53,7 @@ def hit(vehicle):
 
 
 async def highest_over_the_box_m(missions, at):
-    """Flies on to the end."""
+    """Flies to the end; returns the greatest height over the box."""
     highest_m = 0.0
     for _ in range(900):
         if missions.state not in ("flying", "waiting"):
@@ -64,7 +64,7 @@ async def highest_over_the_box_m(missions, at):
     return highest_m
 
 
-def test_a_step_with_avoidance_climbs_over_the_box_comes_down_behind_and_leaves_it_off(jump, tmp_path):
+def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_step(jump, tmp_path):
     async def story(missions, vehicle, at):
         assert vehicle.offboard.status().avoidance.on
         start_down_m = estimated_down_m(vehicle)
@@ -80,27 +80,23 @@ def test_a_step_with_avoidance_climbs_over_the_box_comes_down_behind_and_leaves_
 
 
 @pytest.mark.broad
-def test_without_avoidance_the_brake_holds_it_the_mission_waits_and_switched_on_in_flight_it_goes_over(
-    jump, tmp_path
-):
+def test_without_avoidance_the_brake_stops_it_and_enabled_in_flight_it_climbs_over(jump, tmp_path):
     async def story(missions, vehicle, at):
         await asyncio.sleep(25)
         assert missions.state == "flying"
         assert at[0] < BOX_NORTH_M[0] - 0.5
-        assert "held_back" in codes_told(vehicle)
+        assert "held_back" in event_codes(vehicle)
         await vehicle.offboard.avoidance.switch_on("over")
         assert await highest_over_the_box_m(missions, at) > 4.4
         assert missions.state == "done"
         assert math.dist(at[:2], BEHIND) < 1.0
-        assert vehicle.offboard.status().avoidance.on, "the operator's choice stays"
+        assert vehicle.offboard.status().avoidance.on, "the operator's choice remains"
 
     through_the_box(jump, tmp_path, story, "off")
 
 
 @pytest.mark.broad
-def test_a_plans_avoidance_that_the_operator_switches_off_in_flight_stays_off_for_this_mission(
-    jump, tmp_path
-):
+def test_avoidance_of_a_plan_that_the_operator_disables_stays_disabled_for_this_mission(jump, tmp_path):
     async def story(missions, vehicle, at):
         vehicle.offboard.avoidance.switch_off()
         await asyncio.sleep(15)

@@ -1,4 +1,4 @@
-"""The example missions, flown by the server's own parts on a simulated PX4: complete, and near their path."""
+"""The example missions, flown by the server on a simulated PX4: completely, and near their path."""
 
 import asyncio
 import itertools
@@ -10,26 +10,26 @@ import pytest
 
 from missions.offboard import samples
 from missions.offboard.reader import read
-from tests.protocol.mission_flights import Missions, codes_told
+from tests.protocol.mission_flights import Missions, event_codes
 from tests.protocol.simulated_world import SimulatedWorld
 
 pytestmark = [pytest.mark.flight, pytest.mark.broad]
 
 OFF_PATH_M, BEHIND_M = 2.0, 3.5
-"""Distance to the path, and to the setpoint of the moment. Measured: 1.7 m and 2.7 m at 5 m/s, 1.1 m and
-1.9 m at 3 m/s (95 % of all moments), by the vehicle's own estimate."""
+"""Limits for the distance to the path, and to the current setpoint. Measured: 1.7 m and 2.7 m at 5 m/s, 1.1 m
+and 1.9 m at 3 m/s (95 % of all samples), by the vehicle's estimate."""
 EXAMPLES = Path(__file__).resolve().parents[2] / "missions" / "examples"
 
 
 class Tracked:
-    """Records a flight: estimated position, position setpoint and gimbal at each moment."""
+    """Records a flight: estimated position, position setpoint and gimbal of each sample."""
 
     def __init__(self, world, missions, vehicle):
         self.world, self.missions, self.vehicle = world, missions, vehicle
         self.flown, self.sent, self.gimbal = [], [], []
 
     async def fly(self):
-        """Flies until the mission is over, and answers its questions with yes."""
+        """Flies until the mission ends, and confirms its questions."""
         flight, view = self.missions.flight, self.world.sim.autopilots[0].view
         while not flight.over:
             status = flight.status()
@@ -44,11 +44,11 @@ class Tracked:
             await asyncio.sleep(0.1)
 
     def behind_m(self):
-        """Distance to the position setpoint at each moment, (N,) [m]."""
+        """Distance to the position setpoint of each sample, (N,) [m]."""
         return np.linalg.norm(np.array(self.flown) - np.array(self.sent), axis=1)
 
     def off_path_m(self, timeline):
-        """Distance to the nearest point of the planned path at each moment, (N,) [m]."""
+        """Distance to the nearest point of the planned path of each sample, (N,) [m]."""
         legs = [np.array(leg.points)[:, 1:] for leg in samples.legs(timeline, (0.0, 0.0, 0.0)) if leg.main]
         path = np.vstack([_dense(leg) for leg in legs])
         return np.array([np.linalg.norm(path - place, axis=1).min() for place in np.array(self.flown)])
@@ -71,7 +71,7 @@ def fly_example(jump, tmp_path, name):
             tracked = Tracked(world, missions, vehicle)
             await tracked.fly()
             assert (missions.state, vehicle.status.armed) == ("done", False), missions.flight.status()
-            assert codes_told(vehicle)[-1] == "done"
+            assert event_codes(vehicle)[-1] == "done"
             return tracked
         finally:
             await world.close()
@@ -100,4 +100,4 @@ def test_the_tower_inspection_is_flown_with_all_pictures_and_the_gimbal_on_the_t
             north, east, down = mast - np.array(place)
             off.append(abs(gimbal.pitch_rad + math.atan2(down, math.hypot(north, east))))
     assert np.percentile(off, 90) < math.radians(5)
-    assert "payload" not in codes_told(tracked.vehicle), "a picture or the gimbal failed"
+    assert "payload" not in event_codes(tracked.vehicle), "a picture or the gimbal failed"

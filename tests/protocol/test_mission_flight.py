@@ -1,4 +1,4 @@
-"""A plan uploaded to the simulated PX4, flown, paused, resumed, and begun again at an item."""
+"""A plan is uploaded to the simulated PX4, flown, paused, resumed, and started at an item."""
 
 from gcs_server.vehicle.services.mission_held import PlanName
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items

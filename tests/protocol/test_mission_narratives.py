@@ -1,4 +1,4 @@
-"""What interrupts a mission, told once for every kind of step, on simulated PX4 vehicles."""
+"""Interruptions of a mission, each for all kinds of steps, on simulated PX4 vehicles."""
 
 import asyncio
 
@@ -15,7 +15,7 @@ WHILE_ASKED = ("landing", "done")
 
 
 @pytest.mark.broad
-def test_paused_all_stand_still_and_resumed_all_end_as_planned(jump, tmp_path):
+def test_a_pause_stops_all_and_resume_completes_all_missions(jump, tmp_path):
     async def story(air):
         for flight in air.flights.values():
             flight.pause("Alice")
@@ -28,13 +28,13 @@ def test_paused_all_stand_still_and_resumed_all_end_as_planned(jump, tmp_path):
         for flight in air.flights.values():
             flight.resume("Alice")
         await asyncio.sleep(1.0)
-        await air.end_well()
+        await air.end_normally()
 
     fly(jump, tmp_path, story)
 
 
 @pytest.mark.broad
-def test_aborted_all_hold_and_nothing_more_is_sent(jump, tmp_path):
+def test_after_an_abort_all_hold_and_nothing_is_sent(jump, tmp_path):
     async def story(air):
         for flight in air.flights.values():
             flight.abort("Alice", "hold")
@@ -48,7 +48,7 @@ def test_aborted_all_hold_and_nothing_more_is_sent(jump, tmp_path):
 
 
 @pytest.mark.broad
-def test_an_operators_hold_suspends_all_and_each_goes_on_from_there(jump, tmp_path):
+def test_an_operators_hold_suspends_all_and_each_resumes_from_there(jump, tmp_path):
     async def story(air):
         async with asyncio.TaskGroup() as tasks:
             for vehicle in air.vehicles.values():
@@ -60,14 +60,14 @@ def test_an_operators_hold_suspends_all_and_each_goes_on_from_there(jump, tmp_pa
         for flight in air.flights.values():
             flight.resume("Alice")
         await air.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
-        await air.end_well()
+        await air.end_normally()
 
     fly(jump, tmp_path, story)
 
 
 @pytest.mark.broad
 @pytest.mark.parametrize("how", ["stick", "switch"])
-def test_a_pilot_takes_every_vehicle_and_is_never_fought(jump, tmp_path, how):
+def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump, tmp_path, how):
     async def story(air):
         for row in range(len(STEPS)):
             air.sim.set_parameter(row, "COM_RC_OVERRIDE", 3)
@@ -99,7 +99,7 @@ def test_a_pilot_takes_every_vehicle_and_is_never_fought(jump, tmp_path, how):
 
 
 @pytest.mark.broad
-def test_a_lost_link_leaves_px4_its_own_flight_and_its_failsafe_the_rest(jump, tmp_path):
+def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_its_failsafe(jump, tmp_path):
     async def story(air):
         told = {kind: air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
         assert all(told.values())
@@ -115,13 +115,13 @@ def test_a_lost_link_leaves_px4_its_own_flight_and_its_failsafe_the_rest(jump, t
         assert {air.modes()[kind] for kind in BY_SETPOINTS} <= {
             *failsafe,
             "hold",
-        }  # the stream's last request
+        }  # the stream's last command
 
     fly(jump, tmp_path, story, link_loss="continue")
 
 
 @pytest.mark.broad
-def test_a_low_battery_returns_all_but_the_one_that_lands(jump, tmp_path):
+def test_a_low_battery_returns_all_except_the_one_that_is_landing(jump, tmp_path):
     async def story(air):
         for row in range(len(STEPS)):
             air.sim.simulation.set_battery_remaining(row, 0.12)
@@ -135,7 +135,7 @@ def test_a_low_battery_returns_all_but_the_one_that_lands(jump, tmp_path):
 
 
 @pytest.mark.broad
-def test_a_lost_position_brings_all_down(jump, tmp_path):
+def test_a_lost_position_makes_all_descend(jump, tmp_path):
     async def story(air):
         for row in range(len(STEPS)):
             air.sim.simulation.set_gps_enabled(row, False)
@@ -148,7 +148,7 @@ def test_a_lost_position_brings_all_down(jump, tmp_path):
     fly(jump, tmp_path, story)
 
 
-def test_a_killed_server_leaves_each_vehicle_to_what_was_told_before(jump, tmp_path):
+def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(jump, tmp_path):
     async def story(air):
         told = {air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
         assert all("without" in text or "lands" in text for text in told), told

@@ -1,4 +1,4 @@
-"""A vehicle's mission through the server's routes: who may, what is confirmed, checked, said."""
+"""A vehicle's mission by the server's routes: permissions, confirmations, checks, errors."""
 
 import asyncio
 import json
@@ -64,7 +64,7 @@ def start(at, by=ANNA, **body):
     return mission_routes.start("1", at.station, by, mission_models.StartRequest.model_validate(body))
 
 
-def test_an_upload_is_an_operation_whose_end_says_what_the_vehicle_holds(jump, tmp_path):
+def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tmp_path):
     async def work(at):
         kept = await at.station.plans.create(
             "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
@@ -96,7 +96,7 @@ def test_an_upload_is_an_operation_whose_end_says_what_the_vehicle_holds(jump, t
     story(jump, tmp_path, work)
 
 
-def test_a_cancelled_upload_leaves_the_vehicle_what_it_held(jump, tmp_path):
+def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(jump, tmp_path):
     async def work(at):
         await upload(at)
         many = {**PLAN, "items": PLAN["items"][:2] * 20}
@@ -126,7 +126,7 @@ def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
     story(jump, tmp_path, work)
 
 
-def test_changing_a_flown_mission_needs_confirmation(jump, tmp_path):
+def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
     async def work(at):
         await upload(at)
         at.pilot.armed, at.pilot.mode, at.pilot.landed = True, MISSION, 2
@@ -166,7 +166,7 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path
     story(jump, tmp_path, work)
 
 
-def test_a_mission_starts_at_an_item_and_goes_on_after_hold(jump, tmp_path):
+def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
     async def work(at):
         await upload(at)
         with pytest.raises(Refused, match="not flying"):
@@ -182,7 +182,7 @@ def test_a_mission_starts_at_an_item_and_goes_on_after_hold(jump, tmp_path):
     story(jump, tmp_path, work)
 
 
-def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission(jump, tmp_path):
+def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission_mode(jump, tmp_path):
     async def work(at):
         await upload(at)
         at.pilot.arm_denied = True
@@ -194,7 +194,7 @@ def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission(jump, tmp
     story(jump, tmp_path, work)
 
 
-def test_differences_to_a_plan_are_named_item_by_item(jump, tmp_path):
+def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
     async def work(at):
         await upload(at)
         body = mission_models.WhichPlan.model_validate({"plan": PLAN})
@@ -217,7 +217,7 @@ def test_differences_to_a_plan_are_named_item_by_item(jump, tmp_path):
     story(jump, tmp_path, work)
 
 
-def test_a_kept_plan_that_compares_equal_is_the_plan_that_the_vehicle_holds(jump, tmp_path):
+def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_path):
     async def work(at):
         await upload(at)  # a plan without a name on this server
         which = mission_models.WhichPlan.model_validate
@@ -235,7 +235,7 @@ def test_a_kept_plan_that_compares_equal_is_the_plan_that_the_vehicle_holds(jump
     story(jump, tmp_path, work)
 
 
-def test_a_download_finds_what_another_station_left(jump, tmp_path):
+def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
     async def work(at):
         with pytest.raises(Refused, match="has not been downloaded"):
             await mission_routes.downloaded_plan(at.vehicle)
@@ -255,12 +255,12 @@ def test_a_download_finds_what_another_station_left(jump, tmp_path):
 
 
 @pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
-def test_exactly_one_plan_is_named(body):
+def test_exactly_one_plan_must_be_given(body):
     with pytest.raises(ValueError, match=r"exactly one|belongs to"):
         mission_models.WhichPlan.model_validate(body)
 
 
-def test_an_operation_of_a_lost_vehicle_fails_in_words(jump, tmp_path):
+def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
     async def work(at):
         uploading = asyncio.ensure_future(upload(at, {**PLAN, "items": PLAN["items"][:2] * 50}))
         await seconds(0.2)
@@ -272,7 +272,7 @@ def test_an_operation_of_a_lost_vehicle_fails_in_words(jump, tmp_path):
     story(jump, tmp_path, work)
 
 
-def test_an_offboard_mission_is_not_uploaded(jump, tmp_path):
+def test_an_offboard_mission_cannot_be_uploaded(jump, tmp_path):
     async def work(at):
         mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
         kept = await at.station.plans.create("Mast", mission, by=("anna", "key"))

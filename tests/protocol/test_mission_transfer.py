@@ -1,4 +1,4 @@
-"""Plans up and down over a link that loses packets, against the simulated PX4's own mission service."""
+"""Upload and download of plans over a link that loses packets, with the simulated PX4's mission service."""
 
 import asyncio
 import random
@@ -16,7 +16,7 @@ from tests.protocol.offboard_world import OffboardWorld, seconds
 
 PLAN = PlanName("abc", 3, "Tower")
 LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
-"""The share of packets lost each way, and a seed for which ones."""
+"""The share of packets lost in each direction, and the seed of the losses."""
 NAN = float("nan")
 
 
@@ -73,7 +73,7 @@ def plan(count=5, seed=0):
 
 
 def bytes_of(items):
-    """As MISSION_ITEM_INT has them but for `current`, which the vehicle moves, and the frames with _INT."""
+    """The bytes of MISSION_ITEM_INT without `current`, which the vehicle changes, and with _INT frames."""
     frames = {0: 5, 3: 6}
     return [
         d.MAVLink_mission_item_int_message(
@@ -85,7 +85,7 @@ def bytes_of(items):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_a_thousand_items_come_back_byte_for_byte_however_many_packets_are_lost(jump, loss, seed):
+def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(jump, loss, seed):
     sent = plan(1000, seed)
 
     async def work(at):
@@ -102,7 +102,7 @@ def test_a_thousand_items_come_back_byte_for_byte_however_many_packets_are_lost(
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
-def test_small_plans_replace_each_other_and_what_is_empty_is_cleared(jump, loss, seed):
+def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, seed):
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
@@ -110,7 +110,7 @@ def test_small_plans_replace_each_other_and_what_is_empty_is_cleared(jump, loss,
         assert (at.mission.holds(), at.mission.held.plan.id) == ("plan", "def")
         read = await at.mission.download()
         assert [len(read.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
-        assert read.plan.id == "def", "what was read is what was uploaded"
+        assert read.plan.id == "def", "the downloaded plan is the uploaded one"
         await at.mission.clear()
         await seconds(3)
         assert at.vehicle.topic("mission").value.count == 0
@@ -119,7 +119,7 @@ def test_small_plans_replace_each_other_and_what_is_empty_is_cleared(jump, loss,
     story(jump, work, loss=loss, seed=seed)
 
 
-def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_stays(jump):
+def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump):
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
         for index in (0, 3, 6):
@@ -136,7 +136,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_stays(jump):
     story(jump, work)
 
 
-def test_a_part_that_arrived_before_the_refusal_is_said(jump):
+def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
         bad = {"mission": (waypoint(0, command=212),), "fence": square(9_000), "rally": rally()}
@@ -150,13 +150,13 @@ def test_a_part_that_arrived_before_the_refusal_is_said(jump):
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 @pytest.mark.parametrize("after_s", [0.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
-def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_says_which(jump, after_s, loss):
+def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which(jump, after_s, loss):
     async def work(at):
         old, new = plan(5), plan(60, seed=4)
         await at.mission.upload(old, PLAN)
         uploading = asyncio.ensure_future(at.mission.upload(new, PlanName("new", 1, "New")))
         await seconds(after_s)
-        uploading.cancel()  # at 3 s without loss it is done already
+        uploading.cancel()  # at 3 s without loss it is already finished
         await asyncio.wait([uploading])
         assert at.mission.doing is None
         done = not uploading.cancelled()
@@ -171,7 +171,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_says_which(ju
     story(jump, work, loss=loss, seed=int(after_s * 100) + 1)
 
 
-def test_another_station_that_uploads_afterwards_makes_it_another_plan(jump):
+def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
         await OtherStation(at.pilot).upload([waypoint(n) for n in range(3)])
@@ -187,7 +187,7 @@ def test_another_station_that_uploads_afterwards_makes_it_another_plan(jump):
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
 def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
-    """PX4 takes items from any station: one that sends them unasked may spoil an upload, and that is said."""
+    """PX4 accepts items from any station: unrequested items may spoil an upload, which is then reported."""
 
     async def work(at):
         ours, theirs = plan(12, seed=5), [waypoint(n) for n in range(8)]
@@ -205,7 +205,7 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
     story(jump, work)
 
 
-def test_a_busy_vehicle_is_waited_for_and_then_reported(jump):
+def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
     async def work(at):
         short = asyncio.ensure_future(OtherStation(at.pilot).upload([waypoint(n) for n in range(40)]))
         await seconds(0.3)
@@ -221,7 +221,7 @@ def test_a_busy_vehicle_is_waited_for_and_then_reported(jump):
     story(jump, work)
 
 
-def test_two_transfers_at_once_are_refused_and_one_after_the_other_is_not(jump):
+def test_of_two_simultaneous_transfers_one_is_refused_but_not_of_two_consecutive_ones(jump):
     async def work(at):
         first = asyncio.ensure_future(at.mission.upload(plan(30), PLAN))
         await seconds(0.05)
@@ -234,7 +234,7 @@ def test_two_transfers_at_once_are_refused_and_one_after_the_other_is_not(jump):
     story(jump, work)
 
 
-def test_a_vehicle_that_is_silent_about_missions_is_told_so(jump):
+def test_a_vehicle_without_mission_answers_is_reported_as_silent(jump):
     async def work(at):
         at.pilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):

@@ -1,4 +1,4 @@
-"""What is said before it is tried: what can be flown and why not, limits, and the vehicle's own failsafe."""
+"""Checks before the start of a stream: available setpoints, limits, and the vehicle's own failsafe."""
 
 import itertools
 from types import SimpleNamespace
@@ -50,7 +50,7 @@ PLACES = {"position", "position_global", "position_body", "path", "follow", "tra
         (0, set(KINDS)),
     ],
 )
-def test_what_can_be_flown_follows_the_vehicles_own_estimates(jump, flags, impossible):
+def test_the_available_setpoints_follow_the_vehicles_estimates(jump, flags, impossible):
     async def story(world, vehicle, pilot, link):
         sends_flags(pilot, flags)
         await seconds(0.1)
@@ -61,7 +61,7 @@ def test_what_can_be_flown_follows_the_vehicles_own_estimates(jump, flags, impos
     flight(jump, story)
 
 
-def test_without_an_estimate_an_attitude_can_be_flown_and_a_place_is_refused_before_anything_is_sent(jump):
+def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(jump):
     async def story(world, vehicle, pilot, link):
         pilot.estimates = False
         await seconds(1.5)
@@ -79,7 +79,7 @@ def test_without_an_estimate_an_attitude_can_be_flown_and_a_place_is_refused_bef
     flight(jump, story)
 
 
-def test_what_can_never_be_flown_says_so_in_words(jump):
+def test_setpoints_that_are_never_available_have_a_reason(jump):
     async def story(world, vehicle, pilot, link):
         for setpoint, error, words in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
@@ -94,7 +94,7 @@ def test_what_can_never_be_flown_says_so_in_words(jump):
     flight(jump, story)
 
 
-def test_an_attitude_that_expires_without_any_estimate_stays_level_until_land_comes(jump):
+def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(jump):
     async def story(world, vehicle, pilot, link):
         pilot.estimates = False
         pilot.params["MPC_THR_HOVER"] = (9, 0.44)
@@ -107,12 +107,12 @@ def test_an_attitude_that_expires_without_any_estimate_stays_level_until_land_co
         assert "expired" in codes(vehicle)
         assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
-        assert [int(m.param3) for m in pilot.commands(176)][-1] == 6  # Land is asked for
+        assert [int(m.param3) for m in pilot.commands(176)][-1] == 6  # Land has been requested
 
     flight(jump, story)
 
 
-def test_a_loop_that_stalls_while_attitude_is_flown_leaves_no_gap_and_then_falls_silent(jump):
+def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_one(jump):
     async def story(world, vehicle, pilot, link):
         targets = pilot.other_targets
         await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5), 60.0))
@@ -128,7 +128,7 @@ def test_a_loop_that_stalls_while_attitude_is_flown_leaves_no_gap_and_then_falls
     flight(jump, story)
 
 
-def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(jump):
+def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump):
     async def story(world, vehicle, pilot, link):
         pilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),
@@ -150,7 +150,7 @@ def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(j
         assert pilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
         await vehicle.offboard.setpoint(order(velocity=(-2.0, 0.0, 0.0)))
         await seconds(1.0)
-        assert pilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slewed at 1 m/s²
+        assert pilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slew rate 1 m/s²
         with pytest.raises(Refused, match="limit of 60 m from home"):
             await vehicle.offboard.setpoint(order(position=(70.0, 0.0, -5.0)))
 
@@ -182,7 +182,7 @@ def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
     flight(jump, story)
 
 
-def test_the_failsafe_is_shown_before_the_start_and_set_with_verification(jump):
+def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
@@ -197,7 +197,7 @@ def test_the_failsafe_is_shown_before_the_start_and_set_with_verification(jump):
         await vehicle.offboard.start(order(), rate_hz=3.0)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.set_failsafe(None, 0.5)
-        pilot.stored = lambda message: 2.0  # it keeps its own
+        pilot.stored = lambda message: 2.0  # the vehicle keeps its value
         with pytest.raises(Rejected, match="still has COM_OF_LOSS_T"):
             await vehicle.offboard.set_failsafe(None, 5.0)
 
@@ -216,7 +216,7 @@ def test_health_reports_the_time_until_the_failsafe(jump):
         assert health.setpoint_age_s == pytest.approx(1.0, abs=0.05)
         assert health.valid_left_s == pytest.approx(2.0, abs=0.05)
         assert health.sent_age_s < 0.03
-        assert health.echo is None  # this one tells none
+        assert health.echo is None  # this vehicle sends no COM_OF_LOSS_T
         assert health.position_error_m == pytest.approx(0.0, abs=0.01)
 
     flight(jump, story)

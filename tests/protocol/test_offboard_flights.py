@@ -1,4 +1,4 @@
-"""Offboard flights, start to end, with everything between the call and the bytes."""
+"""Offboard flights from start to end, with everything between the call and the bytes."""
 
 import asyncio
 
@@ -37,7 +37,7 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
 
 
 @pytest.mark.parametrize("seed", range(21))
-def test_twenty_percent_loss_start_setpoints_and_stop(jump, seed):
+def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
     async def story(world, vehicle, pilot, link):
         began = world.loop.time()
         await vehicle.offboard.start(order())
@@ -56,7 +56,7 @@ def test_twenty_percent_loss_start_setpoints_and_stop(jump, seed):
 
 
 @pytest.mark.parametrize("seed", range(21))
-def test_twenty_percent_loss_every_command(jump, seed):
+def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
     async def story(world, vehicle, pilot, link):
         command = vehicle.command
         calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
@@ -72,7 +72,7 @@ def test_twenty_percent_loss_every_command(jump, seed):
 # --- starting -------------------------------------------------------------------------------------
 
 
-def test_of_two_racing_starts_one_flies_and_the_other_is_refused(jump):
+def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
     async def story(world, vehicle, pilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
         await asyncio.sleep(0)
@@ -115,7 +115,7 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
     flight(jump, story)
 
 
-def test_a_start_that_was_stopped_neither_engages_nor_ends_its_successor(jump):
+def test_a_stopped_start_affects_no_later_start(jump):
     async def story(world, vehicle, pilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
         await seconds(0.5)
@@ -131,7 +131,7 @@ def test_a_start_that_was_stopped_neither_engages_nor_ends_its_successor(jump):
     flight(jump, story)
 
 
-def test_another_command_during_start_does_not_leave_it_in_offboard_without_a_stream(jump):
+def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(order()))
@@ -148,7 +148,7 @@ def test_another_command_during_start_does_not_leave_it_in_offboard_without_a_st
     flight(jump, story)
 
 
-def test_a_start_whose_caller_is_cancelled_does_not_leave_it_in_offboard(jump):
+def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(order()))
@@ -165,7 +165,7 @@ def test_a_start_whose_caller_is_cancelled_does_not_leave_it_in_offboard(jump):
     flight(jump, story)
 
 
-def test_offboard_that_comes_after_the_deadline_is_undone(jump):
+def test_offboard_that_is_reached_after_the_deadline_is_reversed(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
@@ -177,7 +177,7 @@ def test_offboard_that_comes_after_the_deadline_is_undone(jump):
     flight(jump, story)
 
 
-def test_refused_late_the_stream_ends_at_once(jump):
+def test_after_a_late_refusal_the_stream_ends_at_once(jump):
     async def story(world, vehicle, pilot, link):
         pilot.has_stream = lambda: False
         with pytest.raises(Rejected):
@@ -188,7 +188,7 @@ def test_refused_late_the_stream_ends_at_once(jump):
     flight(jump, story)
 
 
-def test_a_vehicle_lost_in_the_pre_stream_ends_it(jump):
+def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
     async def story(world, vehicle, pilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(order()))
         await seconds(0.3)
@@ -197,14 +197,14 @@ def test_a_vehicle_lost_in_the_pre_stream_ends_it(jump):
             await starting
         await seconds(9)
         assert not vehicle.offboard.status().streaming
-        assert pilot.mode == HOLD, "though it heard of Offboard, and nobody heard of it"
+        assert pilot.mode == HOLD, "although the vehicle received the request"
         assert pilot.failsafes == 0
         await silent(pilot, link)
 
     flight(jump, story)
 
 
-def test_too_few_setpoints_for_the_vehicles_patience_are_refused(jump):
+def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
     async def story(world, vehicle, pilot, link):
         pilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
@@ -215,7 +215,7 @@ def test_too_few_setpoints_for_the_vehicles_patience_are_refused(jump):
     flight(jump, story)
 
 
-def test_it_takes_over_a_mission_and_says_nothing_in_somebody_elses_offboard(jump):
+def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
     async def story(world, vehicle, pilot, link):
         pilot.mode = pilot.asked_mode = 4 << 16 | 4 << 24
         await seconds(2)
@@ -226,11 +226,11 @@ def test_it_takes_over_a_mission_and_says_nothing_in_somebody_elses_offboard(jum
     flight(jump, story)
 
 
-def test_on_the_ground_disarmed_it_streams_until_it_expires_and_then_arms_in_hold(jump):
+def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
-        assert pilot.mode == HOLD, "armed now, it would not fly off"
+        assert pilot.mode == HOLD, "armed now, it stays on the ground"
         assert not vehicle.offboard.status().streaming
 
     flight(jump, story, flying=False)
@@ -239,7 +239,7 @@ def test_on_the_ground_disarmed_it_streams_until_it_expires_and_then_arms_in_hol
 # --- expiry ---------------------------------------------------------------------------------------
 
 
-def test_expiry_holds_where_it_is_by_an_estimate_of_that_moment(jump):
+def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
     async def story(world, vehicle, pilot, link):
         async def move():
             while True:
@@ -264,19 +264,19 @@ def test_expiry_holds_where_it_is_by_an_estimate_of_that_moment(jump):
 def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
-        pilot.send_raw = lambda raw: None  # we are heard, it is not
+        pilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
         await seconds(2)
         assert pilot.mode == HOLD
         assert not asks(pilot, LAND)
         after = [m for t, m in pilot.setpoints if m.type_mask == 2552]
-        assert not after, "a place a second old is behind it"
+        assert not after, "a position one second old is behind the vehicle"
         await seconds(8)
         assert not vehicle.offboard.status().streaming
 
     flight(jump, story)
 
 
-def test_expiry_of_a_vehicle_that_lost_its_position_lands_it(jump):
+def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
         pilot.estimates = False
@@ -299,7 +299,7 @@ def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed
     flight(jump, story, loss=0.2, seed=seed)
 
 
-def test_hold_refused_for_good_ends_in_the_vehicles_own_failsafe(jump):
+def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5))
         pilot.refuse[176] = 1
@@ -312,7 +312,7 @@ def test_hold_refused_for_good_ends_in_the_vehicles_own_failsafe(jump):
     flight(jump, story)
 
 
-def test_a_setpoint_while_holding_resumes_and_is_refused_once_hold_is_requested(jump):
+def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
@@ -328,7 +328,7 @@ def test_a_setpoint_while_holding_resumes_and_is_refused_once_hold_is_requested(
     flight(jump, story)
 
 
-def test_a_start_while_expiring_is_refused(jump):
+def test_a_start_during_expiry_is_refused(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
@@ -338,7 +338,7 @@ def test_a_start_while_expiring_is_refused(jump):
     flight(jump, story)
 
 
-def test_stop_does_not_turn_an_expiry_landing_into_a_hover(jump):
+def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, action="land"))
         pilot.silent_commands.add(176)
@@ -367,7 +367,7 @@ def test_a_stop_on_a_lost_link_is_repeated(jump):
     flight(jump, story)
 
 
-def test_the_last_of_two_clients_wins_and_either_may_stop(jump):
+def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(client="a"))
         for number in range(10):

@@ -1,4 +1,4 @@
-"""Offboard missions flown by the server: a whole flight on the simulated PX4, and whatever interrupts one."""
+"""Offboard missions flown by the server: a whole flight on the simulated PX4, and interruptions."""
 
 import asyncio
 import json
@@ -11,17 +11,17 @@ from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.plans import tasks
 from gcs_server.streamer.missions.readings import reported_values
-from tests.protocol.api_calls import ANNA, desk, lines, view
+from tests.protocol.api_calls import ANNA, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, codes_told, hovering
+from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, hovering
 from tests.protocol.offboard_world import POSITION, asks, order, seconds, silent
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
 
 YAW_RAD = 0.5
-"""Of the scripted vehicle."""
+"""Yaw of the scripted vehicle."""
 FLIGHT = """
 - {step: take_off, height_m: 4}
 - {step: gimbal, track: look_at, place: {offset_ned_m: [10, 0, 0]}}
@@ -37,7 +37,7 @@ def hover(**actions):
     return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
 
 
-def test_a_mission_takes_off_flies_takes_pictures_asks_and_lands(jump, tmp_path):
+def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lands(jump, tmp_path):
     async def story():
         world = SimulatedWorld(camera=True)
         missions = Missions(world, tmp_path)
@@ -52,23 +52,23 @@ def test_a_mission_takes_off_flies_takes_pictures_asks_and_lands(jump, tmp_path)
                 gimbal = vehicle.topic("gimbal")
                 pointed |= gimbal is not None and gimbal.value.pitch_rad < -0.2
                 await seconds(0.1)
-            assert worst_m < 3.0  # beside its newest position, which is some tenths of a second old
+            assert worst_m < 3.0  # besides its newest position, which is some tenths of a second old
             assert pointed
             assert (missions.state, flight.status().question) == ("waiting", "Sharp?")
             flight.go_on("Alice")
             await missions.reach("done")
             assert not vehicle.status.armed
-            assert codes_told(vehicle) == ["question", "answered", "done"]
+            assert event_codes(vehicle) == ["question", "answered", "done"]
         finally:
             await world.close()
 
     jump(story)
 
 
-# --- people ---------------------------------------------------------------------------------------
+# --- operator and pilot ---------------------------------------------------------------------------
 
 
-def test_paused_it_holds_in_offboard_and_resumed_it_goes_on(jump, tmp_path):
+def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         missions.flight.pause("Alice")
         await missions.reach("paused", within_s=5)
@@ -96,7 +96,7 @@ def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_an_operators_hold_suspends_it_until_it_is_resumed(jump, tmp_path):
+def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
@@ -110,7 +110,7 @@ def test_an_operators_hold_suspends_it_until_it_is_resumed(jump, tmp_path):
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_stopping_its_stream_is_a_hold(jump, tmp_path):
+def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         await vehicle.offboard.stop()
         await missions.reach("suspended", within_s=2)
@@ -120,7 +120,7 @@ def test_stopping_its_stream_is_a_hold(jump, tmp_path):
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_aborted_it_holds_and_nothing_is_sent_any_more(jump, tmp_path):
+def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         missions.flight.abort("Alice", "hold")
         assert missions.state == "aborted"
@@ -132,7 +132,7 @@ def test_aborted_it_holds_and_nothing_is_sent_any_more(jump, tmp_path):
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_a_pilot_who_takes_the_vehicle_keeps_it_until_a_person_resumes_the_mission(jump, tmp_path):
+def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         pilot.mode = pilot.asked_mode = POSITION
         pilot.current_mode()
@@ -145,13 +145,13 @@ def test_a_pilot_who_takes_the_vehicle_keeps_it_until_a_person_resumes_the_missi
     hovering(jump, tmp_path, hover(low_battery="return", link_loss="continue"), story)
 
 
-def test_a_pilot_who_takes_the_vehicle_while_it_is_resumed_is_not_fought(jump, tmp_path):
+def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
         asked = len(asks(pilot, OFFBOARD))
         missions.flight.resume("Alice")
-        await seconds(0.6)  # setpoints go out, Offboard has not been asked for
+        await seconds(0.6)  # setpoints are sent, Offboard has not been requested
         pilot.mode = pilot.asked_mode = POSITION
         pilot.current_mode()
         await missions.reach("suspended", within_s=2)
@@ -161,7 +161,7 @@ def test_a_pilot_who_takes_the_vehicle_while_it_is_resumed_is_not_fought(jump, t
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_a_way_back_on_which_an_obstacle_is_measured_is_not_flown(jump, tmp_path):
+def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
@@ -169,7 +169,7 @@ def test_a_way_back_on_which_an_obstacle_is_measured_is_not_flown(jump, tmp_path
             -20 * math.cos(YAW_RAD),
             -20 * math.sin(YAW_RAD),
             -5.0,
-        ]  # the path lies ahead of its nose
+        ]  # the path is straight ahead
 
         def measure():
             pilot.send(sim.MAVLink_distance_sensor_message(pilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0))
@@ -188,7 +188,7 @@ def test_a_way_back_on_which_an_obstacle_is_measured_is_not_flown(jump, tmp_path
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_a_condition_is_told_wind_and_distance_of_the_sensor_that_looks_down(jump, tmp_path):
+def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         assert missions.flight.reading().wind_speed_m_s is None
         for orientation, centimetres in ((0, 150), (25, 420)):
@@ -221,7 +221,7 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
         lease.grant(ALICE, "bob")
         await missions.reach("paused", within_s=5)
         assert pilot.mode == OFFBOARD
-        assert "control_taken" in codes_told(vehicle)
+        assert "control_taken" in event_codes(vehicle)
 
     hovering(jump, tmp_path, hover(), story)
 
@@ -243,19 +243,19 @@ def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, st
 
 
 @pytest.mark.parametrize(("action", "state"), [("hold", "suspended"), ("continue", "flying")])
-def test_a_mission_whose_link_was_lost_and_is_back_does_what_its_document_says(jump, tmp_path, action, state):
+def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp_path, action, state):
     async def story(missions, vehicle, pilot):
         pilot.loss = 1.0
         await seconds(8)
         pilot.loss = 0.0
-        pilot.mode = pilot.asked_mode = HOLD  # it heard the stream's last request
+        pilot.mode = pilot.asked_mode = HOLD  # it received the stream's last command
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
     hovering(jump, tmp_path, hover(link_loss=action), story)
 
 
-def test_a_mission_without_updates_holds_and_then_switches_to_hold(jump, tmp_path):
+def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         missions.all.update = lambda: None
         await seconds(4)
@@ -266,7 +266,7 @@ def test_a_mission_without_updates_holds_and_then_switches_to_hold(jump, tmp_pat
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_a_silent_server_leads_to_the_announced_failsafe(jump, tmp_path):
+def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.all.update
@@ -280,7 +280,7 @@ def test_a_silent_server_leads_to_the_announced_failsafe(jump, tmp_path):
     hovering(jump, tmp_path, hover(link_loss="continue", failure="return"), story)
 
 
-def test_the_end_of_the_server_holds_a_mission(jump, tmp_path):
+def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         await missions.world.streamer.stop_all()
         assert pilot.mode == HOLD
@@ -294,7 +294,7 @@ def test_the_end_of_the_server_holds_a_mission(jump, tmp_path):
 
 
 class WorkHere:
-    """Work about plans without a process."""
+    """Executes tasks for plans in this process."""
 
     async def run(self, task, arguments, **_):
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
@@ -307,7 +307,7 @@ def routed(jump, story):
         at.station.missions.start()
         await story(at)
 
-    desk(jump, at_the_desk)
+    with_routes(jump, at_the_desk)
 
 
 async def started(at, document=HOVER, by=ANNA, **more):
@@ -316,7 +316,7 @@ async def started(at, document=HOVER, by=ANNA, **more):
     return view(await routes.start("1", body, at.station, by))["mission"]
 
 
-def test_a_mission_is_started_steered_and_aborted_by_who_has_control_and_journaled(jump):
+def test_the_client_in_control_starts_controls_and_aborts_a_mission_and_the_journal_has_each_command(jump):
     async def story(at):
         begun = await started(at)
         assert (begun["state"], begun["client"], begun["plan_id"]) == ("starting", "anna", None)
@@ -343,7 +343,7 @@ def test_a_mission_is_started_steered_and_aborted_by_who_has_control_and_journal
     routed(jump, story)
 
 
-def test_a_mission_with_errors_is_not_flown_unless_they_are_named(jump):
+def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
     bad = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
 
     async def story(at):
@@ -368,7 +368,7 @@ def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
     routed(jump, story)
 
 
-def test_a_vehicle_without_a_mission_has_nothing_to_steer(jump):
+def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(jump):
     async def story(at):
         assert view(await routes.show_mission(at.vehicle, at.station))["mission"] is None
         with pytest.raises(Refused, match="no offboard mission"):

@@ -1,4 +1,4 @@
-"""Orders over the WebSocket, on simulated time: what was applied, newest wins, a flood, a closed socket."""
+"""Setpoints over the WebSocket on simulated time: answers, newest wins, a flood, a closed socket."""
 
 import asyncio
 import json
@@ -18,7 +18,7 @@ class Closed(Exception):
 
 
 class FakeSocket:
-    """A client's end: `say` and `heard`."""
+    """The client's end of a socket: `say` sends, `heard` has the answers."""
 
     def __init__(self):
         self.inbox = asyncio.Queue()
@@ -67,7 +67,7 @@ def streamed(jump, story, *, start=True):
     flight(jump, fly)
 
 
-def test_each_order_is_answered_with_what_was_applied_and_leaves_at_once(jump):
+def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump):
     async def story(vehicle, pilot, socket):
         for seq in range(1, 51):
             before = len(pilot.setpoints)
@@ -83,7 +83,7 @@ def test_each_order_is_answered_with_what_was_applied_and_leaves_at_once(jump):
     streamed(jump, story)
 
 
-def test_of_waiting_orders_the_newest_valid_one_is_sent(jump):
+def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
     async def story(vehicle, pilot, socket):
         for seq in range(10):
             socket.say(seq=seq, **north(seq))
@@ -155,7 +155,7 @@ def test_of_waiting_orders_the_newest_valid_one_is_sent(jump):
         ),
     ],
 )
-def test_an_invalid_order_is_explained_and_changes_nothing(jump, message, words, field):
+def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump, message, words, field):
     async def story(vehicle, pilot, socket):
         await seconds(0.1)
         before = (pilot.setpoints[-1][1].x, pilot.setpoints[-1][1].type_mask)
@@ -169,7 +169,7 @@ def test_an_invalid_order_is_explained_and_changes_nothing(jump, message, words,
     streamed(jump, story)
 
 
-def test_without_a_stream_a_setpoint_is_refused_with_the_way_to_one(jump):
+def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(jump):
     async def story(vehicle, pilot, socket):
         socket.say(seq=1, **north(1))
         await seconds(0.1)
@@ -198,7 +198,7 @@ def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
 @pytest.mark.parametrize(
     "text", ['{"' + "x" * 500_000 + '": 1}', "[" * 500_000, '{"type": "' + "y" * 500_000 + '"}']
 )
-def test_bad_orders_whose_answers_are_not_read_cost_no_memory_and_do_not_end_the_stream(jump, text):
+def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_stream(jump, text):
     async def story(vehicle, pilot, socket):
         socket.reads.clear()
         for _ in range(100):
@@ -215,7 +215,7 @@ def test_bad_orders_whose_answers_are_not_read_cost_no_memory_and_do_not_end_the
     streamed(jump, story)
 
 
-def test_a_flood_is_cut_off_and_the_setpoint_it_left_expires_as_any_other(jump):
+def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
     async def story(vehicle, pilot, socket):
         for seq in range(FLOOD_PER_S + 10):
             socket.say(seq=seq, **north(seq / 1000, valid_for_s=0.5))

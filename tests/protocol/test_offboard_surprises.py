@@ -1,4 +1,5 @@
-"""What the vehicle, its links and other commands do to a running stream, and whom it reaches."""
+"""Effects of the vehicle, its links and other commands on a running stream, and the receivers of its
+setpoints."""
 
 import asyncio
 import errno
@@ -19,10 +20,10 @@ from tests.protocol.offboard_world import (
     silent,
 )
 
-# --- the vehicle's own doing ----------------------------------------------------------------------
+# --- changes by the vehicle -----------------------------------------------------------------------
 
 
-def test_an_origin_that_moves_ends_a_position_setpoint_in_hold(jump):
+def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order())
         await seconds(0.5)
@@ -39,7 +40,7 @@ def test_an_origin_that_moves_ends_a_position_setpoint_in_hold(jump):
     flight(jump, story)
 
 
-def test_offboard_reported_again_after_the_failsafes_landing_does_not_revive_the_stream(jump):
+def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=3600.0))
         await seconds(0.5)
@@ -59,7 +60,7 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_revive_the
     flight(jump, story)
 
 
-def test_a_vehicle_that_disarmed_unseen_while_its_link_was_gone_is_not_streamed_to(jump):
+def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=3600.0))
         await seconds(0.5)
@@ -85,7 +86,7 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
     flight(jump, story)
 
 
-def test_killed_in_flight_the_stream_ends_with_the_motors(jump):
+def test_a_kill_in_flight_ends_the_stream(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=3600.0))
         await vehicle.command.kill()
@@ -95,7 +96,7 @@ def test_killed_in_flight_the_stream_ends_with_the_motors(jump):
     flight(jump, story)
 
 
-def test_the_end_of_the_server_holds_all_at_once_and_waits_for_none_for_ever(jump):
+def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -162,7 +163,7 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
 
 
 @pytest.mark.parametrize("call", ["land", "rtl"])
-def test_the_stream_does_not_ask_for_hold_over_a_command_that_is_under_way(jump, call):
+def test_the_stream_does_not_request_hold_during_another_command(jump, call):
     async def story(world, vehicle, pilot, link):
         pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.2))
@@ -181,10 +182,10 @@ def test_the_stream_does_not_ask_for_hold_over_a_command_that_is_under_way(jump,
     flight(jump, story)
 
 
-# --- whom it is sent to ---------------------------------------------------------------------------
+# --- receivers ------------------------------------------------------------------------------------
 
 
-def test_two_vehicles_on_one_link_get_their_own_and_nothing_of_the_others(jump):
+def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -243,7 +244,7 @@ def unreachable(data, peer):
 
 
 @pytest.mark.parametrize("how", ["silent", "write_fails"])
-def test_a_sending_link_that_dies_hands_over_to_the_other_before_px4_fails_safe(jump, how):
+def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsafe(jump, how):
     async def run():
         world = OffboardWorld()
         first, second = world.link("one"), world.link("two")

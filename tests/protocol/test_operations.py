@@ -1,4 +1,4 @@
-"""Reading a vehicle's parameters as an operation: followed, cancelled by whom, ended by a lost link."""
+"""Reading a vehicle's parameters as an operation: progress, cancellation, a lost link."""
 
 import asyncio
 import json
@@ -49,7 +49,7 @@ async def newest(at):
     return view(await operation_routes.list_operations(at.station))["operations"][-1]
 
 
-def test_reading_the_parameters_is_an_operation_that_tells_how_far_it_is(jump):
+def test_reading_the_parameters_is_an_operation_with_progress(jump):
     async def work(at):
         begun = await refresh(at, ANNA)
         assert (begun.status_code, view(begun)["state"]) == (202, "reading")
@@ -69,7 +69,7 @@ def test_reading_the_parameters_is_an_operation_that_tells_how_far_it_is(jump):
     story(jump, work)
 
 
-def test_an_operation_is_cancelled_by_its_client_or_without_another_holder(jump):
+def test_an_operation_is_cancelled_by_its_client_or_by_any_if_no_other_has_control(jump):
     async def work(at):
         await control_routes.take("1", at.station, BOB)
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))
@@ -92,7 +92,7 @@ def test_an_operation_is_cancelled_by_its_client_or_without_another_holder(jump)
     story(jump, work)
 
 
-def test_a_link_lost_while_they_are_read_fails_the_operation_in_its_own_words(jump):
+def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
     async def work(at):
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))
         await asyncio.sleep(0.01)

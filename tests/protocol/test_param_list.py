@@ -1,4 +1,4 @@
-"""All parameters of the simulated vehicle over links that lose packets, and what its metadata say of them."""
+"""All parameters of the simulated vehicle over links that lose packets, and their metadata."""
 
 import asyncio
 
@@ -48,10 +48,10 @@ def truth(pilot):
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
-def test_all_come_with_exact_values_and_what_they_mean(kit, jump, loss, seed):
+def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, seed):
     async def work(world, vehicle, pilot):
         assert vehicle.params.list.state == "unknown"
-        assert pilot.count(LIST) == pilot.count(FTP) == 0  # nothing unasked
+        assert pilot.count(LIST) == pilot.count(FTP) == 0  # nothing that was not requested
         known = await vehicle.params.refresh()
         assert (known.state, known.received, known.count, known.source) == ("ready", 929, 929, "vehicle")
         assert known.facts, known.facts_problem
@@ -81,10 +81,10 @@ def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
         await vehicle.params.refresh()
         assert pilot.count(LIST) == 0
 
-        pilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # somebody else sets one
+        pilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # another station sets a parameter
         await world.clock.sleep(0.5)
         changed = {p.name: p.value for p in vehicle.params.all()}
-        assert changed["MPC_XY_CRUISE"] == 3.0  # told, not asked for
+        assert changed["MPC_XY_CRUISE"] == 3.0  # sent by the vehicle without a request
         assert (await vehicle.params.refresh()).source == "vehicle"
         assert pilot.count(LIST) == 1
         await vehicle.params.refresh(ignore_cache=True)
@@ -94,10 +94,10 @@ def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
     story(kit, jump, second, cache=cache)
 
 
-def test_a_value_is_checked_against_what_the_vehicle_says_of_it(kit, jump):
+def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
     async def work(world, vehicle, pilot):
         params = vehicle.params
-        await params.set("MPC_XY_CRUISE", 19.5)  # before anything is known of it: PX4 takes it
+        await params.set("MPC_XY_CRUISE", 19.5)  # before its metadata is read: PX4 accepts any value
         await params.refresh()
         for name, value in (("MPC_XY_CRUISE", 30), ("COM_OBL_RC_ACT", 99), ("COM_OBL_RC_ACT", 1.5)):
             with pytest.raises(InvalidRequest) as caught:
@@ -113,7 +113,7 @@ def test_a_value_is_checked_against_what_the_vehicle_says_of_it(kit, jump):
     story(kit, jump, work)
 
 
-def test_a_vehicle_that_falls_silent_or_goes_says_so_and_can_be_asked_again(kit, jump):
+def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, jump):
     async def work(world, vehicle, pilot):
         reading = asyncio.ensure_future(vehicle.params.refresh())
         await world.clock.sleep(0.4)
@@ -129,7 +129,7 @@ def test_a_vehicle_that_falls_silent_or_goes_says_so_and_can_be_asked_again(kit,
         await world.clock.sleep(2)
         both = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
         assert {k.state for k in both} == {"ready"}
-        assert pilot.count(LIST) == 2  # two who ask at once share a reading
+        assert pilot.count(LIST) == 2  # two simultaneous requests share one read
         pilot.loss = 1.0
         await world.clock.sleep(5)
         pilot.loss = 0.0
@@ -158,7 +158,7 @@ def test_a_vehicle_without_parameters_is_reported(kit, jump):
     jump(run)
 
 
-def test_the_words_of_a_vehicle_come_with_its_events_metadata(kit, jump, tmp_path):
+def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
     async def work(world, vehicle, pilot):
         before = (await vehicle.health.check()).findings
         vehicle.health.use(await vehicle.metadata.events())
@@ -168,7 +168,7 @@ def test_the_words_of_a_vehicle_come_with_its_events_metadata(kit, jump, tmp_pat
         assert words["check_modes_offboard_signal"] == "No offboard setpoints arrive."
         fetched = pilot.count(FTP)
         await vehicle.metadata.events()
-        assert pilot.count(FTP) == fetched  # kept by its checksum
+        assert pilot.count(FTP) == fetched  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
     story(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)

@@ -1,4 +1,4 @@
-"""Single parameters and the gimbal of a scripted autopilot, with packets lost, and what is refused."""
+"""Single parameters and the gimbal of a scripted autopilot, with packet loss and refusals."""
 
 import math
 
@@ -23,7 +23,7 @@ def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
-def test_parameter_refusals(kit, jump):
+def test_refused_parameters_have_a_reason(kit, jump):
     async def story(world, vehicle, pilot):
         with pytest.raises(NoReply, match="NO_SUCH"):
             await vehicle.params.get("NO_SUCH")
@@ -40,7 +40,7 @@ def test_parameter_refusals(kit, jump):
     flight(kit, jump, story)
 
 
-def test_an_error_about_a_parameter_is_told_at_once_and_one_for_another_station_is_not(kit, jump):
+def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(kit, jump):
     async def story(world, vehicle, pilot):
         station = [255, 190]
 
@@ -65,7 +65,7 @@ def test_an_error_about_a_parameter_is_told_at_once_and_one_for_another_station_
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_the_gimbal_is_taken_pointed_and_released(kit, jump, loss, seed):
+def test_the_gimbal_is_controlled_pointed_and_released(kit, jump, loss, seed):
     async def story(world, vehicle, pilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
@@ -96,7 +96,7 @@ def test_the_gimbal_is_taken_pointed_and_released(kit, jump, loss, seed):
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
-def test_gimbal_bad_values_and_no_gimbal(kit, jump):
+def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
     async def story(world, vehicle, pilot):
         for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
             with pytest.raises(InvalidRequest):
@@ -111,7 +111,8 @@ def test_gimbal_bad_values_and_no_gimbal(kit, jump):
 
 
 def turning(pilot, *, pitch_min_deg, rate_deg_s=60.0):
-    """A gimbal that moves at its own pace, stops at a limit that it does not report, and answers well."""
+    """A gimbal with its own rate that stops at a limit that it does not report, and still accepts the
+    command."""
     at = {"pitch": 0.0, "asked": 0.0}
 
     def command(message):
@@ -129,7 +130,7 @@ def turning(pilot, *, pitch_min_deg, rate_deg_s=60.0):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_a_gimbal_that_stops_at_its_own_limit_is_told_as_limited(kit, jump, loss, seed):
+def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, jump, loss, seed):
     async def story(world, vehicle, pilot):
         turning(pilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
@@ -142,7 +143,7 @@ def test_a_gimbal_that_stops_at_its_own_limit_is_told_as_limited(kit, jump, loss
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
-def test_angles_that_nobody_waits_for_are_answered_at_their_acknowledgement(kit, jump):
+def test_without_wait_the_answer_is_the_acknowledgement(kit, jump):
     async def story(world, vehicle, pilot):
         turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
@@ -153,7 +154,7 @@ def test_angles_that_nobody_waits_for_are_answered_at_their_acknowledgement(kit,
     flight(kit, jump, story)
 
 
-def test_a_gimbal_that_is_slow_or_does_not_report_is_not_told_as_limited(kit, jump):
+def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit, jump):
     async def story(world, vehicle, pilot):
         turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()

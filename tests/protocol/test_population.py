@@ -1,4 +1,4 @@
-"""Floods of vehicles that do not exist: bounded, named, removable, and never in a real one's place."""
+"""Floods of vehicles that do not exist: limited, reported, removable, and never replacing a real one."""
 
 import asyncio
 import tracemalloc
@@ -34,7 +34,7 @@ def fake(link, system, peer):
     link.inject(encode_frame(d.MAVLINK_MSG_ID_HEARTBEAT, HEARTBEAT, 0, system, 1), peer)
 
 
-def test_many_sources_of_one_system_id_are_bounded_and_named(jump):
+def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
     async def story(world):
         link = world.link()
         tracemalloc.start()
@@ -48,7 +48,7 @@ def test_many_sources_of_one_system_id_are_bounded_and_named(jump):
         assert grown < 10e6, f"{grown / 1e6:.1f} MB"
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "too_many"]
         assert (warning.link, "system id 9" in warning.text) == ("memory", True)
-        assert len([e for e in world.fleet.events.since() if e.kind == "warning"]) == 1, "told once"
+        assert len([e for e in world.fleet.events.since() if e.kind == "warning"]) == 1, "reported once"
         await asyncio.sleep(70.0)
         assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "it is over"
 
@@ -61,7 +61,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
         pilot = world.offboard_pilot(links[0], peer="real")
         pilot.fly()
         real = await world.ready()
-        pilot.alive = False  # its link is gone for a while: it may be anywhere
+        pilot.alive = False  # its link is interrupted: it may return on any link
         for _ in range(2):
             for n, link in enumerate(links):
                 for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
@@ -77,7 +77,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
 
 
 @pytest.mark.story
-def test_a_new_vehicle_gets_the_place_of_a_fake_that_fell_silent(jump):
+def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
     async def story(world):
         link = world.link()
         for system in range(2, 255):
@@ -86,7 +86,7 @@ def test_a_new_vehicle_gets_the_place_of_a_fake_that_fell_silent(jump):
         assert len(world.fleet.all()) == MAX_ON_LINK
         world.pilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
-        assert "1" not in [v.id for v in world.fleet.all()], "all others were heard just now"
+        assert "1" not in [v.id for v in world.fleet.all()], "all others are connected"
         await asyncio.sleep(FORGETTABLE_AFTER_S)
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_ON_LINK
@@ -94,7 +94,7 @@ def test_a_new_vehicle_gets_the_place_of_a_fake_that_fell_silent(jump):
     told(jump, story)
 
 
-def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump):
+def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
     async def story(world):
         world.fleet.on_vehicle_removed(world.streamer.detach)
         link = world.link()
@@ -108,7 +108,7 @@ def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump
         await asyncio.sleep(3.6)
         with pytest.raises(Refused, match="streamed"):
             world.fleet.remove("1", "test")
-        await asyncio.sleep(15.0)  # the stream has given up
+        await asyncio.sleep(15.0)  # the stream has ended
         world.fleet.remove("1", "test")
         assert world.fleet.all() == []
         assert world.fleet.events.since()[-1].text == "Vehicle 1 was removed: test removed it"
@@ -123,7 +123,7 @@ def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump
     told(jump, story)
 
 
-def test_duplicate_ids_give_one_warning(jump):
+def test_equal_system_ids_give_one_warning(jump):
     async def story(world):
         link = world.link()
         for second in range(60):

@@ -1,4 +1,4 @@
-"""Real PX4 recordings through parser, router and vehicle, against pymavlink's own reading of them."""
+"""Recordings of a real PX4 through parser, router and vehicle, compared with pymavlink's decoding."""
 
 import asyncio
 import gzip
@@ -36,7 +36,7 @@ def records(path):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_the_api_says_what_the_log_says(shared, kit, jump, name):
+def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
     path = shared / "px4" / "tlogs" / name
 
     async def story():

@@ -1,4 +1,5 @@
-"""Links that sign: a vehicle with the key is flown, an intruder is neither heard, recorded nor forwarded.
+"""Links with signing: a vehicle with the key is flown; frames of an intruder are not handled, recorded or
+forwarded.
 
 The vehicle signs and checks with pymavlink, which shares no code with the server's signing.
 """
@@ -76,7 +77,7 @@ def flown(jump, story, tmp_path, **settings):
 
 
 @pytest.mark.parametrize("required", [True, False])
-def test_a_vehicle_with_the_key_is_heard_and_takes_every_frame_as_signed(jump, tmp_path, required):
+def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(jump, tmp_path, required):
     async def story(world):
         pilot = world.signed_pilot(world.signed_link(required=required))
         vehicle = await world.ready()
@@ -94,7 +95,7 @@ def test_a_vehicle_with_the_key_is_heard_and_takes_every_frame_as_signed(jump, t
     flown(jump, story, tmp_path)
 
 
-def test_a_vehicle_that_does_not_know_the_time_gets_it_from_what_it_hears(jump, tmp_path):
+def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(jump, tmp_path):
     async def story(world):
         world.signed_pilot(world.signed_link(), timestamp=0)
         await world.ready()
@@ -106,7 +107,8 @@ def test_a_vehicle_that_does_not_know_the_time_gets_it_from_what_it_hears(jump, 
 
 
 def intruder_frames(world):
-    """What somebody without the key can send in the vehicle's name: by himself, or by what he recorded."""
+    """Frames that an attacker without the key can send with the vehicle's id: own frames, or replayed
+    ones."""
     unsigned = encode_frame(0, HEARTBEAT, 0, 1, 1)
     forged = encode_frame(
         0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER), 2, SigningClock(world.clock.unix_s))
@@ -154,7 +156,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         assert KEY.hex().encode() not in file.read_bytes()
 
 
-def test_a_vehicle_with_another_key_is_not_flown_and_named(jump, tmp_path):
+def test_a_vehicle_with_another_key_is_not_flown_and_is_named(jump, tmp_path):
     async def story(world):
         link = world.signed_link()
         pilot = world.signed_pilot(link, key=OTHER, system=6)
@@ -177,7 +179,7 @@ def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
     flown(jump, story, tmp_path)
 
 
-def test_a_link_without_a_key_takes_signed_frames_and_counts_them(jump, tmp_path):
+def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_path):
     async def story(world):
         link = world.link("plain")
         pilot = world.signed_pilot(link)

@@ -1,4 +1,5 @@
-"""Nothing overtakes Stop motors: it is sent until the vehicle reports to be disarmed, whatever else comes."""
+"""Stop motors has priority: it is sent until the vehicle reports that it is disarmed, whatever else is
+requested."""
 
 import asyncio
 import itertools
@@ -9,9 +10,9 @@ import pytest
 from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from tests.protocol.api_calls import MISSION
-from tests.protocol.api_calls import desk as station_desk
+from tests.protocol.api_calls import with_routes as station_desk
 from tests.protocol.fake_autopilot import HOLD
-from tests.protocol.group_world import ANNA, begin, desk, place
+from tests.protocol.group_world import ANNA, begin, place, with_routes
 from tests.protocol.offboard_world import flight, order, seconds
 from tests.protocol.one_vehicle import LOSS
 
@@ -34,7 +35,7 @@ def is_kill(message):
 
 
 def others(pilot):
-    """Commands that are none of Stop motors and fly the vehicle: arm, modes, take-off, go to."""
+    """Other commands that fly the vehicle: arm, modes, take-off, go to."""
     return [m for m in pilot.heard if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)]
 
 
@@ -52,7 +53,7 @@ def deaf_to_kill(pilot, for_s):
 
 
 @pytest.mark.parametrize("name", list(CALLS))
-def test_a_later_command_is_refused_in_words_and_does_not_end_stop_motors(jump, name):
+def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(jump, name):
     async def story(world, vehicle, pilot, link):
         times = deaf_to_kill(pilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
@@ -65,12 +66,12 @@ def test_a_later_command_is_refused_in_words_and_does_not_end_stop_motors(jump, 
         assert not pilot.armed
         assert len(others(pilot)) == before
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        await CALLS["hold"](vehicle)  # it is over: commands are taken again
+        await CALLS["hold"](vehicle)  # it has ended: commands are accepted again
 
     flight(jump, story)
 
 
-def test_stop_motors_ends_waiting_commands(jump):
+def test_stop_motors_ends_pending_commands(jump):
     async def story(world, vehicle, pilot, link):
         pilot.silent_commands.add(176)
         hold = asyncio.ensure_future(vehicle.command.hold())
@@ -86,12 +87,12 @@ def test_stop_motors_ends_waiting_commands(jump):
     flight(jump, story)
 
 
-def test_the_streams_own_end_asks_for_no_mode_while_motors_are_stopped(jump):
+def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=2.0, hold_for_s=0.5))
         deaf_to_kill(pilot, 5.0)
         asked = len(pilot.commands(176))
-        await vehicle.command.kill()  # 2.5 s later the stream would ask for Hold
+        await vehicle.command.kill()  # 2.5 s later the stream would request Hold
         assert not pilot.armed
         await seconds(0.3)
         assert len(pilot.commands(176)) == asked
@@ -118,7 +119,7 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
     flight(jump, story)
 
 
-def test_a_groups_hold_and_guard_do_not_end_stop_motors_of_a_member(jump):
+def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
     async def story(at):
         await begin(at, {"1": place(), "2": place()})
         await seconds(2.0)
@@ -131,11 +132,11 @@ def test_a_groups_hold_and_guard_do_not_end_stop_motors_of_a_member(jump):
         await kill
         assert not at.pilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        assert len(at.pilots["1"].commands(176)) - asked <= 1  # Hold, once it was over
+        assert len(at.pilots["1"].commands(176)) - asked <= 1  # Hold follows after its end
         assert at.vehicles["2"].status.mode == "hold"
         assert at.pilots["2"].armed
 
-    desk(jump, story, count=2)
+    with_routes(jump, story, count=2)
 
 
 def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
@@ -177,12 +178,12 @@ def test_stop_motors_continues_after_its_caller(jump):
     flight(jump, story)
 
 
-def test_a_vehicle_that_falls_silent_meanwhile_is_sent_it_until_the_deadline(jump):
+def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
     async def story(world, vehicle, pilot, link):
         quiet_raw = pilot.send_raw
         pilot.send_raw = lambda raw: None
         times = deaf_to_kill(pilot, 100.0)
-        await seconds(1.0)  # silent for 3.5 s, and so lost, in the middle of it
+        await seconds(1.0)  # no messages for 3.5 s, so it is lost during the command
         began_s = world.loop.time()
         with pytest.raises(NoReply):
             await vehicle.command.kill()
@@ -200,7 +201,9 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
         await seconds(2.0)
         late = []
 
-        def slow_arm(message):  # the arm is obeyed half a second late, after a heartbeat that says disarmed
+        def slow_arm(
+            message,
+        ):  # the arm command is executed half a second late, after a heartbeat that shows disarmed
             if getattr(message, "command", None) == 400 and message.param1 == 1.0 and not late:
                 late.append(message)
                 world.loop.call_later(0.5, lambda: setattr(pilot, "armed", True))
@@ -229,7 +232,7 @@ def test_on_expiry_waits_for_stop_motors(jump, deaf_s, ends):
         await seconds(28.5)
         deaf_to_kill(at.pilot, deaf_s)
         kill = asyncio.ensure_future(at.vehicle.command.kill())
-        await seconds(3.0)  # control ends in the middle of it
+        await seconds(3.0)  # control expires during the command
         assert not at.pilot.commands(176)
         await asyncio.gather(kill, return_exceptions=True)
         await seconds(3.0)
@@ -252,7 +255,7 @@ def test_a_server_shutdown_waits_for_stop_motors(jump):
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
-def test_in_any_order_of_calls_and_with_packets_lost_the_motors_stop(jump, loss, seed):
+def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, loss, seed):
     async def story(world, vehicle, pilot, link):
         dice = random.Random(seed)
         if dice.random() < 0.5:
@@ -266,7 +269,7 @@ def test_in_any_order_of_calls_and_with_packets_lost_the_motors_stop(jump, loss,
             except GcsError as error:
                 return error
 
-        calls = [call for name, call in CALLS.items() if name != "arm"]  # on purpose it would arm again
+        calls = [call for name, call in CALLS.items() if name != "arm"]  # it would arm again intentionally
         for _ in range(8):
             running.append(asyncio.ensure_future(later(dice.choice(calls), dice.uniform(0.0, 4.0))))
         running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), dice.uniform(0.0, 4.0))))

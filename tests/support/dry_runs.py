@@ -1,4 +1,4 @@
-"""Plans that are short enough to be flown in tests, and the aircraft that flies them."""
+"""Short plans for tests that fly them, and the aircraft."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ AIRCRAFT = Aircraft(HOME, parameters=QUICK, endurance_s=300.0)
 
 
 def at(kind, north_m: float, east_m: float, height_m: float, **fields):
-    """An item at a place from home."""
+    """An item at this position relative to home."""
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
     altitude = Altitude(value_m=height_m, reference="home")
     return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=altitude, **fields)
 
 
 def hop(north_m: float = 15.0, *, fence_m: float | None = None, land: bool = True) -> Plan:
-    """Up to 4 m, to the north, and down again."""
+    """Takes off to 4 m, flies north, and lands."""
     items = [at(Takeoff, 0.0, 0.0, 4.0), at(Waypoint, north_m, 0.0, 4.0)]
     if land:
         items.append(at(Land, north_m, 0.0, 0.0))
@@ -33,5 +33,5 @@ def hop(north_m: float = 15.0, *, fence_m: float | None = None, land: bool = Tru
 
 
 def flyable(plan: Plan, aircraft: Aircraft = AIRCRAFT) -> FlyablePlan:
-    """Ready for the tests' aircraft."""
+    """The plan, resolved for the tests' aircraft."""
     return FlyablePlan.of(plan, aircraft)

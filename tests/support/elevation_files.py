@@ -1,4 +1,4 @@
-"""Elevation files made for tests: a hill, a slope, a hole."""
+"""Generates elevation files for tests: a hill, a slope, a hole."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def write(
     driver: str = "GTiff",
     **options: object,
 ) -> Path:
-    """A file whose cells have these altitudes, as a function of latitudes and longitudes of their centres."""
+    """Writes a file; `height` is the altitude as a function of the latitudes and longitudes of the cells'
+    centres."""
     lat = north_deg - (np.arange(cells) + 0.5) * step_deg
     lon = west_deg + (np.arange(cells) + 0.5) * step_deg
     lons, lats = np.meshgrid(lon, lat)
@@ -45,7 +46,7 @@ def write(
 
 
 def flat(amsl_m: float) -> Height:
-    """The same everywhere."""
+    """The same altitude everywhere."""
     return lambda lat, lon: np.full_like(lat, amsl_m)
 
 
@@ -57,7 +58,7 @@ def hill(
     lon_deg: float = LON_DEG,
     width_deg: float = 0.002,
 ) -> Height:
-    """A hill on flat ground, round in degrees."""
+    """A round hill (in degrees) on flat ground."""
     return lambda lat, lon: (
         amsl_m + top_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))
     )

@@ -1,4 +1,5 @@
-"""Hypothesis strategies of whole plans: every kind of item and fence, values as the wire holds them."""
+"""Hypothesis strategies for whole plans: every kind of item and fence, with values as MAVLink carries
+them."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from missions.values import Altitude, FenceCircle, FencePolygon, HomePosition, P
 
 
 def float32(value: float) -> float:
-    """The nearest number that a 32-bit float holds."""
+    """The nearest number that a 32-bit float can represent."""
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
@@ -50,7 +51,7 @@ POLYGONS = st.builds(
 
 @st.composite
 def typed_items(draw: st.DrawFn, altitudes: st.SearchStrategy[Altitude] = ALTITUDES) -> Item:
-    """An item of any kind that PX4 executes, any field set or unset."""
+    """An item of any type that PX4 executes, with each optional field set or unset."""
     cls = draw(st.sampled_from(TYPED_ITEMS))
     fields: dict[str, Any] = {"autocontinue": draw(st.booleans())}
     whole = st.integers(-(10**6), 10**6).map(float)
@@ -81,7 +82,7 @@ def plans(
     altitudes: st.SearchStrategy[Altitude] = ALTITUDES,
     homes: st.SearchStrategy[HomePosition | None] = ANY_HOME,
 ) -> st.SearchStrategy[Plan]:
-    """Plans of anything; zones in the order that files keep: polygons, then circles."""
+    """Any plans; fences in the order of files: polygons, then circles."""
     return st.builds(
         lambda items, polygons, circles, **rest: Plan(
             items=tuple(items), fence=(*polygons, *circles), **rest

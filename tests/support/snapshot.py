@@ -1,8 +1,8 @@
-"""A whole simulated flight copied as it stands, so that what was flown once can be flown on many times.
+"""A copy of a whole simulated flight, so that many tests can continue the same flight.
 
-`copy.deepcopy` leaves functions as they are, with the objects that they captured, and makes arrays that share
-memory into arrays that do not; here both are copied with all that they hold. What belongs to a module (tables
-and layouts) stays shared.
+`copy.deepcopy` shares functions together with the objects in their closures, and copies arrays that share
+memory into arrays that do not. This module copies both correctly. Objects that belong to a module (tables and
+layouts) stay shared.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Memo = dict[int, Any]
 
 
 def snapshot(flown: T) -> T:
-    """A copy that flies on by itself: nothing that happens to it reaches the original, nor the other way."""
+    """An independent copy: neither the copy nor the original affects the other."""
     memo: Memo = {}
     for name, module in list(sys.modules.items()):
         if name.split(".")[0] == "vehicle_sim":
@@ -42,9 +42,9 @@ def _function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
     cells = [memo.setdefault(id(cell), types.CellType()) for cell in function.__closure__ or ()]
     code, names = function.__code__, function.__globals__
     made = types.FunctionType(code, names, function.__name__, None, tuple(cells) or None)
-    memo[id(function)] = made  # before its cells: one of them may hold the function itself
+    memo[id(function)] = made  # before its cells: one of them may contain the function itself
     for old, new in zip(function.__closure__ or (), cells, strict=True):
-        if id(new) not in memo:  # two functions may have captured the same name
+        if id(new) not in memo:  # two functions may share a cell
             memo[id(new)] = new
             new.cell_contents = copy.deepcopy(old.cell_contents, memo)
     made.__defaults__ = copy.deepcopy(function.__defaults__, memo)
@@ -95,4 +95,4 @@ COPIERS: dict[type, Any] = {
     struct.Struct: _same,
     Message: _same,
 }
-"""What was heard is not changed any more."""
+"""Received messages never change."""

@@ -1,4 +1,4 @@
-"""The format of a file is recognised by its content, not by its name."""
+"""The format of a file is detected by its content, not by its name."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ PLAN = Plan.model_validate_json(
 
 
 @pytest.mark.parametrize("name", [name for name in any_format.FORMATS if name != "yaml"])
-def test_every_format_is_recognised_by_its_content_and_gives_the_items_back(name):
+def test_each_format_is_detected_by_its_content_and_returns_the_items(name):
     data = any_format.write(name, PLAN).data
     filename = "plan.csv" if name == "csv" else "renamed.bin"
     assert any_format.recognise(data, filename) == name
@@ -39,14 +39,14 @@ def test_every_format_is_recognised_by_its_content_and_gives_the_items_back(name
 
 
 @pytest.mark.parametrize("name", any_format.MISSION_FORMATS)
-def test_a_mission_is_recognised_by_its_content_and_comes_back_the_same(name):
+def test_a_mission_is_detected_by_its_content_and_returned_unchanged(name):
     mission = read(TOWER.read_bytes())
     data = any_format.write(name, mission).data
     assert any_format.recognise(data, "renamed.bin") == name
     assert any_format.read(name, data).plan == mission
 
 
-def test_a_format_that_cannot_hold_this_kind_of_plan_says_which_can():
+def test_the_refusal_of_a_format_names_the_formats_that_can_store_the_plan():
     with pytest.raises(PlanError, match="Write it as yaml or json"):
         any_format.write("kml", read(TOWER.read_bytes()))
     with pytest.raises(PlanError, match="convert it to an offboard mission first"):
@@ -57,7 +57,7 @@ def test_lost_comments_are_reported():
     assert "comments" in any_format.read("yaml", TOWER.read_bytes()).notes[0]
 
 
-def test_our_own_document_comes_back_the_same():
+def test_a_plan_document_is_returned_unchanged():
     assert any_format.read("json", any_format.write("json", PLAN).data).plan == PLAN
 
 
@@ -71,12 +71,12 @@ def test_our_own_document_comes_back_the_same():
         (b"kind,lat_deg\n", "format is not supported"),
     ],
 )
-def test_a_file_of_no_known_format_is_refused_in_words(data, reason):
+def test_a_file_of_an_unknown_format_is_refused_with_a_reason(data, reason):
     with pytest.raises(PlanError, match=reason):
         any_format.recognise(data, "flight.bin")
 
 
-def test_points_without_altitude_are_refused_unless_the_import_names_one():
+def test_points_without_altitude_are_refused_unless_the_import_gives_one():
     line = b'{"type": "LineString", "coordinates": [[8.5, 47.4], [8.5, 47.401]]}'
     with pytest.raises(PlanError):
         any_format.read("geojson", line)

@@ -1,4 +1,4 @@
-"""Each finding has a plan that it is about, and a good plan has none."""
+"""Each finding occurs in a plan with that fault, and a plan without faults has no findings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from tests.support.plan_strategies import RESOLVED, plans
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
 M = 1.0 / 111_194.9
-"""Degrees of latitude of a metre."""
+"""Degrees of latitude per metre."""
 
 
 def at(north_m: float, east_m: float = 0.0) -> dict[str, float]:
@@ -139,7 +139,7 @@ def test_a_good_plan_has_no_findings() -> None:
 @pytest.mark.parametrize(
     ("code", "plan", "limits", "row"), CASES, ids=[f"{n}-{case[0]}" for n, case in enumerate(CASES)]
 )
-def test_each_finding_is_found_at_its_place(code: str, plan: Plan, limits: Limits, row: int | None) -> None:
+def test_each_finding_names_its_item(code: str, plan: Plan, limits: Limits, row: int | None) -> None:
     found = {finding.code: finding for finding in check(plan, limits)}
     assert found[code].row == row
     assert found[code].message.endswith(".")
@@ -152,7 +152,7 @@ def test_every_code_has_a_case() -> None:
     assert {code for code, *_ in CASES} | {"check_failed"} | of_ground == set(CODES)
 
 
-def test_a_missing_takeoff_is_an_error_only_where_the_vehicle_wants_one() -> None:
+def test_a_missing_takeoff_is_an_error_only_if_the_vehicle_requires_one() -> None:
     severities = [
         next(each.severity for each in check(a_plan(to(50)), limits) if each.code == "takeoff_missing")
         for limits in (Limits(), needs(1))
@@ -160,7 +160,9 @@ def test_a_missing_takeoff_is_an_error_only_where_the_vehicle_wants_one() -> Non
     assert severities == ["warning", "error"]
 
 
-def test_a_check_that_fails_is_a_finding_and_the_others_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def broken_rule(context: object) -> Any:
         raise RuntimeError("out of order")
 
@@ -172,12 +174,12 @@ def test_a_check_that_fails_is_a_finding_and_the_others_are_made(monkeypatch: py
 
 @settings(deadline=None, max_examples=40)
 @given(plan=plans(altitudes=RESOLVED))
-def test_any_plan_is_checked_to_the_end(plan: Plan) -> None:
+def test_all_checks_of_any_plan_are_completed(plan: Plan) -> None:
     limits = Limits(length_max_m=1000.0, power=POWER)
     assert "check_failed" not in {finding.code for finding in check(plan, limits)}
 
 
-def test_the_table_in_the_documentation_is_that_of_the_code() -> None:
+def test_the_table_in_the_documentation_matches_the_code() -> None:
     text = (Path(__file__).parents[3] / "docs" / "missions.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (error|warning) \| (.+) \|$", text, re.MULTILINE)
     assert {code: (severity, meaning) for code, severity, meaning in rows} == CODES

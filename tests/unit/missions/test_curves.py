@@ -1,4 +1,4 @@
-"""A path as a curve: through its points, at rest at its ends, without jumps."""
+"""A path as a curve: it passes its points, is at rest at both ends, and is continuous."""
 
 import math
 
@@ -33,7 +33,7 @@ def test_the_curve_passes_its_points_at_their_times(steps):
 
 
 @given(steps)
-def test_it_starts_and_ends_at_rest_and_holds_its_last_point(steps):
+def test_it_starts_and_ends_at_rest_and_holds_the_last_point(steps):
     curve = PathCurve(path_of(steps), 0.5)
     for t_s in (-1.0, 0.0, curve.duration_s, curve.duration_s + 100.0):
         assert curve.at(t_s).velocity_ned_m_s == (0.0, 0.0, 0.0)
@@ -45,7 +45,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(steps, share)
     curve = PathCurve(path_of(steps), None)
     t_s, dt_s = share * curve.duration_s, 1e-4
     if min(abs(t_s - point) for point in curve._times) < 2 * dt_s:
-        return  # the acceleration may step at a point
+        return  # the acceleration may change stepwise at a point
     before, now, after = (curve.at(t_s + offset) for offset in (-dt_s, 0.0, dt_s))
     for order in ("position_ned_m", "velocity_ned_m_s"):
         rate = (np.array(getattr(after, order)) - np.array(getattr(before, order))) / (2 * dt_s)
@@ -54,7 +54,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(steps, share)
 
 
 @given(steps, st.lists(st.floats(0, 1), min_size=1, max_size=20))
-def test_many_times_give_the_same_as_each_by_itself(steps, shares):
+def test_sampling_many_times_equals_sampling_each_time(steps, shares):
     curve = PathCurve(path_of(steps), None)
     times = np.array([share * curve.duration_s for share in shares])
     positions, velocities = curve.sample(times)

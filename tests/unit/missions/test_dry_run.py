@@ -1,4 +1,4 @@
-"""Waypoint plans flown in simulation before they are flown: once, and many times in one batch."""
+"""Dry runs of waypoint plans: a single simulated flight, and many in one batch."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def many() -> MonteCarlo:
     return monte_carlo(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, flights=3, seed=4, obstacles=[POST])
 
 
-def test_a_plan_is_flown_to_its_end_with_the_time_of_each_step(flown):
+def test_a_plan_is_flown_to_its_end_and_each_step_has_its_time(flown):
     assert (flown.finished, flown.landed, flown.findings) == (True, True, ())
     assert [step.place for step in flown.steps] == ["item 1", "item 2", "item 3"]
     assert [step.row for step in flown.steps] == [0, 1, 2]
@@ -52,13 +52,13 @@ def test_a_plan_is_flown_to_its_end_with_the_time_of_each_step(flown):
     assert flown.length_m == pytest.approx(23.0, abs=3.0)
 
 
-def test_battery_and_distances_are_those_of_the_flight(flown):
+def test_battery_and_distances_match_the_flight(flown):
     assert flown.battery_end_share == pytest.approx(1.0 - flown.duration_s / 300.0, abs=0.015)
     assert flown.fence_distance_m == pytest.approx(15.0, abs=1.5)
     assert flown.obstacle_distance_m == pytest.approx(5.5, abs=1.0)
 
 
-def test_its_document_is_json(flown):
+def test_the_result_can_be_written_as_json(flown):
     document = json.loads(json.dumps(flown.document()))
     assert document["origin"] == HOME.model_dump()
     path = document["path"]
@@ -68,26 +68,26 @@ def test_its_document_is_json(flown):
     assert path["step_places"] == ["item 1", "item 2", "item 3"]
 
 
-def test_the_nominal_flight_of_many_is_the_single_one_bit_for_bit(flown, many):
+def test_the_nominal_flight_of_a_batch_equals_the_single_flight_bit_for_bit(flown, many):
     assert flown.track is not None
     assert many.nominal.track is not None
     assert np.array_equal(flown.track.position_ned_m, many.nominal.track.position_ned_m)
 
 
-def test_each_of_many_meets_its_own_conditions(many):
+def test_each_flight_of_a_batch_has_its_own_conditions(many):
     assert len(many.flights) == 3
     assert len({each.conditions for each in many.flights}) == 3
     assert len({each.duration_s for each in many.flights} | {many.nominal.duration_s}) > 1
     assert many.duration_s is not None
     assert many.duration_s.least <= many.duration_s.p50 <= many.duration_s.greatest
     assert many.chances["fence_touched"].count == 0
-    assert many.chances["fence_touched"].upper > 0.3, "three flights say little"
+    assert many.chances["fence_touched"].upper > 0.3, "three flights are a small sample"
     assert many.corridor is not None
     assert 0.05 < many.corridor.width_m < 3.0
     json.dumps(many.document(), allow_nan=False)
 
 
-def test_whoever_watches_can_end_it():
+def test_the_progress_callback_can_end_a_dry_run():
     class Cancelled(Exception):
         pass
 
@@ -98,7 +98,7 @@ def test_whoever_watches_can_end_it():
         dry_run(flyable(hop()), AIRCRAFT, report=stop)
 
 
-def test_a_mission_that_px4_does_not_take_is_refused_with_its_reason():
+def test_a_mission_that_px4_refuses_is_refused_with_its_reason():
     run = dry_run(flyable(hop(fence_m=10.0)), AIRCRAFT)
     assert not run.finished
     assert [finding.code for finding in run.findings] == ["start_refused"]
@@ -121,11 +121,11 @@ def test_too_many_flights_are_refused():
         monte_carlo(flyable(hop()), AIRCRAFT, flights=MAX_FLIGHTS + 1)
 
 
-# --- what is said of a flight -----------------------------------------------------------------------
+# --- findings about a flight ------------------------------------------------------------------------
 
 
 def judged(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
-    """Of a flight 40 m to the north in 10 s that has been recorded."""
+    """Findings of a recorded flight 40 m to the north in 10 s."""
     t_s = np.arange(0.0, 10.05, 0.1)
     place = np.stack([4.0 * t_s, 0.0 * t_s, np.full_like(t_s, -5.0)], axis=1)
     battery = np.linspace(1.0, battery_end, len(t_s))
@@ -136,7 +136,7 @@ def judged(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=
     return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, obstacles, 1.0)
 
 
-def test_leaving_the_fence_is_told_with_step_place_and_depth():
+def test_a_flight_outside_the_fence_is_a_finding_with_step_position_and_depth():
     (finding,) = judged(fence_m=30.0).findings
     assert (finding.code, finding.severity, finding.step) == ("fence_touched", "error", "item 2")
     assert "by up to 10.0 m" in finding.message
@@ -146,24 +146,24 @@ def test_leaving_the_fence_is_told_with_step_place_and_depth():
 @pytest.mark.parametrize(
     ("battery_end", "code"), [(0.15, "battery_reserve"), (0.0, "battery_empty"), (0.25, None)]
 )
-def test_a_battery_below_its_reserve_is_told(battery_end, code):
+def test_a_battery_below_its_reserve_is_a_finding(battery_end, code):
     assert [finding.code for finding in judged(battery_end=battery_end).findings] == ([code] if code else [])
 
 
-def test_a_battery_of_which_nothing_is_known_is_not_guessed():
+def test_an_unknown_battery_charge_is_not_estimated():
     unknown = replace(AIRCRAFT, endurance_s=None)
     assert not unknown.battery_is_known
     assert replace(unknown, parameters={"SIM_BAT_DRAIN": 60.0}).battery_is_known
 
 
-def test_coming_near_an_obstacle_is_told_with_its_name():
+def test_a_flight_near_an_obstacle_is_a_finding_with_its_name():
     (finding,) = judged(obstacles=[replace(POST, east_m=2.0)]).findings
     assert finding.code == "obstacle_near"
     assert "within 1.5 m of post" in finding.message
     assert finding.t_s == pytest.approx(2.0, abs=0.2)
 
 
-def test_every_code_has_its_meaning_in_the_documentation():
+def test_each_finding_code_is_explained_in_the_documentation():
     text = (Path(__file__).parents[3] / "docs" / "missions.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (.+) \| (error|warning) \|$", text, re.MULTILINE)
     assert {code: (severity, meaning) for code, meaning, severity in rows} == CODES

@@ -1,4 +1,4 @@
-"""Offboard missions flown in simulation before they are flown, by the runner that flies real vehicles."""
+"""Dry runs of offboard missions, by the runner that flies real vehicles."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ELSEWHERE = LocalOrigin(*LocalOrigin(HOME.lat_deg, HOME.lon_deg, 470.0).to_geode
 
 @pytest.fixture(scope="module")
 def flown() -> DryRun:
-    """With the vehicle 30 m south and 20 m east of its local origin, and 10 m above it."""
+    """A mission flown with the vehicle 30 m south and 20 m east of its local origin, and 10 m above it."""
     return dry_run(FlyableMission.of(mission(STEPS), AIRCRAFT, origin=ELSEWHERE), AIRCRAFT)
 
 
@@ -45,10 +45,10 @@ def test_a_mission_is_flown_to_its_end_step_by_step(flown):
     assert places[0] == "step 1"
     assert places[-1] == "step 6"
     assert {"step 3", "step 5 then 1"} <= set(places)
-    assert flown.duration_s < 40.0, "a person who is asked answers at once, and the battery decides"
+    assert flown.duration_s < 40.0, "questions are answered at once, and the battery decides the branch"
 
 
-def test_its_path_counts_from_where_it_stands_whatever_the_local_origin_is(flown):
+def test_its_path_is_relative_to_the_start_for_any_local_origin(flown):
     assert flown.track is not None
     assert flown.track.position_ned_m[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
     assert flown.track.position_ned_m[-1] == pytest.approx((10.0, 0.0, 0.0), abs=2.0)
@@ -63,7 +63,7 @@ def test_the_gimbal_follows_its_track(flown):
     assert flown.track.gimbal_rad[then, 0] == pytest.approx(-0.5, abs=0.05)
 
 
-def test_the_flown_path_is_the_planned_one(flown):
+def test_the_flown_path_matches_the_planned_one(flown):
     assert flown.track is not None
     timeline = FlyableMission.of(mission(STEPS), AIRCRAFT).timeline
     fly = next(step for step in flown.steps if step.title == "North")
@@ -71,8 +71,8 @@ def test_the_flown_path_is_the_planned_one(flown):
     assert fly.end_s - fly.start_s == pytest.approx(planned.duration_s, abs=0.5)
 
 
-class Heard:
-    """Writes down what an offboard receiver is given."""
+class SetpointRecorder:
+    """Records the setpoints that an offboard receiver gets."""
 
     def __init__(self) -> None:
         self.calls: list[tuple] = []
@@ -84,8 +84,8 @@ class Heard:
         self.calls.append(("attitude", *given))
 
 
-def test_setpoints_are_handed_over_with_what_they_leave_open_masked():
-    heard, start = Heard(), (1.0, 2.0, -3.0)
+def test_fields_that_a_setpoint_does_not_control_are_masked():
+    heard, start = SetpointRecorder(), (1.0, 2.0, -3.0)
     send(heard, Position((11.0, None, -8.0), 0.5), start)
     send(heard, Velocity((1.0, 0.0, None)), start)
     send(heard, Trajectory((1.0, 2.0, -3.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0), 0.2, 0.3), start)
@@ -99,7 +99,7 @@ def test_setpoints_are_handed_over_with_what_they_leave_open_masked():
     assert attitude[1] == 7
 
 
-def test_a_task_says_how_far_it_is_and_gives_json():
+def test_a_dry_run_task_reports_progress_and_returns_json():
     told: list[tuple[str, float | None]] = []
 
     class Enough(Exception):

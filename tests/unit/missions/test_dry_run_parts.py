@@ -1,4 +1,4 @@
-"""The pure parts of a dry run: what is taken over, what is drawn, how near, how far beside."""
+"""Pure functions of a dry run: the vehicle's data, random conditions, distances, corridors."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ STEPS = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
 
 
 def track(speed_m_s: float, *, east_m: float = 0.0, up_m: float = 0.0, length_m: float = 40.0) -> Track:
-    """North along a line; the second step begins half way."""
+    """A straight flight to the north; the second step begins half way."""
     t_s = np.arange(0.0, length_m / speed_m_s + 0.05, 0.1)
     place = np.stack([speed_m_s * t_s, np.full_like(t_s, east_m), np.full_like(t_s, -10.0 - up_m)], axis=1)
     step = (place[:, 0] >= length_m / 2).astype(int)
     return Track(t_s, place, np.ones_like(t_s), step, STEPS)
 
 
-def test_of_a_real_vehicle_nothing_is_taken_that_belongs_to_its_airframe():
+def test_parameters_of_the_vehicles_airframe_are_not_used():
     real = {
         "MPC_XY_CRUISE": 7.0,
         "MC_ROLLRATE_P": 0.3,
@@ -52,12 +52,12 @@ def test_of_a_real_vehicle_nothing_is_taken_that_belongs_to_its_airframe():
         ({"gusts_m_s": -1.0}, "gusts_m_s"),
     ],
 )
-def test_conditions_that_cannot_be_are_refused_by_name(fields, says):
+def test_impossible_conditions_are_refused_by_name(fields, says):
     with pytest.raises(PlanError, match=says):
         Conditions(**fields)
 
 
-def test_draws_follow_seed_and_number_and_spread_about_what_is_stated():
+def test_random_conditions_depend_on_seed_and_number_and_have_the_given_spread():
     stated, spread = Conditions(wind_ned_m_s=(3.0, 0.0, 0.0), gusts_m_s=1.0), Spread(wind_m_s=2.0)
     drawn = [spread.draw(stated, 5, number) for number in range(400)]
     assert drawn[17] == spread.draw(stated, 5, 17)
@@ -69,14 +69,14 @@ def test_draws_follow_seed_and_number_and_spread_about_what_is_stated():
     assert Spread(0.0, 0.0, 0.0, 0.0, 0.0).draw(stated, 5, 1) == stated
 
 
-def test_a_chance_says_what_few_flights_leave_open():
+def test_a_probability_has_an_interval_that_depends_on_the_number_of_flights():
     assert Chance.of(0, 100).upper == pytest.approx(0.037, abs=0.001)
     assert Chance.of(0, 10).upper > 0.25
     assert Chance.of(50, 100).share == 0.5
     assert Chance.of(10, 10).upper == pytest.approx(1.0)
 
 
-def test_the_distance_to_the_fence_is_negative_outside_and_knows_the_vehicles_cylinder():
+def test_the_distance_to_the_fence_is_negative_outside_and_includes_the_vehicles_cylinder():
     centre = Point(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg)
     zones = (
         FenceCircle(inclusion=True, center=centre, radius_m=50.0),
@@ -98,14 +98,14 @@ def test_the_distance_to_an_obstacle_is_that_to_its_nearest_side_edge_or_roof():
     assert obstacle_distance_m([turned], places)[0][0] == pytest.approx(7.0)
 
 
-def test_a_flight_beside_the_nominal_one_is_beside_it_however_slow_it_is():
+def test_the_deviation_from_the_nominal_path_does_not_depend_on_the_speed():
     nominal, slow = track(5.0), track(3.7, east_m=2.0, up_m=-0.5)
     across, above = deviation(nominal, slow, nominal.t_s, nominal.position_ned_m)
     assert across == pytest.approx(2.0, abs=0.02)
     assert above == pytest.approx(-0.5, abs=0.02)
 
 
-def test_what_comes_after_the_end_of_a_flight_is_no_deviation():
+def test_positions_after_the_end_of_a_flight_are_not_deviations():
     nominal, short = track(5.0), track(5.0, east_m=1.0, length_m=16.0)
     broken = Track(short.t_s, short.position_ned_m, short.battery_share, np.zeros(len(short.t_s), int), STEPS)
     across, _ = deviation(nominal, broken, nominal.t_s, nominal.position_ned_m)
@@ -127,9 +127,9 @@ def test_a_corridor_has_the_quantiles_of_its_flights():
     assert len(document["t_s"]) == len(document["position_ned_m"]) == len(document["horizontal_m"]["p95"])
 
 
-def test_a_vehicle_whose_flight_is_over_costs_nothing_more():
+def test_a_vehicle_whose_flight_has_ended_takes_no_more_time():
     def decide() -> None:
-        raise AssertionError("its autopilot still decides")
+        raise AssertionError("its autopilot is still running")
 
     fleet = Fleet([AIRCRAFT, AIRCRAFT], [Conditions(), Conditions()])
     fleet.vehicles[1].autopilot.update = decide

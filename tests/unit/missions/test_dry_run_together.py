@@ -1,4 +1,4 @@
-"""A mission of several vehicles flown in simulation: all at once, by the runners that fly real ones."""
+"""Dry runs of a mission for several vehicles, by the runners that fly real vehicles."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def one_above_the_other() -> DryRunTogether:
     return crossed(9, 3)
 
 
-def test_all_fly_from_where_they_stand_and_wait_for_each_other(one_above_the_other):
+def test_all_fly_from_their_positions_and_wait_for_each_other(one_above_the_other):
     lead, left = (one_above_the_other.roles[role] for role in ("lead", "left"))
     assert (lead.finished, left.finished, lead.landed, left.landed) == (True,) * 4
     assert lead.track is not None
@@ -61,17 +61,17 @@ def test_all_fly_from_where_they_stand_and_wait_for_each_other(one_above_the_oth
     assert left.track.position_ned_m[-1] == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
     flies = [next(step for step in run.steps if step.place.endswith("step 3")) for run in (lead, left)]
     assert flies[0].start_s == pytest.approx(flies[1].start_s, abs=1.0), "the lower one waited in the air"
-    assert left.track.q_ned_frd is not None, "each has a picture of its own"
+    assert left.track.q_ned_frd is not None, "each has its own track"
 
 
-def test_the_nearest_two_are_stated_and_far_enough_apart(one_above_the_other):
+def test_the_smallest_distance_is_reported_and_above_the_minimum(one_above_the_other):
     (closest,) = one_above_the_other.closest
     assert closest.roles == ("lead", "left")
     assert 3.0 < closest.distance_m < 8.0
     assert one_above_the_other.findings == ()
 
 
-def test_two_that_cross_at_one_height_are_found_with_place_and_time():
+def test_two_vehicles_that_cross_at_one_height_are_a_finding_with_position_and_time():
     given = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
     for each in given.values():
         each["aircraft"]["home"] = each["aircraft"]["home"].model_dump()
@@ -93,7 +93,7 @@ def test_two_that_cross_at_one_height_are_found_with_place_and_time():
     assert told[0] == "1 s are simulated; 0 of 2 vehicles have ended."
 
 
-def test_what_several_roles_have_in_common_is_said_once_with_their_names():
+def test_a_finding_of_several_roles_is_reported_once_with_their_names():
     drain = {"code": "battery_unknown", "step": None, "text": "The drain is not known."}
     step = {"code": "fence_touched", "step": "left, step 2", "text": "It leaves the fence."}
     roles = {"lead": {"findings": [drain]}, "left": {"findings": [step, drain]}}

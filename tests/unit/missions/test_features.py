@@ -1,4 +1,5 @@
-"""GeoJSON and KML: our own files come back whole, foreign ones are understood only as far as they say."""
+"""GeoJSON and KML: files of this program are read completely, other files as far as their meaning is
+defined."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ HOME_20 = ImportOptions(altitude=Altitude(value_m=20.0, reference="home"))
 
 @settings(deadline=None, max_examples=40)
 @given(plan=plans(altitudes=RESOLVED))
-def test_any_plan_is_the_same_after_geojson_and_kml(plan: Plan) -> None:
+def test_any_plan_is_unchanged_after_geojson_and_kml(plan: Plan) -> None:
     without_speeds = plan.model_copy(update={"hover_speed_m_s": None, "cruise_speed_m_s": None})
     for written, read in ((geojson.write(plan), geojson.read), (kml.write(plan), kml.read)):
         assert read(written.data).plan == without_speeds
@@ -48,7 +49,7 @@ def places(found: Imported) -> list[tuple[float, float]]:
     return [(item.lat_deg, item.lon_deg) for item in found.plan.items if isinstance(item, Waypoint)]
 
 
-def test_foreign_points_and_lines_become_waypoints_and_areas_stay_areas() -> None:
+def test_points_and_lines_of_other_programs_become_waypoints_and_areas_stay_areas() -> None:
     square = [[8.0, 47.0], [8.1, 47.0], [8.1, 47.1], [8.0, 47.0]]
     found = geojson.read(
         collection(
@@ -68,7 +69,7 @@ def test_foreign_points_and_lines_become_waypoints_and_areas_stay_areas() -> Non
     assert not found.plan.fence
 
 
-def test_an_altitude_of_an_unknown_reference_is_never_believed() -> None:
+def test_an_altitude_without_a_reference_is_never_used() -> None:
     with pytest.raises(PlanError, match="feature 1, its altitude: the file does not state"):
         geojson.read(collection(("Point", [8.5, 47.5, 900.0])))
 
@@ -84,7 +85,7 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 @pytest.mark.parametrize(("mode", "reference"), [("absolute", "amsl"), ("relativeToGround", "terrain")])
-def test_kml_says_what_its_altitudes_count_from(mode: str, reference: str) -> None:
+def test_the_altitude_mode_of_kml_is_the_reference_of_its_altitudes(mode: str, reference: str) -> None:
     found = kml.read((KML % mode).encode())
     assert places(found) == [(47.5, 8.5), (47.6, 8.6)]
     first = found.plan.items[0]
@@ -99,7 +100,7 @@ def test_kml_clamped_to_the_ground_needs_an_altitude() -> None:
     assert len(kml.read((KML % "clampToGround").encode(), HOME_20).plan.items) == 2
 
 
-def test_written_kml_shows_altitudes_above_the_sea() -> None:
+def test_written_kml_has_altitudes_above_mean_sea_level() -> None:
     plan = Plan(
         planned_home=HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0),
         items=(Waypoint(lat_deg=47.1, lon_deg=8.1, altitude=Altitude(value_m=20.0, reference="home")),),
@@ -129,7 +130,7 @@ BILLION_LAUGHS = (
         (KML.replace(",30", ",1e7") % "absolute", r"feature 1 \(path\), field value_m"),
     ],
 )
-def test_hostile_kml_ends_in_a_plain_error(text: str, message: str) -> None:
+def test_hostile_kml_is_refused_with_a_reason(text: str, message: str) -> None:
     with pytest.raises(PlanError, match=message):
         kml.read(text.encode())
 

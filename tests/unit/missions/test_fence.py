@@ -1,4 +1,4 @@
-"""The region of fences: who is inside, how far the edge is, and where the nearest position inside lies."""
+"""The region of fences: inside or outside, distance to the edge, nearest position inside."""
 
 import math
 
@@ -20,12 +20,12 @@ inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(lambda p: FENC
 
 
 def is_inside(p, region=FENCED):
-    """To a micrometre: a position on the edge counts."""
+    """Inside to within a micrometre: a position on the edge counts."""
     return any(region.breach((p[0] + n, p[1] + e)) is None for n, e in NEXT_TO)
 
 
 @given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))
-def test_many_positions_are_judged_as_each_by_itself(many, corners, radius_m):
+def test_checking_many_positions_equals_checking_each(many, corners, radius_m):
     region = Region(
         circles=(Circle((3.0, -2.0), radius_m, "a circle"),), polygons=(Polygon(tuple(corners), "a fence"),)
     )
@@ -34,7 +34,7 @@ def test_many_positions_are_judged_as_each_by_itself(many, corners, radius_m):
 
 
 @given(inside, positions)
-def test_nothing_on_the_way_to_the_last_position_inside_is_outside(here, target):
+def test_no_position_before_the_last_inside_position_is_outside(here, target):
     end = FENCED.last_inside(here, target)
     for part in (step / 20 for step in range(21)):
         assert is_inside((here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part))
@@ -53,13 +53,13 @@ def test_the_nearest_position_inside_is_inside(p):
     assert is_inside(nearest)
 
 
-def test_a_region_without_common_ground_has_no_position_inside():
+def test_a_region_of_disjoint_fences_has_no_position_inside():
     apart = Region(circles=(Circle((0.0, 0.0), 5.0, "one"), Circle((50.0, 0.0), 5.0, "other")))
     assert apart.nearest_inside((0.0, 0.0)) is None
 
 
 @given(inside, st.floats(-math.pi, math.pi))
-def test_the_edge_lies_where_its_distance_says(p, course):
+def test_a_position_at_the_reported_distance_is_on_the_edge(p, course):
     direction = (math.cos(course), math.sin(course))
     edge_m = FENCED.distance_to_edge_m(p, direction)
     for distance_m, expected in ((edge_m - 0.01, True), (edge_m + 0.01, False)):
@@ -85,7 +85,7 @@ def test_down_is_clamped_to_the_vertical_limits(down_m, expected_m):
     assert FENCED.clamp_down_m(down_m) == expected_m
 
 
-def test_a_fence_on_the_earth_is_the_same_fence_in_a_local_frame():
+def test_a_fence_in_geodetic_coordinates_is_the_same_in_a_local_frame():
     origin = LocalOrigin(47.4, 8.5, 480.0)
     corners = [origin.to_geodetic((n, e, 0.0))[:2] for n, e in L_SHAPE]
     polygon = PolygonFence(tuple(corners)).to_local(origin, "the fence")
@@ -95,7 +95,7 @@ def test_a_fence_on_the_earth_is_the_same_fence_in_a_local_frame():
     assert (circle.radius_m, circle.name) == (30.0, "a circle")
 
 
-def test_a_region_says_what_it_limits():
+def test_a_region_lists_its_limits():
     assert not Region().is_limited_horizontally
     assert not Region().is_limited_vertically
     assert FENCED.is_limited_horizontally

@@ -1,4 +1,4 @@
-"""Rotations are right, and limits on an attitude are kept."""
+"""Rotations, and limits on an attitude."""
 
 import math
 
@@ -20,7 +20,7 @@ def angle_between(a, b):
 
 
 @given(angles, pitches, angles)
-def test_euler_angles_survive_the_quaternion(roll, pitch, yaw):
+def test_euler_angles_are_unchanged_after_conversion_to_a_quaternion_and_back(roll, pitch, yaw):
     back = frames.euler_from_q(frames.q_from_euler(roll, pitch, yaw))
     for was, now in zip((roll, pitch, yaw), back, strict=True):
         assert math.cos(was - now) == pytest.approx(1.0, abs=1e-9)
@@ -57,7 +57,7 @@ def test_wrap_pi_keeps_the_angle(angle):
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 1.0)])
-def test_what_is_not_a_rotation_is_none(q):
+def test_invalid_quaternions_give_none(q):
     assert frames.normalized(q) is None
 
 
@@ -74,7 +74,7 @@ def test_limit_tilt_keeps_the_direction_of_the_tilt(q, max_rad):
 
 
 @given(attitudes, attitudes, st.floats(0.01, 1.0))
-def test_limit_rotation_turns_the_shorter_way_by_no_more_than_asked(before, wanted, max_rad):
+def test_limit_rotation_turns_the_shorter_way_by_the_limit_at_most(before, wanted, max_rad):
     limited, short = frames.limit_rotation(before, wanted, max_rad)
     apart = angle_between(before, wanted)
     assert angle_between(before, limited) <= min(apart, max_rad) + 1e-5

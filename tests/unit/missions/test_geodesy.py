@@ -1,4 +1,4 @@
-"""Between latitude and longitude and a local NED frame."""
+"""Conversion between latitude and longitude and a local NED frame."""
 
 import math
 
@@ -26,13 +26,13 @@ def test_a_position_converted_to_geodetic_and_back_is_unchanged(lat, lon, positi
 
 
 @given(latitudes, longitudes, positions)
-def test_the_origin_is_found_from_one_position_known_in_both(lat, lon, position):
+def test_the_origin_is_found_from_one_position_known_in_both_frames(lat, lon, position):
     origin = LocalOrigin.from_pair(lat, lon, 100.0, position)
     assert origin.to_ned(lat, lon, 100.0) == pytest.approx(position, abs=1e-4)
 
 
 @given(positions)
-def test_near_the_origin_the_flat_distance_is_that_on_the_sphere(position):
+def test_near_the_origin_the_flat_distance_equals_that_on_the_sphere(position):
     lat, lon, _ = ORIGIN.to_geodetic(position)
     flat_m = math.hypot(position[0], position[1])
     assert distance_m(47.4, 8.5, lat, lon) == pytest.approx(flat_m, abs=0.001 * flat_m + 1e-3)
@@ -47,6 +47,6 @@ def test_a_position_in_the_frame_of_another_origin_is_the_same_on_the_earth(posi
     assert alt == pytest.approx(expected[2], abs=1e-6)
 
 
-def test_the_date_line_is_crossed():
+def test_conversion_works_across_the_date_line():
     east = LocalOrigin(0.0, 179.9999, 0.0).to_ned(0.0, -179.9999, 0.0)[1]
     assert east == pytest.approx(math.radians(0.0002) * EARTH_RADIUS_M, rel=1e-6)

@@ -1,4 +1,4 @@
-"""Whatever file comes, reading it ends soon, in a plan or in a PlanError."""
+"""Reading any file ends soon, with a plan or with a PlanError."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ READERS: dict[str, Callable[[bytes], Any]] = {
     "kml": lambda data: kml.read(data, OPTIONS),
 }
 LONGEST_S, MAX_BYTES = 10.0, 300_000_000
-"""Of processor time and memory, for the largest file; stated in docs/missions.md."""
+"""Limits of processor time and memory for the largest file; documented in docs/missions.md."""
 
 
 def a_plan_file(**mission: Any) -> bytes:
@@ -68,7 +68,7 @@ HOSTILE = {
 
 
 def refusal(read: Callable[[bytes], Any], data: bytes) -> PlanError | None:
-    """The error that reading ends in; None where it ends in a plan. Any other exception fails the test."""
+    """The error of a read; None if it returns a plan. Any other exception fails the test."""
     try:
         read(data)
     except PlanError as error:
@@ -78,7 +78,7 @@ def refusal(read: Callable[[bytes], Any], data: bytes) -> PlanError | None:
 
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_file_ends_in_a_plain_error(name: str, reader: str) -> None:
+def test_a_hostile_file_is_refused_with_a_reason(name: str, reader: str) -> None:
     began_s = time.process_time()
     error = refusal(READERS[reader], HOSTILE[name])
     assert error is not None
@@ -89,7 +89,7 @@ def test_a_hostile_file_ends_in_a_plain_error(name: str, reader: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["many empty lists", "many items"])
-def test_a_hostile_file_takes_bounded_memory(name: str) -> None:
+def test_a_hostile_file_takes_limited_memory(name: str) -> None:
     reader = {"many items": "waypoints"}.get(name, "plan")
     tracemalloc.start()
     try:
@@ -102,7 +102,7 @@ def test_a_hostile_file_takes_bounded_memory(name: str) -> None:
 
 @settings(deadline=None, max_examples=100)
 @given(data=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode("utf-8", "ignore")))
-def test_any_bytes_end_in_a_plan_or_a_plain_error(data: bytes) -> None:
+def test_any_bytes_give_a_plan_or_a_plan_error(data: bytes) -> None:
     for read in READERS.values():
         refusal(read, data)
 
@@ -118,7 +118,7 @@ ITEM_KEYS = ["type", "command", "frame", "params", "autoContinue", "Altitude", "
 
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_a_plan_file_with_any_value_in_any_place_ends_in_a_plan_or_a_plain_error(data: st.DataObject) -> None:
+def test_a_plan_file_with_any_value_in_any_field_gives_a_plan_or_a_plan_error(data: st.DataObject) -> None:
     item = {
         "type": "SimpleItem",
         "command": 16,

@@ -1,4 +1,4 @@
-"""Plans as mission items and back, against the dialect's own names and frames."""
+"""Plans as mission items and back, compared with the dialect's names and frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from missions.values import Altitude
 from tests.support.plan_strategies import plans
 
 
-def test_constants_are_those_of_the_dialect() -> None:
+def test_constants_match_the_dialect() -> None:
     names = [name for name, _ in inspect.getmembers(wire) if name.startswith("MAV_")]
     frames = {f"{name}": value for name, value in vars(dialect).items() if name.startswith("MAV_")}
     assert len(names) > 10
@@ -27,7 +27,7 @@ def test_constants_are_those_of_the_dialect() -> None:
 
 
 @pytest.mark.parametrize("cls", TYPED_ITEMS, ids=lambda cls: cls.__name__)
-def test_every_item_is_a_command_of_the_dialect_and_uses_each_parameter_once(cls: type) -> None:
+def test_each_item_is_a_command_of_the_dialect_and_uses_each_parameter_once(cls: type) -> None:
     command = dialect.enums["MAV_CMD"][cls.COMMAND]
     assert command.name.startswith("MAV_CMD_")
     placed = "lat_deg" in cls.model_fields
@@ -56,7 +56,7 @@ def test_kinds_and_commands_are_unique() -> None:
 
 @settings(deadline=None, max_examples=150)
 @given(plan=plans())
-def test_any_plan_is_the_same_after_the_wire(plan: Plan) -> None:
+def test_any_plan_is_unchanged_after_encoding_and_decoding(plan: Plan) -> None:
     assert wire.items_from_wire(wire.mission_items(plan)) == plan.items
     assert wire.fence_from_wire(wire.fence_items(plan)) == plan.fence
     assert wire.rally_from_wire(wire.rally_items(plan)) == plan.rally_points
@@ -72,7 +72,7 @@ def a_waypoint(**changes: object) -> Waypoint:
     return Waypoint(**fields)
 
 
-def test_frames_say_the_reference_of_each_altitude() -> None:
+def test_the_frame_of_an_item_is_the_reference_of_its_altitude() -> None:
     home = a_waypoint()
     amsl = a_waypoint(altitude=Altitude(value_m=500.0, reference="amsl"))
     terrain = a_waypoint(altitude=Altitude(value_m=30.0, reference="terrain"))
@@ -90,20 +90,20 @@ def test_unusual_values_of_unused_parameters_are_kept() -> None:
     assert repr(again) == repr(sent)
 
 
-def test_what_a_vehicle_holds_is_shown_even_where_it_cannot_be() -> None:
+def test_invalid_items_from_a_vehicle_are_shown() -> None:
     sent = WireItem(0, 6, 16, math.inf, 0, 0, 0, 950_000_000, 0, math.nan)
     (item,) = wire.items_from_wire([sent])
     assert isinstance(item, CommandItem)
     assert item.params == (None, 0, 0, 0, 95.0, 0.0, None)
 
 
-def test_a_fraction_where_the_message_has_an_integer_is_named() -> None:
+def test_a_fraction_in_an_integer_field_is_named() -> None:
     plan = Plan(items=(a_waypoint(), Digicam(shoot=0.5)))
     with pytest.raises(PlanError, match=r"item 2, parameter 5: 0\.5 is not a whole number"):
         wire.mission_items(plan)
 
 
-def test_an_item_without_a_place_is_never_sent_to_zero_degrees() -> None:
+def test_an_item_without_a_position_is_never_sent_with_zero_degrees() -> None:
     nowhere = CommandItem(command=22, frame=3, params=(0.0, 0.0, 0.0, None, None, None, 20.0))
     with pytest.raises(PlanError, match="item 1, parameter 5: the position is missing"):
         wire.mission_items(Plan(items=(nowhere,)))
@@ -121,7 +121,7 @@ def test_a_waypoint_in_a_fence_is_refused() -> None:
         wire.fence_from_wire([WireItem(0, 6, 16, 4.0, 0, 0, 0, 0, 0, 0.0)])
 
 
-def test_a_rally_point_goes_in_a_frame_that_the_return_understands() -> None:
+def test_a_rally_point_is_sent_in_a_frame_that_px4s_return_supports() -> None:
     plan = Plan.model_validate_json(
         '{"rally_points": [{"lat_deg": 47, "lon_deg": 8, "altitude": {"value_m": 15, "reference": "home"}}]}'
     )

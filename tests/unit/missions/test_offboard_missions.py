@@ -1,4 +1,4 @@
-"""Missions compiled: what is flown when, what is waited for, and what is found wrong with them."""
+"""Compiled missions: their timelines, waits, and findings."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_there_is_an_example_for_each_kind_of_flight() -> None:
     assert [path.stem for path in EXAMPLES] == ["figure_eight", "tower_inspection", "waypoints"]
 
 
-def test_the_figure_eight_is_flown_at_five_metres_a_second() -> None:
+def test_the_figure_eight_is_flown_at_five_metres_per_second() -> None:
     found = compile_mission(read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()))
     eight = next(segment for segment in found.segments if segment.title == "Two rounds")
     assert isinstance(eight, CurveSegment)
@@ -51,7 +51,7 @@ def test_the_figure_eight_is_flown_at_five_metres_a_second() -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_a_timeline_has_no_jumps(path: Path) -> None:
+def test_a_timeline_is_continuous(path: Path) -> None:
     found = compile_mission(read(path.read_bytes()))
     here, yaw_rad = (0.0, 0.0, 0.0), 0.0
     for segment in found.segments:
@@ -64,14 +64,14 @@ def test_a_timeline_has_no_jumps(path: Path) -> None:
         here, yaw_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
 
-def test_a_timeline_survives_a_pickle() -> None:
+def test_a_timeline_can_be_pickled() -> None:
     found = compile_mission(read((ROOT / "missions/examples/tower_inspection.yaml").read_bytes()))
     loaded = pickle.loads(pickle.dumps(found))
     for t in np.arange(0.0, found.own_duration_s, 1.7).tolist():
         assert loaded.at(t) == found.at(t)
 
 
-def test_steps_in_order_with_where_they_are_and_what_they_wait_for() -> None:
+def test_steps_are_in_order_with_positions_and_waits() -> None:
     found = timeline(
         UP
         + "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], name: Out}\n"
@@ -97,7 +97,7 @@ def test_steps_in_order_with_where_they_are_and_what_they_wait_for() -> None:
     assert found.findings == ()
 
 
-def test_places_are_local_relative_or_on_the_earth() -> None:
+def test_positions_are_local_relative_or_global() -> None:
     start = Start((5.0, 0.0, -1.0), 0.0, LocalOrigin(47.0, 8.0, 480.0), 480.0, in_air=True)
     north_deg = 47.0 + math.degrees(30.0 / 6_371_000.0)
     found = timeline(
@@ -114,7 +114,7 @@ def test_places_are_local_relative_or_on_the_earth() -> None:
     assert set(found.needs) == {"position", "velocity", "global_position", "home"}
 
 
-def test_a_place_on_the_earth_needs_an_origin_or_a_planned_home() -> None:
+def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
     steps = UP + "- {step: fly, points: [{lat_deg: 47, lon_deg: 8, alt_home_m: 12}]}\n" + DOWN
     assert codes(timeline(steps)) == {"estimate_missing"}
     assert compile_mission(mission(steps, home=HOME)).findings == ()
@@ -141,7 +141,7 @@ def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> 
     assert found.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
 
 
-def test_a_velocity_is_reached_held_and_left_in_its_time() -> None:
+def test_a_velocity_is_reached_held_and_ended_in_its_time() -> None:
     found = timeline(UP + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + DOWN)
     segment = found.segments[1]
     assert segment.at(5.0) == Velocity((pytest.approx(3.0), 0.0, 0.0), 0.0)  # type: ignore[arg-type]
@@ -150,7 +150,7 @@ def test_a_velocity_is_reached_held_and_left_in_its_time() -> None:
     assert codes(found) == {"position_not_held"}
 
 
-def test_an_attitude_is_sent_for_its_time() -> None:
+def test_an_attitude_is_sent_for_its_duration() -> None:
     found = timeline(UP + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + DOWN)
     setpoint = found.segments[1].at(1.0)
     assert isinstance(setpoint, Attitude)
@@ -162,7 +162,7 @@ def test_an_attitude_is_sent_for_its_time() -> None:
 CSV = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n10,20,0,-10\n20,20,20,-10\n"
 
 
-def test_a_table_is_flown_at_its_own_times_from_csv_and_numpy() -> None:
+def test_tables_from_csv_and_numpy_are_flown_at_their_own_times() -> None:
     array = io.BytesIO()
     np.save(array, np.array([[5, 0, 0, -10, 0], [15, 20, 0, -10, 1], [25, 20, 20, -10, 1]], dtype=float))
     files = {"a.csv": CSV, "b.npy": array.getvalue()}
@@ -177,7 +177,7 @@ LYING_ARRAY = (
     b"\x93NUMPY\x01\x00\x60\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"
     + b" " * 40
 )
-"""It says that it holds four terabytes."""
+"""Its header claims four terabytes."""
 
 
 @pytest.mark.parametrize(
@@ -194,13 +194,13 @@ LYING_ARRAY = (
         (b"\xff\xfe", "UTF-8"),
     ],
 )  # fmt: skip
-def test_a_bad_table_is_a_finding_that_names_the_row(data: bytes, words: str) -> None:
+def test_an_invalid_table_is_a_finding_that_names_the_row(data: bytes, words: str) -> None:
     found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": data})
     assert [finding.code for finding in found.findings] == ["step_invalid"]
     assert words in found.findings[0].message
 
 
-def test_a_table_faster_than_the_vehicle_is_found() -> None:
+def test_a_table_faster_than_the_vehicles_limits_is_a_finding() -> None:
     fast = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n1,40,0,-10\n2,80,0,-30\n"
     found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": fast})
     assert {"speed_exceeded", "acceleration_exceeded"} <= codes(found)
@@ -241,7 +241,7 @@ def test_pictures_are_events_at_their_times() -> None:
     assert found.photos == 7
 
 
-def test_avoidance_is_of_the_mission_or_of_a_step_and_stands_in_each_segment() -> None:
+def test_avoidance_of_mission_or_step_is_in_each_segment() -> None:
     steps = flown(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: false",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
@@ -252,7 +252,7 @@ def test_avoidance_is_of_the_mission_or_of_a_step_and_stands_in_each_segment() -
     assert mission(steps).steps[1].avoidance is False
 
 
-def test_repeats_and_calls_are_written_out() -> None:
+def test_repeats_and_calls_are_expanded() -> None:
     text = (
         "name: Test\nsteps:\n"
         + UP
@@ -265,7 +265,7 @@ def test_repeats_and_calls_are_written_out() -> None:
     assert [segment.place for segment in found.segments][1:3] == ["step 2.1, a 1", "step 2.1, a 2"]
 
 
-def test_a_branch_ends_in_two_timelines_that_each_hold_the_rest() -> None:
+def test_a_branch_gives_two_timelines_that_each_contain_the_following_steps() -> None:
     found = timeline(
         flown(
             "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: hold, duration_s: 9}]"
@@ -280,7 +280,7 @@ def test_a_branch_ends_in_two_timelines_that_each_hold_the_rest() -> None:
     assert found.duration_s == pytest.approx(found.own_duration_s + found.then.duration_s)
 
 
-def test_the_rest_of_a_mission_is_compiled_from_where_the_vehicle_is() -> None:
+def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
     steps = flown(
         "step: gimbal, track: look_at, place: {offset_ned_m: [0, 0, 0]}",
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}]",
@@ -325,7 +325,7 @@ def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, t
         assert all(math.isfinite(value) for value in values)
 
 
-def test_too_much_work_is_refused() -> None:
+def test_missions_with_too_many_steps_are_refused() -> None:
     many = "step: repeat, times: 1000, steps: [{step: hold, duration_s: 1}]"
     with pytest.raises(PlanError, match="Split the mission"):
         timeline(flown(f"step: repeat, times: 1000, steps: [{{{many}}}]"))
@@ -334,7 +334,7 @@ def test_too_much_work_is_refused() -> None:
         timeline(UP + branches)
 
 
-def test_the_examples_in_the_documentation_are_those_of_the_files() -> None:
+def test_the_examples_in_the_documentation_match_the_files() -> None:
     text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
     for path in EXAMPLES:
         assert f"missions/examples/{path.name}" in text

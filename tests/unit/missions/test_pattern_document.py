@@ -1,4 +1,4 @@
-"""Patterns as JSON: each kind gives its items, and an invalid value is refused with its field."""
+"""Patterns as JSON: each kind gives its items; the error for an invalid value names its field."""
 
 import json
 
@@ -34,7 +34,7 @@ def text(kind, **changes):
 
 
 @pytest.mark.parametrize("kind", PATTERNS)
-def test_each_kind_gives_items_that_are_flown_to(kind):
+def test_each_kind_gives_items_with_positions(kind):
     made = document.make(document.read(text(kind)))
     assert sum(item.kind == "waypoint" for item in made.items) >= 4
     assert made.lines_length_m > 50
@@ -52,14 +52,14 @@ def test_each_kind_gives_items_that_are_flown_to(kind):
         ("structure", {"height_m": 0}, "height_m"),
     ],
 )
-def test_an_invalid_value_is_refused_with_its_field_and_a_fix(kind, changes, place):
+def test_the_error_for_an_invalid_value_names_its_field_and_a_fix(kind, changes, place):
     with pytest.raises(PlanError) as raised:
         document.make(document.read(text(kind, **changes)))
     assert place in raised.value.place
     assert raised.value.fix.endswith(".")
 
 
-def test_an_unknown_kind_names_those_there_are():
+def test_the_error_for_an_unknown_kind_lists_the_kinds():
     with pytest.raises(PlanError, match="'structure'") as raised:
         document.read('{"kind": "spiral"}')
     assert raised.value.place == "the pattern"

@@ -1,4 +1,4 @@
-"""Patterns: what they cover, at which overlap, and how long they are beside what is possible."""
+"""Patterns: coverage, overlap, and length compared with the minimum."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def points(corners: list[tuple[float, float]]) -> list[Point]:
 
 
 def star(radii: list[float], start: float = 0.0) -> list[tuple[float, float]]:
-    """A polygon about the middle, convex or not, whose sides never cross."""
+    """A polygon around the centre, convex or not, whose sides never cross."""
     step = math.tau / len(radii)
     return [(r * math.sin(start + n * step), r * math.cos(start + n * step)) for n, r in enumerate(radii)]
 
 
 @st.composite
 def areas(draw: st.DrawFn) -> tuple[list[tuple[float, float]], list[list[tuple[float, float]]]]:
-    """An outline of 100 to 500 m about a hole of at most 60 m, or none."""
+    """An outline of 100 to 500 m, with or without a hole of at most 60 m."""
     outer = star(draw(st.lists(st.floats(100.0, 500.0), min_size=4, max_size=12)), draw(st.floats(0.0, 1.0)))
     hole = star(draw(st.lists(st.floats(10.0, 60.0), min_size=3, max_size=8)), draw(st.floats(0.0, 1.0)))
     return outer, [hole] if draw(st.booleans()) else []
@@ -55,7 +55,7 @@ def local_lines(found: Pattern) -> list[LineString]:
 
 
 def pictures(line: LineString, coverage: Coverage) -> list[Polygon]:
-    """The ground on each picture of a line."""
+    """The ground area of each picture of a line."""
     across, along = coverage.camera.footprint_m(coverage.distance_m)
     (x, y), (x_end, y_end) = line.coords
     length = math.dist((x, y), (x_end, y_end))
@@ -75,7 +75,7 @@ def pictures(line: LineString, coverage: Coverage) -> list[Polygon]:
     heading=st.none() | st.floats(0.0, 360.0),
     distance=st.floats(30.0, 80.0),
 )
-def test_a_survey_covers_any_area_at_the_overlap_asked_for(
+def test_a_survey_covers_any_area_with_the_requested_overlap(
     area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]],
     side: float,
     front: float,
@@ -115,14 +115,14 @@ def test_the_best_heading_is_along_the_long_side() -> None:
     assert found.lines_length_m == pytest.approx(500.0 * math.ceil(100.0 / found.spacing_m), rel=0.01)
 
 
-def test_a_simple_field_is_flown_to_and_fro() -> None:
+def test_a_simple_field_is_flown_in_parallel_lines() -> None:
     found = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, HIGH, heading_deg=90.0))
     lines = local_lines(found)
     for before, after in pairwise(lines):
         assert math.dist(before.coords[1], after.coords[0]) == pytest.approx(found.spacing_m, rel=0.01)
 
 
-def test_items_fly_each_line_with_pictures_on_and_turn_with_them_off() -> None:
+def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
     square = points([(0, 0), (200, 0), (200, 20), (0, 20)])
     found = make(Survey(square, COVERAGE, HIGH, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
     speed, *items = found.items
@@ -145,7 +145,7 @@ def test_items_fly_each_line_with_pictures_on_and_turn_with_them_off() -> None:
     assert found.photos == 1 + int(200.0 / found.trigger_m)
 
 
-def test_a_crosshatch_is_the_same_again_at_right_angles() -> None:
+def test_a_crosshatch_adds_the_same_lines_at_right_angles() -> None:
     field = points([(0, 0), (300, 0), (300, 200), (0, 200)])
     once, twice = (
         make(Survey(field, COVERAGE, HIGH, heading_deg=90.0, crosshatch=each)) for each in (False, True)
@@ -164,8 +164,8 @@ def test_a_survey_is_a_plan_without_findings() -> None:
     assert check(Plan(items=(takeoff, *items), planned_home=planned), Limits()) == ()
 
 
-def strip(line: LineString, across_m: float, beyond_m: float) -> Polygon:
-    """What the pictures of a line show at least, past its ends, too."""
+def strip_covered(line: LineString, across_m: float, beyond_m: float) -> Polygon:
+    """The strip that a line's pictures cover at least, also beyond its ends."""
     start, end = np.array(line.coords)
     ahead = (end - start) / line.length * beyond_m
     return LineString([start - ahead, end + ahead]).buffer(across_m / 2.0, cap_style="flat")
@@ -177,7 +177,7 @@ def strip(line: LineString, across_m: float, beyond_m: float) -> Polygon:
     width=st.floats(10.0, 150.0),
     side=st.floats(0.0, 0.8),
 )
-def test_a_corridor_is_covered_on_its_whole_width(bends: list[float], width: float, side: float) -> None:
+def test_the_whole_width_of_a_corridor_is_covered(bends: list[float], width: float, side: float) -> None:
     path, heading = [(0.0, 0.0)], 0.0
     for bend in bends:
         heading += math.radians(bend)
@@ -187,7 +187,7 @@ def test_a_corridor_is_covered_on_its_whole_width(bends: list[float], width: flo
     across_m, along_m = CAMERA.footprint_m(60.0)
     beyond_m = along_m / 2.0 - found.trigger_m
     strips = shapely.union_all(
-        [strip(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
+        [strip_covered(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
     )
     wanted = LineString(path).buffer(width / 2.0, cap_style="flat", join_style="mitre")
     assert wanted.intersection(strips).area / wanted.area >= 0.995
@@ -205,7 +205,7 @@ def places(found: Pattern) -> list[tuple[float, float]]:
 
 @settings(deadline=None, max_examples=30)
 @given(area=areas(), offset=st.floats(5.0, 50.0))
-def test_a_perimeter_keeps_its_distance_and_goes_clockwise(
+def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
     area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]], offset: float
 ) -> None:
     ring = places(perimeter(points(area[0]), offset, HIGH))
@@ -215,7 +215,7 @@ def test_a_perimeter_keeps_its_distance_and_goes_clockwise(
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_an_orbit_stays_near_its_circle_and_looks_at_the_middle(clockwise: bool) -> None:
+def test_an_orbit_stays_near_its_circle_and_points_at_the_centre(clockwise: bool) -> None:
     center = CHART.point((0.0, 0.0))
     foot = Altitude(value_m=5.0, reference="home")
     found = orbit(
@@ -231,7 +231,7 @@ def test_an_orbit_stays_near_its_circle_and_looks_at_the_middle(clockwise: bool)
     assert found.lines_length_m == pytest.approx(2 * math.tau * 50.0, rel=0.01)
 
 
-def test_a_structure_scan_looks_at_its_sides_from_foot_to_top() -> None:
+def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
     tower = points([(-10, -10), (10, -10), (10, 10), (-10, 10)])
     coverage = Coverage(CAMERA, 12.0, front_overlap=0.7, side_overlap=0.5)
     scan = StructureScan(
@@ -281,6 +281,6 @@ FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
         (lambda: corridor(FIELD, 0.0, COVERAGE, HIGH), "field width_m: 0 m is not between"),
     ],
 )
-def test_what_cannot_be_made_is_said(make_it: object, message: str) -> None:
+def test_impossible_patterns_are_refused_with_a_reason(make_it: object, message: str) -> None:
     with pytest.raises(PlanError, match=message):
         make_it()  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""QGroundControl's .plan files: nothing is lost, nothing changes that nobody changed."""
+"""QGroundControl's .plan files: nothing is lost, and nothing changes without an edit."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def a_file(name: str) -> bytes:
 
 
 def same_json(one: bytes, other: bytes) -> bool:
-    """Equal values, equal order of keys, and 1 is not 1.0."""
+    """Equal values in equal order of keys; 1 and 1.0 are different."""
     return json.dumps(json.loads(one)) == json.dumps(json.loads(other))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_file_of_qgroundcontrol_comes_back_as_it_was(path: Path) -> None:
+def test_a_qgroundcontrol_file_is_written_unchanged(path: Path) -> None:
     found = qgc_plan.read(path.read_bytes())
     assert same_json(qgc_plan.write(found.plan).data, path.read_bytes())
     through_ours = documents.read(documents.write(found.plan))
@@ -39,7 +39,7 @@ def test_a_file_of_qgroundcontrol_comes_back_as_it_was(path: Path) -> None:
     assert same_json(qgc_plan.write(through_ours).data, path.read_bytes())
 
 
-def test_altitudes_come_with_their_references() -> None:
+def test_altitudes_are_read_with_their_references() -> None:
     plan = qgc_plan.read(a_file("simple")).plan
     assert [item.altitude for item in plan.items[:5] if hasattr(item, "altitude")] == [
         Altitude(value_m=15.0, reference="home"),
@@ -51,7 +51,7 @@ def test_altitudes_come_with_their_references() -> None:
     assert (plan.hover_speed_m_s, plan.cruise_speed_m_s) == (5.0, 15.0)
 
 
-def test_a_jump_finds_its_item_by_the_number_in_the_file() -> None:
+def test_a_jump_targets_its_item_by_the_number_in_the_file() -> None:
     plan = qgc_plan.read(a_file("survey")).plan
     jump = plan.items[2]
     assert isinstance(jump, Jump)
@@ -67,20 +67,20 @@ def test_a_jump_finds_its_item_by_the_number_in_the_file() -> None:
     assert again.target_index == 2
 
 
-def test_a_survey_flies_the_items_inside_it() -> None:
+def test_a_survey_consists_of_the_items_inside_it() -> None:
     plan = qgc_plan.read(a_file("survey")).plan
     assert isinstance(plan.items[1], ComplexItem)
     assert len(plan.items[1].items) == 8
     assert [item.command for item in mavlink_items.mission_items(plan)] == [22, *[16, 206] * 4, 177, 21]
 
 
-def test_a_structure_scan_without_items_is_kept_and_said() -> None:
+def test_a_structure_scan_without_items_is_kept_and_reported() -> None:
     found = qgc_plan.read(a_file("structure"))
     note = "Item 2 (StructureScan) contains no mission items: it is kept, but cannot be flown."
     assert found.notes == (note,)
 
 
-def test_a_changed_item_keeps_what_this_program_does_not_know() -> None:
+def test_a_changed_item_keeps_unknown_fields() -> None:
     plan = qgc_plan.read(a_file("fence_rally_unknown")).plan
     takeoff = plan.items[0].model_copy(update={"altitude": Altitude(value_m=33.0, reference="home")})
     changed = plan.model_copy(update={"items": (takeoff, *plan.items[1:]), "hover_speed_m_s": 4.0})
@@ -107,7 +107,7 @@ def test_a_moved_fence_zone_and_rally_point_keep_their_neighbours_and_unknown_ke
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED, homes=HOMES))
-def test_any_plan_is_the_same_after_a_plan_file(plan: Plan) -> None:
+def test_any_plan_is_unchanged_after_a_plan_file(plan: Plan) -> None:
     rally = tuple(
         point.model_copy(update={"altitude": Altitude(value_m=point.altitude.value_m, reference="home")})
         for point in plan.rally_points
@@ -131,7 +131,7 @@ UNKNOWN = st.recursive(
 
 
 def with_unknown_keys(value: Any, draw: Any) -> Any:
-    """The same JSON with keys nobody knows in any of its objects."""
+    """The same JSON with unknown keys in any of its objects."""
     if isinstance(value, list):
         return [with_unknown_keys(each, draw) for each in value]
     if not isinstance(value, dict):
@@ -144,7 +144,7 @@ def with_unknown_keys(value: Any, draw: Any) -> Any:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(homes=HOMES), data=st.data())
-def test_unknown_keys_anywhere_come_back_in_their_order(plan: Plan, data: st.DataObject) -> None:
+def test_unknown_keys_are_written_back_in_their_order(plan: Plan, data: st.DataObject) -> None:
     plan = plan.model_copy(update={"rally_points": ()})
     document = with_unknown_keys(json.loads(qgc_plan.write(plan).data), data.draw)
     sent = json.dumps(document).encode()
@@ -194,14 +194,14 @@ def changed(name: str, path: list[str | int], value: Any) -> bytes:
         (["rallyPoints", "points"], [[47, 8]], "rally point 1: it has no altitude"),
     ],
 )
-def test_a_wrong_value_is_named_with_item_field_and_fix(
+def test_the_error_for_an_invalid_value_names_item_field_and_fix(
     path: list[str | int], value: Any, message: str
 ) -> None:
     with pytest.raises(PlanError, match=message):
         qgc_plan.read(changed("simple", path, value))
 
 
-def test_a_jump_to_nowhere_is_kept_as_it_is() -> None:
+def test_a_jump_to_a_missing_item_is_kept_unchanged() -> None:
     sent = changed("simple", ["mission", "items", 9, "params", 0], 77)
     plan = qgc_plan.read(sent).plan
     assert isinstance(plan.items[9], CommandItem)
@@ -216,7 +216,7 @@ def test_a_home_without_altitude_is_none_and_kept_in_the_file() -> None:
     assert same_json(qgc_plan.write(found.plan).data, sent)
 
 
-def test_a_rally_altitude_that_the_file_cannot_hold_is_refused() -> None:
+def test_a_rally_altitude_that_the_file_cannot_store_is_refused() -> None:
     plan = Plan.model_validate_json(
         '{"rally_points": [{"lat_deg": 1, "lon_deg": 8, "altitude": {"value_m": 5, "reference": "terrain"}}]}'
     )

@@ -1,7 +1,7 @@
-"""The checks beside a real PX4 v1.16: they find an error in exactly the missions that it refused.
+"""The checks compared with a real PX4 v1.16: they find errors in exactly the missions that it refused.
 
-The data are uploads that were recorded: its MISSION_ACK, its events, and the items (frame, command, four
-parameters, x, y, z, autocontinue; null is NaN).
+The data are recorded uploads: MISSION_ACK, events, and the items (frame, command, four parameters, x, y, z,
+autocontinue; null is NaN).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FILE = Path(__file__).parents[2] / "data" / "plans" / "recorded_missions.jsonl"
 UPLOADS = [json.loads(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
 HOME = HomePosition(lat_deg=47.397742, lon_deg=8.545594, alt_amsl_m=489.0)
 INT_FRAME = {0: 5, 3: 6}
-"""Sent with the frame for integers, which means the same."""
+"""The same frames for items with integers."""
 
 
 def wire_items(upload: dict[str, Any], frames: dict[int, int]) -> list[WireItem]:
@@ -42,6 +42,6 @@ def test_the_checks_agree_with_the_vehicle(upload: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])
-def test_a_recorded_mission_goes_out_as_it_was(upload: dict[str, Any]) -> None:
+def test_a_recorded_mission_is_encoded_unchanged(upload: dict[str, Any]) -> None:
     items = items_from_wire(wire_items(upload, {}))
     assert repr(list(mission_items(Plan(items=items)))) == repr(wire_items(upload, INT_FRAME))

@@ -1,4 +1,5 @@
-"""A mission beside its dry run: inside the corridor or not, and what was flown beside what was sent."""
+"""A mission compared with its dry run: deviation from the corridor, and the comparison of flown and sent
+positions."""
 
 import math
 
@@ -30,13 +31,13 @@ NORTH = Corridor(
         ((-6.0 - TOLERANCE_M, 0.0, -10.0), 4.0),
     ],
 )
-def test_how_far_outside_is_measured_from_the_nearest_part(here, outside_m):
+def test_the_distance_outside_is_measured_from_the_nearest_part_of_the_corridor(here, outside_m):
     watch = CorridorWatch(NORTH)
     watch.update(0.0, here)
     assert watch.outside_m == pytest.approx(outside_m, abs=1e-6)
 
 
-def test_a_moment_outside_is_not_told_and_a_longer_one_is_once():
+def test_only_a_long_deviation_is_reported_and_only_once():
     watch = CorridorWatch(NORTH)
     outside, inside = (10.0, 20.0, -10.0), (10.0, 0.0, -10.0)
     assert not watch.update(0.0, outside)
@@ -51,7 +52,7 @@ def test_a_moment_outside_is_not_told_and_a_longer_one_is_once():
 
 
 @pytest.mark.parametrize("wrong", [{"beside_m": (1.0,)}, {"position_ned_m": ((0.0, 0.0, 0.0),)}])
-def test_bounds_that_do_not_fit_the_path_are_refused(wrong):
+def test_bounds_that_do_not_match_the_path_are_refused(wrong):
     fields = {
         "position_ned_m": NORTH.position_ned_m,
         "beside_m": (1.0,) * 3,
@@ -62,7 +63,7 @@ def test_bounds_that_do_not_fit_the_path_are_refused(wrong):
         Corridor(**{**fields, **wrong})
 
 
-def test_a_vehicle_that_leaves_the_corridor_and_returns_is_told_of():
+def test_leaving_and_reentering_the_corridor_are_reported():
     fake = FlownMission(
         mission(flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
     ).start()
@@ -81,7 +82,7 @@ def test_a_vehicle_that_leaves_the_corridor_and_returns_is_told_of():
     assert fake.status.outside_corridor_m is None
 
 
-def test_what_was_flown_is_kept_beside_what_was_sent_and_never_grows_without_end():
+def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
     fake = FlownMission(mission(flown("step: hold, duration_s: 5"))).start().in_state("flying")
     track, status = FlownTrack(), fake.status
     sent = Reading(

@@ -1,4 +1,4 @@
-"""The mission runner: faults in every kind of step."""
+"""The mission runner: faults during each kind of step."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from tests.support.offboard_missions import flown, mission
 
 @pytest.mark.parametrize("kind", STEPS)
 @pytest.mark.parametrize("action", ["hold", "return", "land", "continue"])
-def test_a_low_battery_does_what_the_document_says_once(kind, action):
+def test_a_low_battery_triggers_its_action_once(kind, action):
     fake = flight(kind, low_battery=action)
     before = fake.modes()
     fake.know(battery_share=0.1, satellites=14)
@@ -28,7 +28,7 @@ def test_a_low_battery_does_what_the_document_says_once(kind, action):
 
 
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
-def test_a_lost_position_lands(kind):
+def test_a_lost_position_triggers_land(kind):
     fake = flight(kind, failure="continue")
     fake.know(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(0.5)
@@ -39,7 +39,7 @@ def test_a_lost_position_lands(kind):
     assert "No valid estimate of position" in str(fake.status.reason)
 
 
-def test_an_estimate_that_is_missed_for_a_moment_changes_nothing():
+def test_an_estimate_missing_for_a_moment_changes_nothing():
     fake = flight("orbit")
     fake.know(estimates=frozenset({"heading"}))
     fake.fly(0.5)
@@ -49,7 +49,7 @@ def test_an_estimate_that_is_missed_for_a_moment_changes_nothing():
 
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
-def test_a_link_that_was_lost_and_is_back_does_what_the_document_says(kind, action, modes):
+def test_after_a_lost_link_returns_the_documents_action_is_executed(kind, action, modes):
     fake = flight(kind, link_loss=action)
     fake.lose_link()
     asks_nothing(fake, 10.0)
@@ -59,7 +59,7 @@ def test_a_link_that_was_lost_and_is_back_does_what_the_document_says(kind, acti
 
 
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
-def test_a_mission_that_continues_after_a_lost_link_goes_on_from_the_vehicles_hold(kind):
+def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
     fake = flight(kind, link_loss="continue")
     fake.lose_link()
     fake.fly(10.0)
@@ -72,7 +72,7 @@ def test_a_mission_that_continues_after_a_lost_link_goes_on_from_the_vehicles_ho
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
-def test_after_a_lost_link_a_vehicle_that_its_failsafe_flies_is_left_to_it(action):
+def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
     fake = flight("orbit", link_loss=action)
     fake.mode("rtl", "failsafe", "its own failsafe")
     fake.know(link_active=False)
@@ -83,7 +83,7 @@ def test_after_a_lost_link_a_vehicle_that_its_failsafe_flies_is_left_to_it(actio
 
 
 @pytest.mark.parametrize("kind", ["take_off", "land"])
-def test_px4_flies_take_off_and_landing_on_while_the_link_is_gone(kind):
+def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
     fake = flight(kind, link_loss="return")
     before = fake.modes()
     fake.know(link_active=False)
@@ -102,7 +102,7 @@ def test_a_stream_that_ends_by_itself_is_a_failure(action, modes):
     assert "The setpoint leaves the fence" in str(fake.status.reason)
 
 
-def test_a_take_off_that_is_refused_suspends_the_mission_on_the_ground():
+def test_a_refused_take_off_suspends_the_mission_on_the_ground():
     fake = FlownMission(mission(flown(FLY)))
     fake.refused[TakeOff] = "Arming denied: no GPS."
     fake.start().fly(1.0)
@@ -119,7 +119,7 @@ def test_a_take_off_that_takes_too_long_is_a_failure():
     assert fake.modes() == ["hold"]
 
 
-def test_a_mode_that_is_refused_is_told_and_the_stream_is_left_to_expire():
+def test_a_refused_mode_is_reported_and_the_stream_expires():
     fake = flight("orbit")
     fake.refused[SetMode] = "No reply within 6 s."
     fake.know(battery_share=0.1)
@@ -130,21 +130,21 @@ def test_a_mode_that_is_refused_is_told_and_the_stream_is_left_to_expire():
     assert fake.count(Steer) == steers
 
 
-def test_pictures_that_fail_are_told_once_and_the_mission_goes_on():
+def test_failed_pictures_are_reported_once_and_the_mission_continues():
     fake = FlownMission(mission(flown("step: photo, count: 5, interval_s: 1", FLY)))
     fake.refused[Photo] = "no camera"
     fake.start().in_state("done")
     assert sum("picture" in text for text in fake.told) == 1
 
 
-def test_a_mission_does_not_begin_without_the_estimates_it_needs():
+def test_a_mission_does_not_start_without_the_estimates_it_needs():
     fake = FlownMission(mission(flown(FLY)))
     fake.know(estimates=frozenset({"heading"}))
     with pytest.raises(CannotDo, match="position"):
         fake.start()
 
 
-def test_a_step_that_flies_without_a_take_off_is_not_begun_on_the_ground():
+def test_a_flying_step_before_a_take_off_does_not_start_on_the_ground():
     fake = FlownMission(mission("- {" + FLY + "}\n")).start()
     fake.fly(1.0)
     assert fake.status.state == "suspended"

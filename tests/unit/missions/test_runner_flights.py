@@ -1,4 +1,4 @@
-"""The mission runner: whole flights, waits, and what is sent."""
+"""The mission runner: whole flights, waits, and the sent setpoints."""
 
 import itertools
 import math
@@ -43,7 +43,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
     assert fake.runner.flight.pointed is None
 
 
-def test_a_wait_on_the_ground_streams_nothing_and_the_take_off_follows():
+def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     steps = "- {step: wait, until: {value: satellites, above: 10, for_s: 2}, timeout_s: 60}\n"
     fake = FlownMission(mission(steps + flown(FLY))).start()
     fake.know(satellites=6)
@@ -68,7 +68,7 @@ def test_after_a_landing_the_mission_takes_off_again():
     assert (fake.count(TakeOff), fake.modes()) == (2, ["land", "land"])
 
 
-def test_a_mission_that_ends_in_the_air_holds_there():
+def test_a_mission_that_ends_in_flight_holds_there():
     fake = FlownMission(mission("- {step: take_off, height_m: 10}\n- {" + FLY + "}\n")).start()
     fake.in_state("done")
     assert fake.modes() == ["hold"]
@@ -88,7 +88,7 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
     assert fake.count(Play) == 1
 
 
-def test_a_long_mission_is_handed_over_bit_by_bit_in_time():
+def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
     fake = FlownMission(mission(flown(laps))).start()
     fake.in_state("flying")
@@ -114,7 +114,7 @@ def test_a_long_mission_is_handed_over_bit_by_bit_in_time():
     [("continue", ["land"]), ("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])],
 )
 @pytest.mark.parametrize("until", ["person", "{value: satellites, above: 10}"])
-def test_a_wait_that_takes_too_long_does_what_the_step_says(until, on_timeout, modes):
+def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes):
     wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
     fake = FlownMission(mission(flown(wait, FLY))).start()
     fake.know(satellites=6)
@@ -122,7 +122,7 @@ def test_a_wait_that_takes_too_long_does_what_the_step_says(until, on_timeout, m
     assert fake.modes() == modes
 
 
-def test_a_condition_must_hold_without_a_break():
+def test_a_condition_must_be_true_without_interruption():
     wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
     fake = FlownMission(mission(flown(wait, FLY))).start().in_state("waiting")
     for wind in (4.0, 7.0, 4.0, None):
@@ -133,11 +133,11 @@ def test_a_condition_must_hold_without_a_break():
     fake.in_state("flying")
 
 
-# --- what is sent ---------------------------------------------------------------------------------
+# --- setpoints ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [k for k in IN_OFFBOARD if k not in ("velocity", "attitude")])
-def test_setpoints_never_jump_through_pause_resume_skip_and_hold(kind):
+def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
     fake = flight(kind)
     fake.know(satellites=14)
     fake.pause()

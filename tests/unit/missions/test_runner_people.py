@@ -1,4 +1,4 @@
-"""The mission runner: what people do in every kind of step, and who has control."""
+"""The mission runner: operator's commands in each kind of step, and changes of control."""
 
 import math
 
@@ -10,11 +10,11 @@ from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, f
 from tests.support.mission_vehicle import FlownMission
 from tests.support.offboard_missions import flown, mission
 
-# --- people ---------------------------------------------------------------------------------------
+# --- operator -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_paused_it_stands_still_and_resumed_it_ends_as_planned(kind):
+def test_paused_it_stops_and_after_resume_it_ends_as_planned(kind):
     fake = flight(kind)
     fake.know(satellites=14)
     fake.pause()
@@ -33,7 +33,7 @@ def test_paused_it_stands_still_and_resumed_it_ends_as_planned(kind):
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_aborted_it_holds_and_asks_for_nothing_more(kind):
+def test_aborted_it_holds_and_requests_nothing_more(kind):
     fake = flight(kind)
     fake.abort()
     assert fake.status.state == "aborted"
@@ -44,7 +44,7 @@ def test_aborted_it_holds_and_asks_for_nothing_more(kind):
 
 
 @pytest.mark.parametrize(("then", "mode"), [("return", "rtl"), ("land", "land")])
-def test_an_abort_may_return_or_land(then, mode):
+def test_an_abort_can_return_or_land(then, mode):
     fake = flight("orbit")
     fake.abort(then)
     assert fake.modes() == [mode]
@@ -63,7 +63,7 @@ def test_a_step_that_is_skipped_is_followed_by_the_next_one(kind):
         assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
 
 
-def test_a_suspended_mission_is_skipped_ahead_without_a_command():
+def test_a_step_of_a_suspended_mission_is_skipped_without_a_command():
     fake = flight("orbit")
     fake.mode("hold", "command", "Bob commanded 'hold'")
     fake.in_state("suspended")
@@ -72,7 +72,7 @@ def test_a_suspended_mission_is_skipped_ahead_without_a_command():
     assert (fake.status.place, fake.count(SetMode)) == ("step 3", asked)
 
 
-def test_a_pause_before_the_stream_begins_holds_at_its_begin():
+def test_a_pause_before_the_stream_begins_holds_at_its_start():
     fake = FlownMission(mission(flown(FLY))).start().in_state("taking_off")
     fake.runner.flight.paused = True
     fake.in_state("paused")
@@ -85,7 +85,7 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
         fake.skip()
 
 
-# --- somebody else has the vehicle ----------------------------------------------------------------
+# --- the vehicle is commanded by others -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", STEPS)
@@ -98,7 +98,7 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
         ("hold", "command", "Bob commanded 'hold'."),
     ],
 )
-def test_whoever_takes_the_vehicle_has_it_until_a_person_resumes_the_mission(kind, mode, source, text):
+def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(kind, mode, source, text):
     fake = flight(kind, link_loss="continue", failure="return", low_battery="return")
     fake.mode(mode, source, "Bob commanded 'hold'")
     asked = len(fake.asked)
@@ -116,7 +116,7 @@ def test_whoever_takes_the_vehicle_has_it_until_a_person_resumes_the_mission(kin
     fake.in_state("done")
 
 
-def test_a_pilot_who_takes_the_vehicle_while_offboard_is_asked_for_is_not_fought():
+def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
     fake = FlownMission(mission(flown(FLY))).start()
     fake.until(lambda: fake.count(Play) == 1)
     fake.player = None
@@ -134,7 +134,7 @@ def test_motors_that_stop_in_flight_end_the_mission():
     asks_nothing(fake)
 
 
-def test_a_suspended_mission_is_over_once_the_vehicle_has_landed():
+def test_a_suspended_mission_ends_once_the_vehicle_has_landed():
     fake = flight("orbit")
     fake.mode("land", "pilot")
     fake.in_state("suspended").in_state("stopped")
@@ -144,7 +144,7 @@ def test_a_suspended_mission_is_over_once_the_vehicle_has_landed():
 
 
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
-def test_another_who_takes_control_finds_the_mission_paused(kind):
+def test_a_change_of_control_pauses_the_mission(kind):
     fake = flight(kind)
     fake.know(holder="bob", holder_name="Bob", satellites=14)
     fake.in_state("paused")
@@ -159,14 +159,14 @@ def test_another_who_takes_control_finds_the_mission_paused(kind):
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 @pytest.mark.parametrize("kind", ["take_off", *IN_OFFBOARD])
-def test_control_that_ends_does_what_the_document_says(kind, action, modes):
+def test_expired_control_triggers_the_documents_action(kind, action, modes):
     fake = flight(kind, control_lost=action)
     fake.know(holder=None)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
 
-def test_with_nobody_in_control_a_mission_may_go_on_and_the_next_holder_finds_it_flying():
+def test_without_control_a_mission_may_continue_until_another_client_takes_control():
     fake = flight("orbit", control_lost="continue")
     fake.know(holder=None)
     fake.fly(1.0)

@@ -1,4 +1,4 @@
-"""The player: what is sent at each moment of a mission, also while it is paused and resumed."""
+"""The player: the setpoint at each time of a mission, also during pause and resume."""
 
 import functools
 import itertools
@@ -35,7 +35,7 @@ def script_of(*steps: str) -> Script:
 
 @functools.cache
 def shape(name: str) -> tuple[Script, np.ndarray]:
-    """A script, and places of its flight without a pause, (N, 3)."""
+    """A script, and positions of its flight without a pause, (N, 3)."""
     script = script_of(SHAPES[name])
     times = [np.arange(0.0, segment.duration_s, 0.01) for segment in script.segments]
     places = [
@@ -45,12 +45,12 @@ def shape(name: str) -> tuple[Script, np.ndarray]:
 
 
 def run(player: Player, start_s: float, for_s: float, **motion):
-    """(time, setpoint) of each sending."""
+    """(time, setpoint) of each sample."""
     times = [start_s + k * STEP_S for k in range(1, round(for_s / STEP_S) + 1)]
     return [(t, player.at(t, **motion)) for t in times]
 
 
-def test_a_script_without_a_pause_is_the_timeline():
+def test_a_script_without_a_pause_equals_the_timeline():
     script = script_of(LEGS, "step: hold, duration_s: 3", ORBIT)
     player, begin_s = Player(script, 0.0), 0.0
     for index, segment in enumerate(script.segments):
@@ -64,7 +64,7 @@ def test_a_script_without_a_pause_is_the_timeline():
 
 @pytest.mark.parametrize("name", sorted(SHAPES))
 @pytest.mark.parametrize("seed", range(5))
-def test_a_pause_keeps_to_the_path_and_to_the_acceleration_and_ends_at_a_standstill(name, seed):
+def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name, seed):
     chance = random.Random(seed)
     pause_s, paused_for_s, again_s = chance.uniform(0.2, 20), chance.uniform(0.1, 6), chance.uniform(0.2, 4)
     script, path = shape(name)
@@ -76,7 +76,7 @@ def test_a_pause_keeps_to_the_path_and_to_the_acceleration_and_ends_at_a_standst
     assert player.played.rate == 0.0
     last = sent[-1][1]
     assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
-    limit = BRAKING * Pace().acceleration_m_s2 + 0.1  # of steps that are not infinitely small
+    limit = BRAKING * Pace().acceleration_m_s2 + 0.1  # the tolerance for steps of finite length
     for (_, a), (_, b) in itertools.pairwise(sent):
         if not (isinstance(a, Trajectory) and isinstance(b, Trajectory)):
             continue
@@ -97,7 +97,7 @@ def test_a_pause_keeps_to_the_path_and_to_the_acceleration_and_ends_at_a_standst
     assert math.dist(player.played.position_ned_m, script.segments[-1].end_ned_m) < 1e-6
 
 
-def test_a_wait_holds_until_it_is_over_and_a_pause_stops_nothing_else():
+def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
     script = script_of(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
     player = Player(script, 0.0)
     run(player, 0.0, 60.0)
@@ -121,7 +121,7 @@ def test_segments_are_appended_while_the_end_is_held():
     assert player.played.t_s > 0.5
 
 
-def test_a_velocity_that_is_interrupted_brakes_and_holds_where_it_stops():
+def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
     player = Player(script_of(VELOCITY), 0.0)
     run(player, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
     assert player.played.position_ned_m is None
@@ -134,7 +134,7 @@ def test_a_velocity_that_is_interrupted_brakes_and_holds_where_it_stops():
     assert player.played.diverted
 
 
-def test_an_attitude_that_is_interrupted_takes_the_vehicles_speed_away():
+def test_an_interrupted_attitude_brakes_the_vehicle():
     player = Player(script_of(ATTITUDE), 0.0)
     assert isinstance(run(player, 0.0, 2.0)[-1][1], Attitude)
     player.steer(Steering(paused=True))
@@ -158,14 +158,14 @@ def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
     assert player.played.index == 1
 
 
-def test_a_process_that_stood_still_does_not_run_ahead():
+def test_after_a_stall_of_the_process_the_setpoints_do_not_jump_ahead():
     player = Player(script_of(LEGS), 0.0)
     before = run(player, 0.0, 3.0)[-1][1]
     after = player.at(8.0)
     assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
 
 
-def test_looking_ahead_changes_nothing():
+def test_previewing_setpoints_changes_nothing():
     script = script_of(LEGS)
     a, b = Player(script, 0.0), Player(script, 0.0)
     for k in range(1, 100):
@@ -182,14 +182,14 @@ def test_the_first_setpoint_is_held_until_the_flight_begins():
     assert player.at(2.02).position_ned_m == pytest.approx(waited[0].position_ned_m, abs=0.01)
 
 
-def test_a_script_crosses_to_another_process():
+def test_a_script_can_be_sent_to_another_process():
     script = script_of(LEGS, ORBIT)
     copy = pickle.loads(pickle.dumps(script))
     a, b = Player(script, 0.0), Player(copy, 0.0)
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
 
 
-def test_it_says_whether_the_segment_that_is_flown_is_led_past_obstacles():
+def test_it_reports_whether_the_current_segment_uses_avoidance():
     script = script_of(LEGS + ", avoidance: true", "step: hold, duration_s: 3")
     player, seen = Player(script, 0.0), []
     for second in range(1, round(script.segments[0].duration_s) + 3):
@@ -200,7 +200,7 @@ def test_it_says_whether_the_segment_that_is_flown_is_led_past_obstacles():
     assert (seen[0], seen[-1]) == (True, False)
 
 
-def test_what_lies_ahead_is_told_without_flying_on():
+def test_the_path_ahead_is_reported_without_advancing():
     script = script_of(LEGS, "step: wait, until: person, timeout_s: 60")
     player = Player(script, 0.0)
     for k in range(1, 26):

@@ -1,4 +1,4 @@
-"""One mission of several vehicles: they begin, meet, pause and end together."""
+"""One mission for several vehicles: they start, meet, pause and end together."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FLYING = show(fly(200), fly(200))
 
 
 def in_flight(**actions: str) -> Squad:
-    """Both on their way, far from its end."""
+    """Both in flight, far from the end."""
     return (
         Squad(show(fly(200), fly(200), **actions), in_air=("lead", "left"))
         .start()
@@ -49,7 +49,7 @@ def in_flight(**actions: str) -> Squad:
     )
 
 
-def test_both_take_off_in_one_moment_and_each_flies_its_way():
+def test_both_take_off_at_the_same_time_and_each_flies_its_path():
     squad = Squad(show(f"{UP}, {DOWN}", f"{HIGH}, {DOWN}")).start()
     squad.until(lambda: squad.of["lead"].count(TakeOff) > 0)
     assert squad.of["left"].count(TakeOff) == 1
@@ -57,7 +57,7 @@ def test_both_take_off_in_one_moment_and_each_flies_its_way():
     assert squad.together.over
 
 
-def test_nothing_starts_where_one_cannot():
+def test_none_starts_if_one_cannot():
     squad = Squad(LONG)
     squad.of["left"].know(estimates=frozenset({"velocity"}))
     with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
@@ -66,11 +66,11 @@ def test_nothing_starts_where_one_cannot():
     assert all(one.asked == [] for one in squad.of.values())
 
 
-def test_in_the_air_none_moves_until_all_are_in_offboard():
+def test_in_flight_none_moves_until_all_are_in_offboard():
     squad = Squad(FLYING, in_air=("lead", "left"))
     delayed = squad.of["left"]
     play, delayed_do = [], delayed.do
-    delayed.do = lambda requests: play.extend(requests)  # its switch to Offboard takes its time
+    delayed.do = lambda requests: play.extend(requests)  # its switch to Offboard is still pending
     squad.start().fly(5)
     assert squad.places() == {"lead": "lead, start", "left": "left, start"}
     assert squad.of["lead"].path[-1][0] == 0.0
@@ -82,7 +82,7 @@ def test_in_the_air_none_moves_until_all_are_in_offboard():
     assert lead == left > 5.0
 
 
-def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_in_one_moment():
+def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_at_the_same_time():
     squad = Squad(
         show(f"{UP}, {meet('up')}, {fly(20)}, {DOWN}", f"{HIGH}, {meet('up')}, {fly(20)}, {DOWN}")
     ).start()
@@ -94,7 +94,7 @@ def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_in_one_moment(
     squad.reach(lead="done", left="done")
 
 
-def test_a_meeting_that_one_does_not_come_to_ends_the_mission_and_all_hold():
+def test_a_meeting_that_one_does_not_reach_ends_the_mission_and_all_hold():
     squad = Squad(show(f"{meet('x', 5)}, {fly(20)}", f"{fly(500)}, {meet('x')}"), ("lead", "left")).start()
     squad.reach(lead="stopped", left="stopped")
     assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(squad.of["left"].status.reason)
@@ -112,7 +112,7 @@ HAPPENS = {
 
 
 @pytest.mark.parametrize("what", HAPPENS)
-def test_when_one_leaves_the_mission_the_other_holds_and_it_is_over(what):
+def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what):
     squad = in_flight()
     HAPPENS[what](squad.of["lead"])
     squad.until(lambda: squad.together.over, 2)
@@ -123,7 +123,7 @@ def test_when_one_leaves_the_mission_the_other_holds_and_it_is_over(what):
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
 
 
-def test_a_vehicle_in_its_take_off_holds_too_and_one_that_lands_goes_on_landing():
+def test_a_vehicle_in_its_take_off_also_holds_and_one_in_its_landing_continues():
     squad = Squad(show(f"{HIGH}, {fly(20)}", f"{UP}, {DOWN}")).start()
     squad.reach(lead="taking_off", left="landing")
     squad.of["lead"].mode("position", "pilot")
@@ -137,7 +137,7 @@ def test_a_vehicle_in_its_take_off_holds_too_and_one_that_lands_goes_on_landing(
     assert other.of["lead"].modes() == ["hold"]
 
 
-def test_a_pause_holds_all_and_resume_brings_all_on():
+def test_a_pause_holds_all_and_resume_continues_all():
     squad = in_flight()
     squad.do(squad.together.pause(squad.now_s, squad.readings(), "Alice"))
     squad.reach(lead="paused", left="paused").fly(3)
@@ -147,14 +147,14 @@ def test_a_pause_holds_all_and_resume_brings_all_on():
     assert all(one.path[-1][0] > place[0] for one, place in zip(squad.of.values(), before, strict=True))
 
 
-def test_one_that_is_paused_because_control_was_taken_pauses_all():
+def test_a_pause_of_one_by_a_change_of_control_pauses_all():
     squad = in_flight()
     squad.of["left"].know(holder="bob", holder_name="Bob")
     squad.reach(lead="paused", left="paused")
     assert not squad.together.over
 
 
-def test_paused_at_a_meeting_they_leave_it_only_once_resumed():
+def test_paused_at_a_meeting_they_leave_it_only_after_resume():
     squad = Squad(
         show(f"{fly(10)}, {meet('x')}, {fly(90)}", f"{fly(60)}, {meet('x')}, {fly(0)}"), ("lead", "left")
     )
@@ -166,14 +166,14 @@ def test_paused_at_a_meeting_they_leave_it_only_once_resumed():
     squad.until(lambda: squad.places() == {"lead": "lead, step 3", "left": "left, step 3"})
 
 
-def test_nothing_is_resumed_where_one_cannot():
+def test_none_is_resumed_if_one_cannot():
     squad = in_flight()
     with pytest.raises(CannotDo, match="role lead: the mission is not paused"):
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
     assert squad.states() == {"lead": "flying", "left": "flying"}
 
 
-def test_an_abort_ends_it_for_all():
+def test_an_abort_ends_the_mission_of_all():
     squad = in_flight()
     squad.do(squad.together.abort(squad.readings(), "Alice", "land"))
     squad.fly(1)

@@ -1,4 +1,4 @@
-"""The mission runner's way to its path, from wherever the vehicle is: geofence, rounds of a repeat, lag."""
+"""The mission runner's return to its path from any position: geofence, rounds of a repeat, lag."""
 
 import math
 
@@ -11,7 +11,7 @@ from tests.support.offboard_missions import HOME, flown, mission
 
 CORNER = mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}, {offset_ned_m: [60, 60, -10]}]"))
 DEG = 1.0 / 111_195.0
-"""A metre north."""
+"""One metre to the north [degrees]."""
 
 
 def circle(radius_m, *, inclusion, north_m=0.0):
@@ -32,13 +32,13 @@ def square(north_m, half_m):
     [
         ((), -40.0, True),
         ((circle(100, inclusion=True),), -40.0, True),
-        ((circle(100, inclusion=True),), -140.0, True),  # from outside the way in is flown
+        ((circle(100, inclusion=True),), -140.0, True),  # from outside, the way into the fence is flown
         ((circle(100, inclusion=True), circle(8, inclusion=False, north_m=-20)), -40.0, False),
         ((square(-20, 8),), -40.0, False),
         ((square(-20, 8),), 30.0, True),
     ],
 )
-def test_a_way_back_to_the_path_that_leaves_the_missions_geofence_is_not_flown(zones, north_m, flown_back):
+def test_a_way_back_outside_the_missions_geofence_is_not_flown(zones, north_m, flown_back):
     fake = FlownMission(CORNER.model_copy(update={"home": HOME, "fence": zones})).start()
     fake.in_state("flying").fly(5.0)
     fake.mode("hold", "command", "Bob commanded 'hold'")
@@ -62,7 +62,7 @@ def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
     assert fake.now_s - begun_s == pytest.approx(60.0, abs=3.0)
 
 
-def test_a_vehicle_that_is_held_back_is_waited_for_and_told_of_once():
+def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
     fake = FlownMission(mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
     fake.in_state("flying").fly(3.0)
     there = fake.hold_back()
@@ -76,7 +76,7 @@ def test_a_vehicle_that_is_held_back_is_waited_for_and_told_of_once():
     assert math.dist(fake.path[-1][:2], (60.0, 0.0)) < 1.0
 
 
-def test_a_path_ends_only_where_the_vehicle_has_arrived():
+def test_a_path_ends_only_after_the_vehicle_has_arrived():
     fake = FlownMission(mission(flown("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
     fake.until(lambda: fake.status.state == "flying" and fake.path[-1][0] > 14.0)
     fake.hold_back()

@@ -1,4 +1,4 @@
-"""The list of setpoint kinds is complete, and each kind is a value."""
+"""The list of setpoint kinds is complete, and each kind is an immutable value."""
 
 import dataclasses
 from typing import get_args
@@ -9,7 +9,7 @@ from missions import setpoints
 from missions.setpoints import KINDS, Path, PathPoint, Setpoint, complete, zeros_for_none
 
 
-def test_each_kind_stands_in_the_list_under_its_own_name():
+def test_each_kind_is_in_the_list_under_its_name():
     declared = {
         value
         for value in vars(setpoints).values()
@@ -41,7 +41,7 @@ def test_a_setpoint_cannot_be_changed(kind):
         (setpoints.Follow("2", (5.0, 0.0, 0.0), yaw="same"), ("position", "velocity", "global_position")),
     ],
 )
-def test_a_setpoint_needs_the_estimates_of_the_fields_that_it_gives(setpoint, needs):
+def test_a_setpoint_needs_the_estimates_for_its_fields(setpoint, needs):
     assert setpoints.needs_of(setpoint) == needs
 
 

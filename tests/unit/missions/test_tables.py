@@ -39,7 +39,7 @@ def test_a_waypoints_file_is_read_with_home_frames_and_jumps() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(homes=HOMES))
-def test_any_items_are_the_same_after_a_waypoints_file(plan: Plan) -> None:
+def test_any_items_are_unchanged_after_a_waypoints_file(plan: Plan) -> None:
     written = waypoints.write(plan)
     assert waypoints.read(written.data).plan == only_items(plan)
     assert bool(written.notes) == bool(
@@ -49,11 +49,11 @@ def test_any_items_are_the_same_after_a_waypoints_file(plan: Plan) -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED))
-def test_any_items_are_the_same_after_a_table(plan: Plan) -> None:
+def test_any_items_are_unchanged_after_a_table(plan: Plan) -> None:
     assert csv_table.read(csv_table.write(plan).data).plan == Plan(items=plan.items)
 
 
-def test_a_plan_without_home_is_no_waypoints_file() -> None:
+def test_a_plan_without_home_cannot_be_a_waypoints_file() -> None:
     with pytest.raises(PlanError, match="field planned_home: the first line"):
         waypoints.write(Plan())
 
@@ -71,7 +71,7 @@ def test_a_plan_without_home_is_no_waypoints_file() -> None:
         ("22", "22.5", "line 3, column command: '22.5' is not a whole number"),
     ],
 )
-def test_a_wrong_line_is_named_with_its_column(old: str, new: str, message: str) -> None:
+def test_the_error_for_an_invalid_line_names_its_column(old: str, new: str, message: str) -> None:
     assert old in WAYPOINTS
     with pytest.raises(PlanError, match=message):
         waypoints.read(WAYPOINTS.replace(old, new, 1))
@@ -80,14 +80,14 @@ def test_a_wrong_line_is_named_with_its_column(old: str, new: str, message: str)
 TABLE = "lat_deg;lon_deg;altitude_m;altitude_reference;hold_s\n47.1;8.2;20;home;\n47.2;8.3;520.5;amsl;3\n"
 
 
-def test_a_plain_table_of_points_is_a_plan() -> None:
+def test_a_simple_table_of_points_is_a_plan() -> None:
     first, second = csv_table.read("\ufeff".encode() + TABLE.encode()).plan.items
     assert first == Waypoint(lat_deg=47.1, lon_deg=8.2, altitude=Altitude(value_m=20.0, reference="home"))
     assert isinstance(second, Waypoint)
     assert (second.hold_s, second.altitude.reference) == (3.0, "amsl")
 
 
-def test_points_without_altitude_need_one_from_a_person() -> None:
+def test_points_without_altitude_need_one_from_the_user() -> None:
     table = "lat_deg,lon_deg\n47,8\n"
     with pytest.raises(PlanError, match="line 2, column altitude_m: the point has no altitude"):
         csv_table.read(table)
@@ -112,14 +112,14 @@ def test_points_without_altitude_need_one_from_a_person() -> None:
         (TABLE, "", "the file: it has no rows"),
     ],
 )
-def test_a_wrong_cell_is_named_with_its_column(old: str, new: str, message: str) -> None:
+def test_the_error_for_an_invalid_cell_names_its_column(old: str, new: str, message: str) -> None:
     assert old in TABLE
     with pytest.raises(PlanError, match=message):
         csv_table.read(TABLE.replace(old, new, 1))
 
 
 @given(altitude=ALTITUDES)
-def test_a_table_says_the_reference_of_every_altitude(altitude: Altitude) -> None:
+def test_a_table_has_the_reference_of_each_altitude(altitude: Altitude) -> None:
     plan = Plan(items=(Waypoint(lat_deg=1.0, lon_deg=2.0, altitude=altitude),))
     header, row = csv_table.write(plan).data.decode().splitlines()
     assert header == "kind,lat_deg,lon_deg,altitude_m,altitude_reference"

@@ -1,4 +1,4 @@
-"""The ground of elevation files: read, interpolated, followed, and kept away from."""
+"""Ground altitudes from elevation files: interpolation, following, and clearance."""
 
 from __future__ import annotations
 
@@ -53,18 +53,18 @@ def hilly(tmp_path_factory: pytest.TempPathFactory) -> Ground:
     return ground_of(write(tmp_path_factory.mktemp("elevation") / "hill.tif", hill(500.0, 80.0)))
 
 
-def test_a_slope_is_read_between_its_cells(tmp_path: Path) -> None:
+def test_a_slope_is_interpolated_between_cells(tmp_path: Path) -> None:
     def slope(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
         return 500.0 + 2000.0 * (lat - LAT_DEG) + 1000.0 * (lon - LON_DEG)
 
     ground = ground_of(write(tmp_path / "slope.tif", slope))
     rng = np.random.default_rng(1)
     lat, lon = LAT_DEG + rng.uniform(-0.02, 0.02, 200), LON_DEG + rng.uniform(-0.02, 0.02, 200)
-    # GDAL places cells to an eighth of one, here 0.075 m of the slope.
+    # GDAL positions cells to an eighth of a cell, here 0.075 m of the slope.
     np.testing.assert_allclose(ground.at(lat, lon), slope(lat, lon), atol=0.1)
 
 
-def test_a_file_in_metres_of_utm_is_found_at_its_place(tmp_path: Path) -> None:
+def test_a_file_in_metres_of_utm_has_the_correct_position(tmp_path: Path) -> None:
     # UTM zone 32: 47.4 N 8.5 E lies at 462 260 E, 5 249 780 N (within 100 m).
     path = write(
         tmp_path / "utm.tif",
@@ -80,7 +80,7 @@ def test_a_file_in_metres_of_utm_is_found_at_its_place(tmp_path: Path) -> None:
     assert ground_of(path, margin_m=500.0).one(LAT_DEG, LON_DEG) == pytest.approx(432.0)
 
 
-def test_an_hgt_file_is_placed_by_its_name(tmp_path: Path) -> None:
+def test_the_position_of_an_hgt_file_comes_from_its_name(tmp_path: Path) -> None:
     heights = np.full((1201, 1201), 321, dtype=">i2")
     heights[:600] = 654
     (tmp_path / "N47E008.hgt").write_bytes(heights.tobytes())
@@ -89,7 +89,7 @@ def test_an_hgt_file_is_placed_by_its_name(tmp_path: Path) -> None:
     assert 85.0 < ground.spacing_m < 100.0
 
 
-def test_the_finest_file_counts_and_a_coarser_one_fills_its_holes(tmp_path: Path) -> None:
+def test_the_finest_file_is_used_and_a_coarser_one_fills_its_gaps(tmp_path: Path) -> None:
     def holed(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
         return np.where(lon > LON_DEG, -9999.0, 100.0)
 
@@ -101,13 +101,13 @@ def test_the_finest_file_counts_and_a_coarser_one_fills_its_holes(tmp_path: Path
         assert ground.one(LAT_DEG, LON_DEG + 0.005) == pytest.approx(200.0)
 
 
-def test_outside_all_files_nothing_is_known(hilly: Ground) -> None:
+def test_outside_all_files_the_ground_is_unknown(hilly: Ground) -> None:
     assert hilly.one(LAT_DEG + 1.0, LON_DEG) is None
     assert hilly.one(LAT_DEG, LON_DEG - 1.0) is None
     assert hilly.one(-LAT_DEG, LON_DEG) is None
 
 
-def test_a_file_at_the_date_line_is_found_from_both_sides(tmp_path: Path) -> None:
+def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None:
     write(tmp_path / "east.tif", flat(12.0), west_deg=180.0 - 0.05, north_deg=0.03)
     for lon_deg in (179.99, -180.01):
         area = Area.around([(0.0, lon_deg)], 200.0)
@@ -126,7 +126,7 @@ def test_a_large_area_is_read_with_a_wider_grid(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["text.tif", "empty.hgt", "N99E999.hgt"])
-def test_what_is_no_elevation_file_is_named_and_left_out(tmp_path: Path, name: str) -> None:
+def test_files_that_are_not_elevation_files_are_named_and_ignored(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"no picture at all")
     (tmp_path / "notes.txt").write_text("left alone")
     good = write(tmp_path / "good.tif", flat(10.0))
@@ -147,7 +147,7 @@ def test_two_bands_and_no_coordinate_system_are_refused(tmp_path: Path) -> None:
             inspect(path)
 
 
-def test_altitudes_above_the_ground_are_resolved(hilly: Ground) -> None:
+def test_altitudes_above_terrain_are_resolved(hilly: Ground) -> None:
     plan = Plan(
         planned_home=HOME,
         items=(to(0.0, above(30.0)), to(0.0, Altitude(value_m=50.0, reference="home"))),
@@ -163,7 +163,7 @@ def test_altitudes_above_the_ground_are_resolved(hilly: Ground) -> None:
     assert len(mission_items(found.plan)) == 2
 
 
-def test_where_no_file_knows_the_ground_altitudes_stay_unresolved(hilly: Ground) -> None:
+def test_without_ground_data_altitudes_stay_unresolved(hilly: Ground) -> None:
     plan = Plan(
         items=(to(0.0, above(30.0).model_copy(update={"resolved_amsl_m": 1.0})), to(1.0, above(30.0)))
     )
@@ -176,7 +176,7 @@ def test_where_no_file_knows_the_ground_altitudes_stay_unresolved(hilly: Ground)
 
 
 @given(st.floats(1.0, 30.0), st.floats(5.0, 100.0), st.floats(-0.004, 0.004))
-def test_a_followed_line_is_within_the_tolerance_of_its_height(
+def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
     hilly: Ground, tolerance_m: float, height_m: float, east_deg: float
 ) -> None:
     plan = Plan(planned_home=HOME, items=(to(-0.009, above(height_m)), to(0.009, above(height_m), east_deg)))
@@ -189,7 +189,7 @@ def test_a_followed_line_is_within_the_tolerance_of_its_height(
         assert low is not None
         assert high is not None
         above_m = low + (high - low) * line[:, 2] - hilly.at(line[:, 0], line[:, 1])
-        # Another sampling of the same lines: the ground between two samples is a metre or two different.
+        # These samples are at other points: between two samples the ground differs by one or two metres.
         assert np.abs(above_m - height_m).max() < tolerance_m + 2.0
     assert not list(plan_findings(found.plan, hilly, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
 
@@ -213,14 +213,14 @@ def codes(plan: Plan, ground: Ground, return_alt_m: float = 30.0) -> list[tuple[
     return [(each.code, each.row) for each in plan_findings(plan, ground, return_alt_m)]
 
 
-def test_a_line_through_the_hill_a_line_near_it_and_one_above(hilly: Ground) -> None:
+def test_findings_for_a_line_through_the_hill_near_it_and_above_it(hilly: Ground) -> None:
     for height_m, wanted in ((40.0, [("terrain_hit", 1)]), (86.0, [("terrain_near", 1)]), (120.0, [])):
         altitude = Altitude(value_m=height_m, reference="home")
         plan = Plan(planned_home=HOME, items=(to(-0.01, altitude), to(0.01, altitude)))
         assert codes(plan, hilly) == wanted
 
 
-def test_the_way_home_is_judged_at_the_return_altitude(hilly: Ground) -> None:
+def test_the_return_path_is_checked_at_the_return_altitude(hilly: Ground) -> None:
     around = [
         to(-0.01, Altitude(value_m=20.0, reference="home"), 0.01),
         to(0.01, Altitude(value_m=20.0, reference="home"), 0.01),
@@ -232,7 +232,7 @@ def test_the_way_home_is_judged_at_the_return_altitude(hilly: Ground) -> None:
     assert codes(plan, hilly, return_alt_m=100.0) == []
 
 
-def test_take_off_and_landing_are_allowed_to_be_near_the_ground(hilly: Ground) -> None:
+def test_take_off_and_landing_may_be_near_the_ground(hilly: Ground) -> None:
     altitude = Altitude(value_m=20.0, reference="home")
     takeoff = Takeoff(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, altitude=altitude)
     land = Land(
@@ -241,7 +241,7 @@ def test_take_off_and_landing_are_allowed_to_be_near_the_ground(hilly: Ground) -
     assert codes(Plan(planned_home=HOME, items=(takeoff, land)), hilly) == []
 
 
-def test_a_moved_item_and_a_wrong_home_are_told(hilly: Ground) -> None:
+def test_a_moved_item_and_a_wrong_home_are_findings(hilly: Ground) -> None:
     found = follow_ground(Plan(planned_home=HOME, items=(to(0.0, above(30.0)),)), hilly).plan
     item = found.items[0]
     assert isinstance(item, Waypoint)
@@ -256,7 +256,7 @@ def leg(place: str, *points: tuple[float, float, float]) -> Leg:
     return Leg(place, "fly", 0.0, float(len(points)), main=True, points=rows)
 
 
-def test_a_mission_into_the_hill_names_the_step(hilly: Ground) -> None:
+def test_a_finding_about_a_mission_into_the_hill_names_the_step(hilly: Ground) -> None:
     origin = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
     north_m = distance_m(HOME.lat_deg, HOME.lon_deg, LAT_DEG, LON_DEG)
     climb = leg("step 1", (0.0, 0.0, 0.0), (0.0, 0.0, -30.0))

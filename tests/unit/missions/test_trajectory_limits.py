@@ -1,4 +1,4 @@
-"""No moment of a trajectory passes a limit, and nothing jumps."""
+"""Trajectories stay within all limits and are continuous."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from missions.vehicle import GRAVITY_M_S2
 from tests.support.random_paths import random_limits, random_points
 
 BATCHES, MISSIONS = 20, 100
-"""Missions of a batch share their limits and are solved together: from stop to stop each is by itself."""
+"""Missions of a batch have the same limits and are solved together; a stop separates two missions."""
 MARGIN = 1.0 + 1e-6
 ROOT = Path(__file__).resolve().parents[3]
 
 
 def a_path(rng: np.random.Generator) -> Pieces:
-    """One random mission's path with its yaw."""
+    """The path of one random mission, with its yaw."""
     kind = rng.random()
     if kind < 0.1:
         end_m, climb_m = rng.uniform(1.0, 40.0), rng.uniform(-20.0, 20.0)
@@ -53,7 +53,7 @@ def a_path(rng: np.random.Generator) -> Pieces:
 
 
 def joined(paths: list[Pieces]) -> Pieces:
-    """Paths one after the other, each from a stop to a stop."""
+    """Paths one after the other, each from stop to stop."""
     return Pieces(
         np.concatenate([path.points for path in paths]),
         np.concatenate([path.spans for path in paths]),
@@ -83,7 +83,7 @@ def holds(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(BATCHES))
-def test_thousands_of_random_missions_keep_every_limit(seed: int) -> None:
+def test_thousands_of_random_missions_stay_within_all_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
     path = joined([a_path(rng) for _ in range(MISSIONS)])
@@ -124,7 +124,7 @@ def test_limits_come_from_the_vehicle() -> None:
     assert found.jerk_m_s3 == MotionLimits().jerk_m_s3
 
 
-def test_defaults_are_those_of_px4() -> None:
+def test_the_defaults_are_px4s() -> None:
     known = json.loads((ROOT / "vehicle_sim/data/parameters.json").read_text("utf-8"))
     defaults = {name: float(known[name][1]) for name in PARAMETERS.values()}
     assert MotionLimits.from_parameters(defaults) == MotionLimits()

@@ -21,7 +21,7 @@ from gcs_server.links.udp import UdpLink
 from gcs_server.links.url import make_link
 from gcs_server.replay.records import read_tlog
 from tests.station import free_port
-from tests.support.heard import Heard, run
+from tests.support.link_recorder import LinkRecorder, run
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_a_busy_link_is_read_less_often_within_a_frame_of_a_screen(pieces_per_s,
 
 def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
     async def story():
-        heard = Heard(make_link("udpin://127.0.0.1:0")).start()
+        heard = LinkRecorder(make_link("udpin://127.0.0.1:0")).start()
         await heard.until(lambda: heard.link.info().state == "open")
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.settimeout(2)
@@ -64,7 +64,7 @@ def test_udpout_sends_first():
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(2)
-        heard = Heard(make_link(f"udpout://localhost:{vehicle.getsockname()[1]}")).start()
+        heard = LinkRecorder(make_link(f"udpout://localhost:{vehicle.getsockname()[1]}")).start()
         await heard.until(lambda: heard.link.info().state == "open")
         (peer,) = heard.link.peers()
         assert heard.link.send(b"hello", peer)
@@ -97,7 +97,7 @@ def test_a_full_udp_buffer_lets_the_urgent_go_first_and_drops_what_is_late(numbe
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(2)
-        heard = Heard(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
+        heard = LinkRecorder(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
         (peer,) = heard.link.peers()
         link, full = heard.link, Full()
         real = link._socket
@@ -123,7 +123,7 @@ def test_a_taken_port_is_named_and_opened_once_it_is_free():
         other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         other.bind(("127.0.0.1", 0))
         port = other.getsockname()[1]
-        heard = Heard(UdpLink("gcs", "udpin", "127.0.0.1", port, outgoing=False)).start()
+        heard = LinkRecorder(UdpLink("gcs", "udpin", "127.0.0.1", port, outgoing=False)).start()
         info = heard.link.info()
         assert info.state == "waiting"
         assert f"UDP port {port}" in info.detail
@@ -139,10 +139,10 @@ def test_a_taken_port_is_named_and_opened_once_it_is_free():
 def test_tcp_connects_reconnects_and_serves():
     async def story():
         port = free_port(socket.SOCK_STREAM)
-        client = Heard(TcpLink("c", "tcp", "127.0.0.1", port)).start()
+        client = LinkRecorder(TcpLink("c", "tcp", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "waiting")
         assert f"127.0.0.1:{port}" in client.link.info().detail
-        server = Heard(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
+        server = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
         (to_server,) = client.link.peers()
         big = os.urandom(400_000)  # more than a socket takes at once: the outbox drains
@@ -155,9 +155,9 @@ def test_tcp_connects_reconnects_and_serves():
         await server.link.close()
         await client.until(lambda: client.link.info().state == "waiting")
         assert client.gone == [to_server.name]
-        again = Heard(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
+        again = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
-        second = Heard(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
+        second = LinkRecorder(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
         assert f"TCP port {port}" in second.link.info().detail
         for link in (client.link, again.link, second.link):
             await link.close()
@@ -170,7 +170,7 @@ def test_a_full_outbox_drops_whole_frames():
         listener = socket.socket()
         listener.bind(("127.0.0.1", 0))
         listener.listen()
-        client = Heard(TcpLink("c", "tcp", "127.0.0.1", listener.getsockname()[1])).start()
+        client = LinkRecorder(TcpLink("c", "tcp", "127.0.0.1", listener.getsockname()[1])).start()
         await client.until(lambda: client.link.info().state == "open")
         (peer,) = client.link.peers()
         frames = [client.link.send(bytes([n % 251]) * 50_000, peer) for n in range(400)]
@@ -187,7 +187,7 @@ def test_serial_carries_bytes_and_survives_the_plug():
     async def story():
         ours, theirs = pty.openpty()
         device = os.ttyname(theirs)
-        heard = Heard(SerialLink("radio", "serial", device, 57600)).start()
+        heard = LinkRecorder(SerialLink("radio", "serial", device, 57600)).start()
         assert heard.link.info().state == "open", heard.link.info().detail
         os.write(ours, b"\xfd\x00\xffabc\n")
         await heard.until(lambda: b"".join(heard.data) == b"\xfd\x00\xffabc\n")
@@ -205,7 +205,7 @@ def test_serial_carries_bytes_and_survives_the_plug():
 
 def test_a_missing_or_forbidden_serial_port_says_what_to_do():
     async def story():
-        heard = Heard(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
+        heard = LinkRecorder(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
         info = heard.link.info()
         assert info.state == "waiting"
         assert "no serial port /dev/ttyNOTHING" in info.detail
@@ -225,7 +225,7 @@ def test_a_serial_port_that_the_system_forbids_says_how_to_get_it(monkeypatch):
         return real(path, flags, *more, **options)
 
     async def story():
-        heard = Heard(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
+        heard = LinkRecorder(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
         info = heard.link.info()
         assert info.state == "waiting"
         assert "may not open /dev/ttyFORBIDDEN" in info.detail
@@ -262,7 +262,7 @@ def test_a_recording_plays_at_its_pace_and_ends(tmp_path, packed):
     path.write_bytes(gzip.compress(data) if packed else data)
 
     async def story():
-        heard = Heard(make_link(f"tlog://{path}?speed=2")).start()
+        heard = LinkRecorder(make_link(f"tlog://{path}?speed=2")).start()
         began = time.monotonic()
         await heard.until(lambda: heard.link.info().state == "ended")
         assert heard.data == frames
@@ -270,7 +270,7 @@ def test_a_recording_plays_at_its_pace_and_ends(tmp_path, packed):
         assert heard.link.replay
         assert not heard.link.send(b"x", heard.peers[0])
         await heard.link.close()
-        fast = Heard(make_link(f"tlog://{path}?speed=0")).start()
+        fast = LinkRecorder(make_link(f"tlog://{path}?speed=0")).start()
         await fast.until(lambda: fast.link.info().state == "ended")
         assert fast.data == frames
         await fast.link.close()
@@ -289,7 +289,7 @@ def test_damage_in_a_recording_is_skipped_and_an_empty_one_says_so(tmp_path):
     empty.write_bytes(b"not a log at all, but long enough to look")
 
     async def story():
-        heard = Heard(TlogLink("b", "tlog", empty)).start()
+        heard = LinkRecorder(TlogLink("b", "tlog", empty)).start()
         await heard.until(lambda: heard.link.info().state == "ended")
         assert "No MAVLink" in heard.link.info().detail
 

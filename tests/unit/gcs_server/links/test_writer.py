@@ -20,7 +20,7 @@ from gcs_server.links.writer import LinkWriter
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.connection import FrameSender
 from tests.slow_line import Line
-from tests.support.heard import Heard, run
+from tests.support.link_recorder import LinkRecorder, run
 
 PEER = Peer("vehicle")
 SETPOINT, PARAM_READ, COMMAND = 84, 20, 76
@@ -282,7 +282,7 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
     async def story():
         ours, theirs = pty.openpty()
         tty.setraw(ours)
-        heard = Heard(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
+        heard = LinkRecorder(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
         (peer,) = heard.link.peers()
         sender = FrameSender(heard.link, 255, 190, lambda _: None)
         came, parser = [], FrameParser()

@@ -1,4 +1,4 @@
-"""What is seen, and what is remembered of it."""
+"""Obstacle measurements, and the memory of measured points."""
 
 import math
 
@@ -12,12 +12,12 @@ AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
 DOWN = Scan(10.0, ((0.0, 0.0, 1.0),), (3.0,), 30.0)
 
 
-def test_old_measurements_are_none():
+def test_old_measurements_are_not_used():
     assert fresh((AHEAD, DOWN), 11.0, 1.0) == (AHEAD, DOWN)
     assert fresh((AHEAD,), 11.1, 1.0) == ()
 
 
-def test_a_sensor_sees_where_it_looks_and_one_that_looks_down_sees_no_way():
+def test_a_sensor_measures_in_its_direction_and_a_downward_sensor_finds_no_way():
     assert range_at_m((AHEAD, DOWN), math.radians(10)) == 20.0
     assert range_at_m((AHEAD, DOWN), math.radians(20)) is None
     assert range_at_m((AHEAD,), math.radians(90), turned_rad=math.radians(90)) == 20.0
@@ -36,12 +36,12 @@ def test_a_sensor_sees_where_it_looks_and_one_that_looks_down_sees_no_way():
         Scan(1.0, ((1.0, 0.0, 0.0),), (), 20.0),
     ],
 )
-def test_numbers_that_cannot_be_are_no_measurement(scan):
+def test_impossible_values_are_not_measurements(scan):
     assert not scan.plausible
     assert AHEAD.plausible
 
 
-def test_a_point_is_remembered_where_it_was_and_for_a_while():
+def test_a_measured_point_keeps_its_position_for_a_limited_time():
     memory = ObstacleMemory()
     memory.add(AHEAD, (1.0, 2.0, -3.0), 0.0)
     assert memory.above(2.0, 11.0).tolist() == [[6.0, 2.0, 3.0]]
@@ -49,7 +49,7 @@ def test_a_point_is_remembered_where_it_was_and_for_a_while():
     assert not len(memory.above(2.0, 10.0 + KEPT_S + 0.1))
 
 
-def test_of_one_place_the_highest_point_counts_and_low_ones_are_left_out():
+def test_of_one_cell_only_the_highest_point_counts_and_low_points_are_ignored():
     memory = ObstacleMemory()
     for height_m in (1.0, 3.0, 2.0):
         memory.add(AHEAD, (0.0, 0.0, -height_m), 0.5)
@@ -57,7 +57,7 @@ def test_of_one_place_the_highest_point_counts_and_low_ones_are_left_out():
     assert memory.above(0.0, 10.0).tolist() == [[5.0, 0.0, 3.0]]
 
 
-def test_memory_is_bounded_and_the_oldest_makes_room():
+def test_memory_is_limited_and_the_oldest_points_are_dropped():
     memory = ObstacleMemory()
     for number in range(MAX_COLUMNS + 10):
         memory.add(AHEAD, (0.0, float(number), -1.0), 0.0)
@@ -66,7 +66,7 @@ def test_memory_is_bounded_and_the_oldest_makes_room():
     assert kept[:, 1].min() == 10.0
 
 
-def test_a_line_sees_columns_along_it_and_beside_it():
+def test_a_line_meets_columns_along_it_and_beside_it():
     memory = ObstacleMemory()
     memory.add(AHEAD, (0.0, 1.0, -1.0), 0.0)
     seen = along(memory.above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
@@ -80,12 +80,12 @@ def test_a_line_sees_columns_along_it_and_beside_it():
     ("there", "first_m"),
     [
         ((9.0, 0.0, -2.0), 5.0),
-        ((4.0, 0.0, -2.0), None),  # it ends before
-        ((9.0, 9.0, -2.0), None),  # it passes beside
-        ((9.0, 0.0, -8.0), 5.0),  # it climbs, beginning at the obstacle's height
+        ((4.0, 0.0, -2.0), None),  # it ends before the obstacle
+        ((9.0, 9.0, -2.0), None),  # it passes beside the obstacle
+        ((9.0, 0.0, -8.0), 5.0),  # it climbs, starting at the obstacle's height
         ((-9.0, 0.0, -2.0), None),
     ],
 )
-def test_what_is_measured_on_a_straight_way_is_found(there, first_m):
+def test_a_measured_obstacle_on_a_straight_line_is_found(there, first_m):
     assert first_on_line((AHEAD, DOWN), (0.0, 0.0, -2.0), there) == first_m
     assert first_on_line((DOWN,), (0.0, 0.0, -2.0), there) is None

@@ -1,10 +1,10 @@
-"""What a link hands on, kept for a test to look at."""
+"""Records everything that a link delivers, for tests."""
 
 import asyncio
 
 
-class Heard:
-    """Starts a link and keeps its bytes, its peers and its states, in order."""
+class LinkRecorder:
+    """Starts a link and records its bytes, peers and states in order."""
 
     def __init__(self, link):
         self.link, self.data, self.peers, self.gone, self.states = link, [], [], [], []
@@ -21,16 +21,16 @@ class Heard:
         self.states.append(self.link.info().state)
 
     async def until(self, good, patience_s=20.0):
-        """Looks until that holds.
+        """Polls until the condition is true.
 
         Raises:
-            TimeoutError: it never did.
+            TimeoutError: it was not true in time.
         """
         async with asyncio.timeout(patience_s):
-            while not good():  # noqa: ASYNC110 a test watches from outside
+            while not good():  # noqa: ASYNC110 polls real sockets
                 await asyncio.sleep(0.005)
 
 
 def run(story):
-    """A coroutine function, on a loop of its own and in real time."""
+    """Runs a coroutine function in a new event loop in real time."""
     asyncio.run(story())
