@@ -134,7 +134,7 @@ class LinkRequest(StrictBody):
     url: str = Field(
         min_length=3,
         max_length=500,
-        description="udpin://, udpout://, tcp://, tcpin://, serial: or tlog: URL.",
+        description="udpin://, udpout://, tcp://, tcpin://, serial:, tlog: or ros2:// URL.",
     )
     name: str | None = Field(
         default=None,

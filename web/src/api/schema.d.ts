@@ -6902,7 +6902,7 @@ export interface components {
         readonly LinkRequest: {
             /**
              * Url
-             * @description udpin://, udpout://, tcp://, tcpin://, serial: or tlog: URL.
+             * @description udpin://, udpout://, tcp://, tcpin://, serial:, tlog: or ros2:// URL.
              */
             readonly url: string;
             /**
