@@ -85,7 +85,7 @@ def test_recordings_are_listed_newest_first_and_errors_are_shown(client, folder)
     assert set(problems) == {"empty.tlog", "letter.tlog", "damaged.tlog", "torn.tlog", "unpacked.tlog.gz"}
     assert "empty" in problems["empty.tlog"]
     assert "not a telemetry log" in problems["letter.tlog"]
-    assert "damaged" in problems["damaged.tlog"]
+    assert "Damaged" in problems["damaged.tlog"]
     assert "notes.txt" not in found
 
 

@@ -69,7 +69,7 @@ def test_every_recorded_sample_decodes_and_encodes(shared):
 
 def test_layout_constants_and_hash_are_those_of_the_published_types(shared):
     published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
-    assert set(published) == set(MESSAGES) - {"PositionSetpoint"}
+    assert set(published) == set(MESSAGES) - {"PositionSetpoint", "VehicleAngularVelocity"}
     for name, facts in published.items():
         ours = MESSAGES[name]
         assert [[f.name, f.type, f.length or None] for f in ours.flat] == [f[:3] for f in facts["fields"]], (
