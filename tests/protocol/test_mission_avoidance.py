@@ -16,6 +16,7 @@ from vehicle_sim.world.files import load_world
 pytestmark = pytest.mark.flight
 
 BOX_NORTH_M = (4.25, 5.75)
+BEHIND = (10.0, 0.0)
 
 
 def through_the_box(jump, tmp_path, story, avoidance):
@@ -42,14 +43,9 @@ def through_the_box(jump, tmp_path, story, avoidance):
     jump(run)
 
 
-def estimated_position_ned_m(vehicle):
-    """The estimate that the mission refers to; it differs from the truth by up to 1.5 m horizontally."""
-    return vehicle.topic("local_position").value.position_ned_m
-
-
-def distance_from_end_m(vehicle, start_ned_m):
-    """Horizontal distance of the vehicle from the mission's last point, 10 m north of its start."""
-    return math.dist(estimated_position_ned_m(vehicle)[:2], (start_ned_m[0] + 10, start_ned_m[1]))
+def estimated_down_m(vehicle):
+    """The estimate that the mission's heights refer to; it differs from the truth by some decimetres."""
+    return vehicle.topic("local_position").value.position_ned_m[2]
 
 
 def hit(vehicle):
@@ -71,11 +67,11 @@ async def highest_over_the_box_m(missions, at):
 def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_step(jump, tmp_path):
     async def story(missions, vehicle, at):
         assert vehicle.offboard.status().avoidance.on
-        start_ned_m = estimated_position_ned_m(vehicle)
+        start_down_m = estimated_down_m(vehicle)
         assert 4.4 < await highest_over_the_box_m(missions, at) < 7.0
         assert missions.state == "done"
-        assert distance_from_end_m(vehicle, start_ned_m) < 1.5
-        assert estimated_position_ned_m(vehicle)[2] == pytest.approx(start_ned_m[2], abs=0.4)
+        assert math.dist(at[:2], BEHIND) < 1.0
+        assert estimated_down_m(vehicle) == pytest.approx(start_down_m, abs=0.4)
         assert not hit(vehicle)
         view = vehicle.offboard.status().avoidance
         assert (view.on, view.state) == (False, None)
@@ -86,7 +82,6 @@ def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_s
 @pytest.mark.broad
 def test_without_avoidance_the_brake_stops_it_and_enabled_in_flight_it_climbs_over(jump, tmp_path):
     async def story(missions, vehicle, at):
-        start_ned_m = estimated_position_ned_m(vehicle)
         await asyncio.sleep(25)
         assert missions.state == "flying"
         assert at[0] < BOX_NORTH_M[0] - 0.5
@@ -94,7 +89,7 @@ def test_without_avoidance_the_brake_stops_it_and_enabled_in_flight_it_climbs_ov
         await vehicle.offboard.avoidance.switch_on("over")
         assert await highest_over_the_box_m(missions, at) > 4.4
         assert missions.state == "done"
-        assert distance_from_end_m(vehicle, start_ned_m) < 1.5
+        assert math.dist(at[:2], BEHIND) < 1.0
         assert vehicle.offboard.status().avoidance.on, "the operator's choice remains"
 
     through_the_box(jump, tmp_path, story, "off")
