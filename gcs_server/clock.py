@@ -7,8 +7,8 @@ import time
 from typing import Protocol
 
 
-class Clock(Protocol):
-    """The clock of all code that waits, expires or repeats."""
+class TimeSource(Protocol):
+    """The current time, for code that does not wait."""
 
     def monotonic_s(self) -> float:
         """Monotonic seconds, on the event loop's scale."""
@@ -17,6 +17,10 @@ class Clock(Protocol):
     def unix_s(self) -> float:
         """Seconds since 1970 UTC, for display and files; this time may jump."""
         ...
+
+
+class Clock(TimeSource, Protocol):
+    """The clock of all code that waits, expires or repeats."""
 
     async def sleep(self, seconds: float) -> None:
         """Waits for `seconds`."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from gcs_server.clock import Clock, SystemClock
+from gcs_server.clock import SystemClock
 from gcs_server.errors import UnknownVehicle
 from gcs_server.isolation import Isolation
 from gcs_server.scene.ports import OffboardTarget
@@ -42,10 +42,6 @@ class VehicleClock:
         """The same as seconds since 1970."""
         return self._unix_s
 
-    async def sleep(self, seconds: float) -> None:
-        """Not possible: a snapshot's time does not pass by itself."""
-        raise NotImplementedError
-
 
 @dataclass(frozen=True, slots=True)
 class MirrorIdentity:
@@ -67,8 +63,7 @@ class MirrorVehicle:
         self, number: int, vehicle_id: str, ask_history: Callable[[int, tuple[str, ...], float], None]
     ) -> None:
         self.id = vehicle_id
-        self._time = VehicleClock()
-        self.clock: Clock = self._time
+        self.clock = VehicleClock()
         self.target: OffboardTarget | None = None
         self._number = number
         self._identity = MirrorIdentity(None, False)
@@ -108,9 +103,9 @@ class MirrorVehicle:
 
     def update(self, data: VehicleData) -> None:
         """Takes the changes of a snapshot."""
-        if data.monotonic_s - self._time.monotonic_s() > PAUSE_S:
+        if data.monotonic_s - self.clock.monotonic_s() > PAUSE_S:
             self._asked = self._history = None
-        self._time.set(data.monotonic_s, data.unix_s)
+        self.clock.set(data.monotonic_s, data.unix_s)
         if (data.simulated, data.replayed) != (self._identity.simulated, self._identity.replayed):
             self._identity = MirrorIdentity(data.simulated, data.replayed)
         self.target = None if data.target is None else OffboardTarget(*data.target)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
-from gcs_server.clock import Clock
+from gcs_server.clock import TimeSource
 from gcs_server.vehicle.samples import Sample
 from missions.frames import Vector3
 
@@ -25,8 +25,11 @@ class SceneVehicle(Protocol):
     """The part of a vehicle that the scene uses; implemented by `gcs_server.vehicle.vehicle.Vehicle`."""
 
     id: str
-    clock: Clock
-    """The clock of its samples; a replayed vehicle has the recording's clock."""
+
+    @property
+    def clock(self) -> TimeSource:
+        """The clock of its samples; a replayed vehicle has the recording's clock."""
+        ...
 
     @property
     def identity(self) -> SceneIdentity: ...
