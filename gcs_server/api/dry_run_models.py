@@ -12,10 +12,9 @@ from gcs_server.api.plan_models import DocumentBody, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import AnswerBody, StrictBody
 from missions.documents import Kind
-from missions.dry_run.spread import Chance, Quantiles
+from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles
 from missions.offboard.document import MAX_ROLES
 
-MAX_FLIGHTS = 200
 MAX_OBSTACLES = 100
 Metres = Annotated[float, Field(ge=-20_000, le=20_000)]
 Vector3 = tuple[float, float, float]
@@ -96,7 +95,8 @@ class DryRunRequest(StrictBody):
         default=None,
         ge=1,
         le=MAX_FLIGHTS,
-        description="Monte Carlo: number of further flights, each in other conditions.",
+        description="Monte Carlo: number of further flights, each in other conditions; with roles at most "
+        f"{MAX_VEHICLES} divided by the number of roles.",
     )
     spread: DryRunSpread = Field(default=DryRunSpread(), description="How `flights` vary the conditions.")
     seed: int = Field(default=0, ge=0, le=2**31 - 1, description="The same seed gives the same flights.")
@@ -254,7 +254,8 @@ class DryRunMonteCarlo(AnswerBody):
     obstacle_distance_m: QuantilesModel | None = Field(description="Smallest distance to an obstacle [m].")  # type: ignore[valid-type]
     chances: dict[str, ChanceModel] = Field(  # type: ignore[valid-type]
         description="Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), "
-        "`failsafe` and `battery_reserve`."
+        "`failsafe` and `battery_reserve`; with roles also of `separation` (the separation guard would "
+        "act) and `nearer_than_minimum` (two vehicles come nearer than the minimum separation)."
     )
     times_real_time: float = Field(description="Simulated time of all flights divided by computing time.")
 
@@ -267,12 +268,36 @@ class DryRunClosest(AnswerBody):
     t_s: float = Field(description="Time since the common start [s].")
 
 
+class DryRunPairDistance(AnswerBody):
+    """How near two vehicles come to each other in many flights."""
+
+    roles: tuple[str, str] = Field(description="Their roles.")
+    distance_m: QuantilesModel = Field(  # type: ignore[valid-type]
+        description="Smallest distance of each flight, between the centres [m]."
+    )
+    nearer_than_minimum: ChanceModel = Field(  # type: ignore[valid-type]
+        description="Probability that they come nearer than the minimum separation of the mission."
+    )
+
+
+class DryRunMonteCarloTogether(AnswerBody):
+    """Many flights of all vehicles. The vehicles of one flight have the same wind."""
+
+    roles: dict[str, DryRunMonteCarlo] = Field(
+        description="For each role the corridor, quantiles and chances of its vehicle."
+    )
+    closest: list[DryRunPairDistance] = Field(description="One entry for each pair of roles that flew.")
+
+
 class DryRunTogetherModel(AnswerBody):
     """All vehicles of a mission with roles, flown together; all positions are relative to one `origin`."""
 
     roles: dict[str, DryRunFlight] = Field(description="The flight of each role.")
     closest: list[DryRunClosest] = Field(
         description="One entry for each pair of roles, from the time in which both were flying."
+    )
+    monte_carlo: DryRunMonteCarloTogether | None = Field(
+        description="Result of all flights; null: only one flight was simulated."
     )
 
 
@@ -287,6 +312,9 @@ class DryRunView(AnswerBody):
     vehicle: str | None = Field(
         description="Vehicle whose parameters, position and battery charge were used."
     )
+    vehicles: dict[str, str] | None = Field(
+        description="The same for a mission with roles: the vehicle of each role."
+    )
     assumed: list[str] = Field(description="Assumptions made because values were unknown; sentences.")
     nominal: DryRunFlight = Field(
         description="The flight in the requested conditions. For a mission with roles: the flight "
@@ -296,5 +324,6 @@ class DryRunView(AnswerBody):
         description="Result of all vehicles together; null: one vehicle was simulated."
     )
     monte_carlo: DryRunMonteCarlo | None = Field(
-        description="Result of all flights; null: only one flight was simulated."
+        description="Result of all flights; null: only one flight was simulated. For a mission with roles: "
+        "the result of the first role, with `chances` that one of the vehicles has the outcome."
     )

@@ -21,6 +21,7 @@ from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import ReportProgress
 from missions import documents
 from missions.documents import Document
+from missions.dry_run.spread import MAX_VEHICLES
 from missions.errors import PlanError
 from missions.offboard.document import OffboardMission
 
@@ -52,7 +53,9 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
             "flights": body.flights,
             "spread": body.spread.model_dump(),
         }  # fmt: skip
-        about = {"kind": kind, **kept, "vehicle": body.vehicle, "assumed": assumed}
+        about = {
+            "kind": kind, **kept, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,
+        }  # fmt: skip
         dry_run_id = station.dry_runs.next_id()
 
         async def work(report: ReportProgress) -> dict[str, object]:
@@ -87,12 +90,18 @@ def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown
     """The vehicles of a mission with roles; None for other plans."""
     if not isinstance(document, OffboardMission) or not document.roles:
         return None
-    if body.vehicle is not None or body.flights is not None:
-        field = "vehicle" if body.vehicle is not None else "flights"
+    if body.vehicle is not None:
         raise InvalidRequest(
-            field,
-            f"A dry run of a mission with roles is one flight of all its vehicles: {field} is not supported.",
-            remedy="Leave it out, and name the vehicles in `vehicles`.",
+            "vehicle",
+            "The mission has roles, each flown by one vehicle.",
+            remedy="Leave `vehicle` out, and name a vehicle for each role in `vehicles`.",
+        )
+    most = MAX_VEHICLES // len(document.roles)
+    if body.flights is not None and body.flights > most:
+        raise InvalidRequest(
+            "flights",
+            f"{body.flights} flights of {len(document.roles)} vehicles are too many.",
+            remedy=f"Give at most {most}.",
         )
     if body.vehicles is not None:
         require_roles(document, body.vehicles)

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.group_routes import together
-from gcs_server.api.offboard_mission_routes import check_findings, chosen_mission, start_of
+from gcs_server.api.offboard_mission_routes import check_findings, chosen_mission, corridor_for, start_of
 from gcs_server.api.plan_checks import known_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -65,8 +65,10 @@ async def start_joint_mission(
         starts: dict[str, tuple[str, Start]] = {}
         for role, vehicle in vehicles.items():
             timeline, motion = flown[role]
-            battery_share = low_battery_share(vehicle)
-            starts[role] = vehicle.id, Start(name, timeline, motion, principal.name, battery_share, role=role)
+            starts[role] = vehicle.id, Start(
+                name, timeline, motion, principal.name, low_battery_share(vehicle),
+                corridor_for(station, vehicle, body.dry_run, role), role=role, dry_run=body.dry_run,
+            )  # fmt: skip
         station.missions.begin_together(starts, mission.separation_m)
         views = [{"vehicle": v.id, "mission": station.missions.status(v.id)} for v in vehicles.values()]
         return answer({"vehicles": views})

@@ -15,6 +15,14 @@ from missions.offboard.document import MAX_ROLES
 from missions.runner.flown import FlownSample
 
 Role = Annotated[str, Field(min_length=1, max_length=100)]
+DryRunId = Annotated[
+    str,
+    Field(
+        max_length=20,
+        description="Id of a dry run of this mission with several flights; a notice is sent if a vehicle "
+        "leaves its corridor.",
+    ),
+]
 
 
 class WhichMission(StrictBody):
@@ -41,12 +49,7 @@ class WhichMission(StrictBody):
 class StartMission(WhichMission):
     """The mission to fly, and the findings that the caller accepts."""
 
-    dry_run: str | None = Field(
-        default=None,
-        max_length=20,
-        description="Id of a dry run of this mission with several flights; a notice is sent if the vehicle "
-        "leaves its corridor.",
-    )
+    dry_run: DryRunId | None = None
 
 
 class StartJointMission(WhichMission):
@@ -55,6 +58,7 @@ class StartJointMission(WhichMission):
     vehicles: Annotated[dict[Role, VehicleId], Field(min_length=2, max_length=MAX_ROLES)] = Field(
         description="A vehicle's id for each role; each vehicle once.", examples=[{"lead": "1", "left": "2"}]
     )
+    dry_run: DryRunId | None = None
 
     @model_validator(mode="after")
     def _check_unique(self) -> Self:

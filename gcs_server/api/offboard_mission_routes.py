@@ -74,7 +74,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         if timeline.avoids:
             await station.offboard(v).avoidance.wait_for_sensor()
         battery_share = low_battery_share(vehicle)
-        corridor = None if body.dry_run is None else _corridor(station, vehicle, body.dry_run)
+        corridor = corridor_for(station, vehicle, body.dry_run)
         station.missions.begin(
             v, Start(name, timeline, motion, principal.name, battery_share, corridor, dry_run=body.dry_run)
         )
@@ -197,11 +197,21 @@ def start_of(vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def _corridor(station: Station, vehicle: Vehicle, dry_run_id: str) -> Corridor:
+def corridor_for(
+    station: Station, vehicle: Vehicle, dry_run_id: str | None, role: str | None = None
+) -> Corridor | None:
+    """The corridor of a dry run for the vehicle that flies the mission or a role of it; None: no dry run.
+
+    Raises:
+        UnknownDryRun: there is no such dry run.
+        Refused: the dry run has no corridor for this vehicle.
+    """
+    if dry_run_id is None:
+        return None
     estimates = VehicleEstimates(vehicle)
     local = estimates.local()
     position = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
-    return corridor_of(station.dry_runs.get(dry_run_id), position, estimates.origin())
+    return corridor_of(station.dry_runs.get(dry_run_id), position, estimates.origin(), role)
 
 
 def check_findings(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:

@@ -215,6 +215,7 @@ class Gcs:
         *,
         plan_id: str | None = None,
         version: int | None = None,
+        dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> list[dict[str, Any]]:
         """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of one
@@ -225,6 +226,8 @@ class Gcs:
             mission: the mission's document; or give the `plan_id` of a stored mission.
             plan_id: id of a stored mission.
             version: version of the stored mission; default: the newest.
+            dry_run: id of a dry run of this mission with several flights; the server reports when a vehicle
+                leaves its corridor.
             despite: codes of error findings that are accepted.
 
         Returns:
@@ -234,7 +237,7 @@ class Gcs:
             Refused: a vehicle cannot start, another client has control of one, or the mission has errors that
                 `despite` does not list.
         """
-        body = start_body(mission, plan_id, version, despite, vehicles=dict(vehicles))
+        body = start_body(mission, plan_id, version, despite, vehicles=dict(vehicles), dry_run=dry_run)
         return (await self.request("POST", "/offboard_missions/start", body))["vehicles"]
 
     async def telemetry(

@@ -168,6 +168,7 @@ class SyncGcs(LoopThread):
         *,
         plan_id: str | None = None,
         version: int | None = None,
+        dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> list[dict[str, Any]]:
         """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of one
@@ -178,6 +179,8 @@ class SyncGcs(LoopThread):
             mission: the mission's document; or give the `plan_id` of a stored mission.
             plan_id: id of a stored mission.
             version: version of the stored mission; default: the newest.
+            dry_run: id of a dry run of this mission with several flights; the server reports when a vehicle
+                leaves its corridor.
             despite: codes of error findings that are accepted.
 
         Returns:
@@ -189,7 +192,7 @@ class SyncGcs(LoopThread):
         """
         return self._portal.call(
             lambda: self._inner.start_together(
-                vehicles, mission, plan_id=plan_id, version=version, despite=despite
+                vehicles, mission, plan_id=plan_id, version=version, dry_run=dry_run, despite=despite
             )
         )
 

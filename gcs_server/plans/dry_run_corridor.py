@@ -15,30 +15,36 @@ SAME_START_M = 5.0
 """Maximum distance from the vehicle to the start of its dry run [m]."""
 
 
-def corridor_of(dry_run: Mapping[str, Any], here_ned_m: Vector3, origin: LocalOrigin | None) -> Corridor:
+def corridor_of(
+    dry_run: Mapping[str, Any], here_ned_m: Vector3, origin: LocalOrigin | None, role: str | None = None
+) -> Corridor:
     """The corridor in the vehicle's local frame.
 
     Args:
-        found: the dry run.
+        dry_run: the result of the dry run.
         here_ned_m: the vehicle's position.
         origin: origin of the vehicle's local frame. None: unknown; the dry run is then assumed to have
             started at this position.
+        role: the vehicle's role in a mission of several vehicles; None: the mission has one vehicle. In
+            the dry run all vehicles stand at one height, so a role's corridor begins at the vehicle's height.
 
     Raises:
-        Refused: the dry run has no corridor, was made for a waypoint plan, or started at another position.
+        Refused: the dry run has no corridor of this role, was made for a waypoint plan, or started at another
+            position.
     """
-    many = dry_run["monte_carlo"]
-    corridor = None if many is None else many["corridor"]
+    corridor = _corridor(dry_run, role)
     if dry_run["kind"] != "offboard_mission" or corridor is None:
         raise Refused(
-            f"Dry run {dry_run['id']} has no corridor of an offboard mission.",
+            f"Dry run {dry_run['id']} has no corridor of {_what(role)}.",
             remedy="Fly the mission in simulation with `flights` of 10 or more, and name that dry run.",
         )
-    start = here_ned_m
+    first_n, first_e, first_d = corridor["position_ned_m"][0]
+    start = (here_ned_m[0] - first_n, here_ned_m[1] - first_e, here_ned_m[2] - first_d)
     if origin is not None:
-        start_origin = dry_run["nominal"]["origin"]
-        start = origin.to_ned(start_origin["lat_deg"], start_origin["lon_deg"], start_origin["alt_amsl_m"])
-        away_m = math.dist(start[:2], here_ned_m[:2])
+        home = dry_run["nominal"]["origin"]
+        north, east, down = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
+        start = (north, east, down if role is None else start[2])
+        away_m = math.dist((north + first_n, east + first_e), here_ned_m[:2])
         if away_m > SAME_START_M:
             raise Refused(
                 f"Dry run {dry_run['id']} began {away_m:.0f} m from the vehicle's position.",
@@ -49,3 +55,17 @@ def corridor_of(dry_run: Mapping[str, Any], here_ned_m: Vector3, origin: LocalOr
     above = [max(0.0, *pair) for pair in zip(vertical["p95"], vertical["greatest"], strict=True)]
     below = [max(0.0, -low, -most) for low, most in zip(vertical["p5"], vertical["greatest"], strict=True)]
     return Corridor(tuple(points), tuple(horizontal["greatest"]), tuple(above), tuple(below))
+
+
+def _corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any] | None:
+    many, together = dry_run["monte_carlo"], dry_run["together"]
+    if many is None or (role is None) != (together is None):
+        return None
+    if together is None:
+        return many["corridor"]
+    own = together["monte_carlo"]["roles"].get(role)
+    return None if own is None else own["corridor"]
+
+
+def _what(role: str | None) -> str:
+    return "an offboard mission of one vehicle" if role is None else f"the role {role!r}"

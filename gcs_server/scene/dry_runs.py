@@ -81,17 +81,23 @@ class DryRunMoment:
 
 def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
     """The paths of all vehicles that flew, from the result of a dry run."""
-    together, many = result["together"], result["monte_carlo"]
-    corridor = None if many is None else many["corridor"]
-    flights = {None: result["nominal"]} if together is None else together["roles"]
-    paths = (_path_of(role, flight, corridor) for role, flight in flights.items())
+    together = result["together"]
+    if together is None:
+        path = _path_of(None, result["nominal"], result["monte_carlo"])
+        return () if path is None else (path,)
+    many = together["monte_carlo"]
+    paths = (
+        _path_of(role, flight, None if many is None else many["roles"][role])
+        for role, flight in together["roles"].items()
+    )
     return tuple(path for path in paths if path is not None)
 
 
 def _path_of(
-    role: str | None, flight: Mapping[str, Any], corridor: Mapping[str, Any] | None
+    role: str | None, flight: Mapping[str, Any], many: Mapping[str, Any] | None
 ) -> DryRunPath | None:
     path, origin = flight["path"], flight["origin"]
+    corridor = None if many is None else many["corridor"]
     if path is None or not path["t_s"]:
         return None
     return DryRunPath(

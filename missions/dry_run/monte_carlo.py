@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,10 +12,9 @@ from missions.dry_run.flight import ReportProgress, fly
 from missions.dry_run.plans import Flyable
 from missions.dry_run.result import DryRun, evaluate, rounded
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
-from missions.dry_run.spread import Chance, Quantiles, Spread
+from missions.dry_run.spread import MAX_FLIGHTS, Chance, Quantiles, Spread
 from missions.errors import PlanError
 
-MAX_FLIGHTS = 200
 CHANCES = {
     "not_finished": ("start_refused", "failsafe", "mission_left", "not_finished", "obstacle_hit"),
     "fence_touched": ("fence_touched",),
@@ -69,10 +68,10 @@ class MonteCarlo:
             "seed": self.seed,
             "flights": [_summary(each) for each in self.flights],
             "corridor": None if self.corridor is None else self.corridor.document(),
-            "duration_s": _quantiles(self.duration_s),
-            "battery_end_share": _quantiles(self.battery_end_share),
-            "fence_distance_m": _quantiles(self.fence_distance_m),
-            "obstacle_distance_m": _quantiles(self.obstacle_distance_m),
+            "duration_s": quantiles_document(self.duration_s),
+            "battery_end_share": quantiles_document(self.battery_end_share),
+            "fence_distance_m": quantiles_document(self.fence_distance_m),
+            "obstacle_distance_m": quantiles_document(self.obstacle_distance_m),
             "chances": {name: asdict(chance) for name, chance in self.chances.items()},
             "times_real_time": round(self.times_real_time, 2),
         }
@@ -115,7 +114,13 @@ def monte_carlo(
         obstacles=obstacles, report=report,
     )  # fmt: skip
     spent_s = time.perf_counter() - began_s
-    evaluated = [evaluate(each, flyable, aircraft, obstacles, spent_s) for each in flown]
+    return summarised(
+        [evaluate(each, flyable, aircraft, obstacles, spent_s) for each in flown], spread, seed, spent_s
+    )
+
+
+def summarised(evaluated: Sequence[DryRun], spread: Spread, seed: int, spent_s: float) -> MonteCarlo:
+    """Summarises the flights of one plan; the first one is the nominal flight."""
     nominal, others = evaluated[0], evaluated[1:]
     summaries = tuple(_summarised(each) for each in others)
     tracks = [each.track for each in others if each.track is not None]
@@ -127,18 +132,28 @@ def monte_carlo(
         Quantiles.of(_known(each.battery_end_share for each in summaries)),
         Quantiles.of(_known(each.fence_distance_m for each in summaries)),
         Quantiles.of(_known(each.obstacle_distance_m for each in summaries)),
-        {name: _chance(summaries, codes) for name, codes in CHANCES.items()},
+        chances_of([each.findings for each in summaries], CHANCES),
         longest_s / max(spent_s, 1e-9),
     )  # fmt: skip
 
 
+def chances_of(
+    flights: Sequence[Collection[str]], outcomes: Mapping[str, tuple[str, ...]]
+) -> dict[str, Chance]:
+    """How often each outcome happened.
+
+    Args:
+        flights: the codes of the findings of each flight.
+        outcomes: the codes that count as each outcome.
+    """
+    return {
+        name: Chance.of(sum(any(code in codes for code in flight) for flight in flights), len(flights))
+        for name, codes in outcomes.items()
+    }
+
+
 def _known(values: Any) -> list[float]:
     return [each for each in values if each is not None]
-
-
-def _chance(summaries: Sequence[FlightSummary], codes: tuple[str, ...]) -> Chance:
-    count = sum(any(code in codes for code in each.findings) for each in summaries)
-    return Chance.of(count, len(summaries))
 
 
 def _summarised(run: DryRun) -> FlightSummary:
@@ -165,7 +180,8 @@ def _summary(flight: FlightSummary) -> dict[str, Any]:
     }
 
 
-def _quantiles(quantiles: Quantiles | None) -> dict[str, float] | None:
+def quantiles_document(quantiles: Quantiles | None) -> dict[str, float] | None:
+    """As JSON values; None without values."""
     if quantiles is None:
         return None
     return {name: round(value, 4) for name, value in asdict(quantiles).items()}

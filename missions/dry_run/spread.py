@@ -10,6 +10,9 @@ import numpy as np
 from missions.dry_run.setup import Conditions
 from missions.errors import PlanError
 
+MAX_FLIGHTS = 200
+MAX_VEHICLES = 400
+"""Maximum number of vehicles of all flights together, for a mission with roles."""
 WITHIN_SIGMA = 3.0
 """Random values are limited to this many standard deviations, so that no impossible wind is drawn."""
 
@@ -41,10 +44,18 @@ class Spread:
                 reason = f"{value:g} is not between 0 and {most:g}"
                 raise PlanError(f"spread, {each.name}", reason, "Give a value between these.")
 
-    def draw(self, stated: Conditions, seed: int, flight: int) -> Conditions:
-        """The conditions of one flight; the same for the same seed and flight number."""
-        random = np.random.default_rng([seed, flight, 1])
-        z = np.clip(random.standard_normal(6), -WITHIN_SIGMA, WITHIN_SIGMA).tolist()
+    def draw(self, stated: Conditions, seed: int, flight: int, vehicle: int = 0) -> Conditions:
+        """The conditions of one flight; the same for the same seed and numbers.
+
+        Args:
+            stated: mean conditions.
+            seed: seed of the variation.
+            flight: number of the flight. All its vehicles have the same wind and gusts.
+            vehicle: number of the vehicle in the flight. Each has its own mass, battery and sensor noise.
+        """
+        z = _normal([seed, flight, 1])
+        if vehicle:
+            z[3:] = _normal([seed, flight, 1, vehicle])[3:]
         north, east, down = stated.wind_ned_m_s
         return Conditions(
             wind_ned_m_s=(north + self.wind_m_s * z[0], east + self.wind_m_s * z[1], down),
@@ -53,6 +64,11 @@ class Spread:
             battery_scale=max(0.05, stated.battery_scale * (1.0 + self.battery * z[4])),
             sensor_noise=max(0.0, stated.sensor_noise * (1.0 + self.sensor_noise * z[5])),
         )
+
+
+def _normal(seed: list[int]) -> list[float]:
+    z = np.random.default_rng(seed).standard_normal(6)
+    return np.clip(z, -WITHIN_SIGMA, WITHIN_SIGMA).tolist()
 
 
 @dataclass(frozen=True, slots=True)

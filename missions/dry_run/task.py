@@ -7,6 +7,7 @@ from typing import Any
 
 from missions import plan as plan_document
 from missions.dry_run.monte_carlo import monte_carlo
+from missions.dry_run.monte_carlo_together import monte_carlo_together
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import Flyable, FlyablePlan
 from missions.dry_run.result import dry_run
@@ -84,23 +85,33 @@ def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 def _together(
     request: Mapping[str, Any], conditions: Conditions, obstacles: Sequence[Obstacle], progress: Progress
 ) -> dict[str, Any]:
-    """Flies all roles; `nominal` has the path of the first role and the findings of all."""
+    """Flies all roles; `nominal` and `monte_carlo` have the path and the corridor of the first role, and the
+    findings and chances of all."""
     mission = mission_reader.read(request["plan"])
-    roles = request["roles"]
+    roles, flights = request["roles"], request["flights"]
     aircraft = {role: _aircraft(given) for role, given in roles.items()}
     origins = {role: origin for role, given in roles.items() if (origin := _origin(given)) is not None}
+    count = len(roles) * (1 if flights is None else flights + 1)
 
     def report(now_s: float, ended: int) -> None:
-        progress(f"{now_s:.0f} s are simulated; {ended} of {len(roles)} vehicles have ended.", None)
+        progress(f"{now_s:.0f} s are simulated; {ended} of {count} vehicles have ended.", None)
 
-    flown = dry_run_together(
-        mission, aircraft, conditions, origins=origins, seed=request["seed"], obstacles=obstacles,
-        report=report,
-    ).document()  # fmt: skip
+    seed, many = request["seed"], None
+    if flights is None:
+        flown = dry_run_together(
+            mission, aircraft, conditions, origins=origins, seed=seed, obstacles=obstacles, report=report
+        ).document()
+    else:
+        found = monte_carlo_together(
+            mission, aircraft, conditions, Spread(**request["spread"]), flights=flights, origins=origins,
+            seed=seed, obstacles=obstacles, report=report,
+        )  # fmt: skip
+        flown, many = found.nominal.document(), found.document()
     nominal = dict(next(iter(flown["roles"].values())))
     nominal["findings"] = [*flown.pop("findings"), *findings_of(flown["roles"])]
     nominal["finished"] = all(run["finished"] for run in flown["roles"].values())
-    return {"nominal": nominal, "monte_carlo": None, "together": flown}
+    first = None if many is None else {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
+    return {"nominal": nominal, "monte_carlo": first, "together": {**flown, "monte_carlo": many}}
 
 
 def findings_of(roles: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

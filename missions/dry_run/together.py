@@ -135,39 +135,89 @@ def dry_run_together(
     Raises:
         PlanError: A role has no vehicle, or the mission cannot be compiled.
     """
+    of_all = [conditions or Conditions()] * len(mission.roles)
+    (flown,), _ = fly_together(
+        mission, aircraft, [of_all], origins=origins, seed=seed, obstacles=obstacles, report=report
+    )
+    return flown
+
+
+def fly_together(
+    mission: OffboardMission,
+    aircraft: Mapping[str, Aircraft],
+    conditions: Sequence[Sequence[Conditions]],
+    *,
+    origins: Mapping[str, LocalOrigin] | None = None,
+    seed: int = 0,
+    obstacles: Sequence[Obstacle] = (),
+    report: ReportProgress | None = None,
+) -> tuple[list[DryRunTogether], float]:
+    """Flies all roles of a mission several times at once.
+
+    Args:
+        mission: a mission with roles.
+        aircraft: by role: the vehicle and its start position.
+        conditions: for each flight: the conditions of each role's vehicle.
+        origins: by role: the origin of the vehicle's local frame; missing: its start position.
+        seed: seed of noise and gusts.
+        obstacles: obstacles around the first role's home.
+        report: called with the progress; an exception from it ends the dry run.
+
+    Returns:
+        The flights, the first with velocity, attitude and gimbal, and the computing time [s].
+
+    Raises:
+        PlanError: A role has no vehicle, or the mission cannot be compiled.
+    """
     missing = [role for role in mission.roles if role not in aircraft]
     if missing or not mission.roles:
         name = missing[0] if missing else ""
         raise PlanError("vehicles", f"role {name!r} has no vehicle", "Assign a vehicle to each role.")
-    conditions, origins = conditions or Conditions(), origins or {}
-    roles = list(mission.roles)
+    origins, roles = origins or {}, list(mission.roles)
     flyable = {
         role: FlyableMission.of(mission, aircraft[role], origin=origins.get(role), role=role)
         for role in roles
     }
     began_s = time.perf_counter()
-    of_each = [conditions] * len(roles)
-    fleet = Fleet([aircraft[role] for role in roles], of_each, seed=seed, obstacles=obstacles)
-    pilots = {
-        role: flyable[role].pilot(vehicle, alone=False)
-        for role, vehicle in zip(roles, fleet.vehicles, strict=True)
-    }
-    recorder = Recorder(fleet, list(pilots.values()), detailed=len(roles))
+    of_each = [each for flight in conditions for each in flight]
+    fleet = Fleet(
+        [aircraft[role] for role in roles] * len(conditions), of_each, seed=seed, obstacles=obstacles
+    )
+    vehicles = iter(fleet.vehicles)
+    groups = [{role: flyable[role].pilot(next(vehicles), alone=False) for role in roles} for _ in conditions]
+    pilots = [pilot for group in groups for pilot in group.values()]
+    coordinated = [PilotsTogether(group) for group in groups]
+
+    def coordinate(now_s: float) -> None:
+        for each in coordinated:
+            each.tick(now_s)
+
     flights = fly_fleet(
-        fleet, list(pilots.values()), of_each, recorder, report=report,
-        after_pilots=PilotsTogether(pilots).tick,
-        longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
+        fleet, pilots, of_each, Recorder(fleet, pilots, detailed=len(roles)), report=report,
+        after_pilots=coordinate, longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
     )  # fmt: skip
     spent_s = time.perf_counter() - began_s
     home = aircraft[roles[0]].home
-    evaluated = {
-        role: evaluate(flight, flyable[role], replace(aircraft[role], home=home), obstacles, spent_s)
-        for role, flight in zip(roles, flights, strict=True)
-    }
-    tracks = {role: run.track for role, run in evaluated.items() if run.track is not None}
-    separation = list(_separation(tracks, mission.separation_m))
+    from_home = {role: replace(aircraft[role], home=home) for role in roles}
+    ended = iter(flights)
+    flown = [
+        _evaluated(
+            {
+                role: evaluate(next(ended), flyable[role], from_home[role], obstacles, spent_s)
+                for role in roles
+            },
+            mission.separation_m,
+        )
+        for _ in conditions
+    ]
+    return flown, spent_s
+
+
+def _evaluated(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
+    tracks = {role: run.track for role, run in runs.items() if run.track is not None}
+    separation = list(_separation(tracks, minimum_m))
     return DryRunTogether(
-        evaluated,
+        runs,
         tuple(each for each, _ in separation),
         tuple(finding for _, finding in separation if finding),
     )

@@ -37,6 +37,7 @@ ROLES = {
         "left": {"start_ned_m": [0, 10, 0], "steps": MISSION["steps"]},
     },
 }
+CROWD = {**ROLES, "roles": {**ROLES["roles"], "right": ROLES["roles"]["lead"]}}
 UNPLACED = {**ROLES, "roles": {role: {"steps": MISSION["steps"]} for role in ROLES["roles"]}}
 MAST = {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
 WORKER = """
@@ -105,7 +106,9 @@ def test_a_stored_plan_and_an_offboard_mission_are_flown(client):
 
 
 def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
-    view = client.get(f"dry_runs/{flown(client, {'plan': ROLES})['result']['dry_run']}").json()
+    operation = flown(client, {"plan": ROLES, "flights": 20})
+    view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
+    assert (view["vehicles"], view["nominal"]["asked"]["flights"]) == (None, 20)
     roles = view["nominal"]["asked"]["roles"]
     assert list(roles) == ["lead", "left"]
     lead, left = (roles[role]["aircraft"]["home"] for role in ("lead", "left"))
@@ -134,8 +137,8 @@ def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
         ({"plan": PLAN, "vehicles": {"lead": "1", "left": "2"}}, "vehicles"),
         ({"plan": PLAN, "vehicle": "1", "vehicles": {"lead": "1"}}, "vehicles"),
         ({"plan": ROLES, "vehicles": {"lead": "1"}}, "role 'left' has no vehicle"),
-        ({"plan": ROLES, "vehicle": "1"}, "vehicle is not supported"),
-        ({"plan": ROLES, "flights": 10}, "flights is not supported"),
+        ({"plan": ROLES, "vehicle": "1"}, "name a vehicle for each role"),
+        ({"plan": CROWD, "flights": 134}, "134 flights of 3 vehicles are too many"),
         ({"plan": UNPLACED}, "The start positions are not known"),
     ],
 )

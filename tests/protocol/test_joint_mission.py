@@ -2,6 +2,7 @@
 
 import functools
 import json
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused
 from gcs_server.plans import tasks
 from gcs_server.plans.work import PlanWork
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol.api_calls import ANNA, BOB, lines, station_of, view
@@ -119,6 +121,52 @@ def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(ju
         east = at.world.sim.simulation.truth.position_ned_m[:, 1]
         assert east == pytest.approx([APART_M, 0.0], abs=4)
         assert at.station.groups.all() == []
+        assert at.station.missions.others_on_mission("1") == ()
+
+    stage(jump, story)
+
+
+def dry_run_of(at, **roles):
+    """A dry run of several flights whose corridor is 1 m wide around each start, for these roles."""
+    origin = asdict(VehicleEstimates(at.vehicles[0]).origin())
+    band = {name: [0.0, 0.0] for name in ("p5", "p50", "p95")} | {"greatest": [1.0, 1.0]}
+    many = {
+        role: {
+            "corridor": {
+                "position_ned_m": [[0.0, east_m, 0.0], [0.0, east_m, -15.0]],
+                "horizontal_m": band,
+                "vertical_m": band,
+            }
+        }
+        for role, east_m in roles.items()
+    }
+    together = {"monte_carlo": {"roles": many}}
+    result = {"nominal": {"origin": origin}, "monte_carlo": many["lead"], "together": together}
+    return {"id": "7", "kind": "offboard_mission", **result}
+
+
+def outside_m(at):
+    return [vehicle.offboard_mission.status().outside_corridor_m for vehicle in at.vehicles]
+
+
+def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
+    async def story(at):
+        at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0, left=APART_M))
+        begun = await start(at, show(), dry_run="7")
+        assert [each["mission"]["dry_run"] for each in begun] == ["7", "7"]
+        await reach(at, "flying", "flying")
+        assert max(outside_m(at)) < 3.0, "each is still above its own start"
+        await until(lambda: min(outside_m(at)) > 5.0, 20)
+
+    stage(jump, story)
+
+
+def test_none_starts_if_the_dry_run_has_no_corridor_of_one_role(jump):
+    async def story(at):
+        at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0))
+        with pytest.raises(Refused, match="has no corridor of the role 'left'"):
+            await start(at, show(), dry_run="7")
+        assert not any(vehicle.status.armed for vehicle in at.vehicles)
         assert at.station.missions.others_on_mission("1") == ()
 
     stage(jump, story)

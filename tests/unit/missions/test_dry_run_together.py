@@ -7,7 +7,9 @@ from dataclasses import asdict, replace
 
 import pytest
 
+from missions.dry_run.monte_carlo_together import MonteCarloTogether, monte_carlo_together
 from missions.dry_run.setup import Aircraft, Conditions
+from missions.dry_run.spread import Spread
 from missions.dry_run.task import findings_of, run
 from missions.dry_run.together import DryRunTogether, dry_run_together
 from missions.errors import PlanError
@@ -102,6 +104,63 @@ def test_a_finding_of_several_roles_is_reported_once_with_their_names():
         "It leaves the fence.",
     ]
     assert drain["text"] == "The drain is not known."
+
+
+@pytest.fixture(scope="module")
+def varied() -> MonteCarloTogether:
+    """Four flights past each other, 4 m apart in height, with a minimum of 3 m."""
+    mission = read(CROSSING.format(height_m=7, apart_m=3))
+    return monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
+
+
+def test_each_role_of_many_flights_has_its_own_corridor(varied):
+    for role, east_m in (("lead", 0.0), ("left", APART_M)):
+        many = varied.roles[role]
+        assert len(many.flights) == 4
+        assert all(each.finished for each in many.flights)
+        assert many.corridor is not None
+        assert many.corridor.position_ned_m[0] == pytest.approx((0.0, east_m, 0.0), abs=0.1)
+        assert 0.1 < many.corridor.width_m < 5.0
+
+
+def test_the_vehicles_of_one_flight_have_one_wind_and_each_its_own_mass(varied):
+    lead, left = (varied.roles[role].flights for role in ("lead", "left"))
+    assert [each.conditions.wind_ned_m_s for each in lead] == [each.conditions.wind_ned_m_s for each in left]
+    assert all(a.conditions.mass_scale != b.conditions.mass_scale for a, b in zip(lead, left, strict=True))
+    assert lead[0].conditions == Spread().draw(Conditions((0.0, 2.0, 0.0)), 5, 1)
+
+
+def test_distances_and_chances_are_those_of_all_flights(varied):
+    (pair,) = varied.closest
+    assert pair.roles == ("lead", "left")
+    assert pair.distance_m.least <= pair.distance_m.p50 <= pair.distance_m.greatest
+    near = pair.distance_m.least < 3.0
+    assert (pair.nearer_than_minimum.count > 0) == near
+    assert varied.chances["nearer_than_minimum"].count == pair.nearer_than_minimum.count
+    assert varied.chances["not_finished"].count == 0
+    assert varied.chances["separation"].count >= varied.chances["nearer_than_minimum"].count
+
+
+def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(varied):
+    mission = read(CROSSING.format(height_m=7, apart_m=3))
+    one = monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5)
+    assert one.roles["left"].flights[0] == varied.roles["left"].flights[0]
+
+
+def test_vehicles_that_cross_at_one_height_come_too_near_in_every_flight():
+    mission = read(CROSSING.format(height_m=3, apart_m=3))
+    found = monte_carlo_together(mission, aircraft(), flights=2)
+    assert (found.chances["separation"].count, found.chances["nearer_than_minimum"].count) == (2, 2)
+    assert found.closest[0].distance_m.greatest < 3.0
+    document = json.loads(json.dumps(found.document()))
+    assert document["closest"][0]["nearer_than_minimum"]["share"] == 1.0
+    assert set(document["roles"]["lead"]) >= {"corridor", "duration_s", "flights", "chances"}
+
+
+def test_too_many_flights_of_all_vehicles_are_refused():
+    mission = read(CROSSING.format(height_m=4, apart_m=3))
+    with pytest.raises(PlanError, match="201 flights of 2 vehicles, 1 to 200 are possible"):
+        monte_carlo_together(mission, aircraft(), flights=201)
 
 
 def test_each_role_needs_a_vehicle():

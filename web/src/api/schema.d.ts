@@ -3800,7 +3800,7 @@ export interface components {
             readonly obstacle_distance_m: components["schemas"]["DryRunQuantiles"] | null;
             /**
              * Chances
-             * @description Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and `battery_reserve`.
+             * @description Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and `battery_reserve`; with roles also of `separation` (the separation guard would act) and `nearer_than_minimum` (two vehicles come nearer than the minimum separation).
              */
             readonly chances: {
                 readonly [key: string]: components["schemas"]["DryRunChance"];
@@ -3810,6 +3810,24 @@ export interface components {
              * @description Simulated time of all flights divided by computing time.
              */
             readonly times_real_time: number;
+        };
+        /**
+         * DryRunMonteCarloTogether
+         * @description Many flights of all vehicles. The vehicles of one flight have the same wind.
+         */
+        readonly DryRunMonteCarloTogether: {
+            /**
+             * Roles
+             * @description For each role the corridor, quantiles and chances of its vehicle.
+             */
+            readonly roles: {
+                readonly [key: string]: components["schemas"]["DryRunMonteCarlo"];
+            };
+            /**
+             * Closest
+             * @description One entry for each pair of roles that flew.
+             */
+            readonly closest: readonly components["schemas"]["DryRunPairDistance"][];
         };
         /**
          * DryRunObstacle
@@ -3856,6 +3874,24 @@ export interface components {
              * @description Direction of its x axis, clockwise from north [rad].
              */
             readonly yaw_ned_rad?: number;
+        };
+        /**
+         * DryRunPairDistance
+         * @description How near two vehicles come to each other in many flights.
+         */
+        readonly DryRunPairDistance: {
+            /**
+             * Roles
+             * @description Their roles.
+             */
+            readonly roles: readonly [
+                string,
+                string
+            ];
+            /** @description Smallest distance of each flight, between the centres [m]. */
+            readonly distance_m: components["schemas"]["DryRunQuantiles"];
+            /** @description Probability that they come nearer than the minimum separation of the mission. */
+            readonly nearer_than_minimum: components["schemas"]["DryRunChance"];
         };
         /**
          * DryRunPath
@@ -3985,7 +4021,7 @@ export interface components {
             readonly conditions?: components["schemas"]["DryRunConditions"];
             /**
              * Flights
-             * @description Monte Carlo: number of further flights, each in other conditions.
+             * @description Monte Carlo: number of further flights, each in other conditions; with roles at most 400 divided by the number of roles.
              */
             readonly flights?: number | null;
             /** @description How `flights` vary the conditions. */
@@ -4170,6 +4206,8 @@ export interface components {
              * @description One entry for each pair of roles, from the time in which both were flying.
              */
             readonly closest: readonly components["schemas"]["DryRunClosest"][];
+            /** @description Result of all flights; null: only one flight was simulated. */
+            readonly monte_carlo: components["schemas"]["DryRunMonteCarloTogether"] | null;
         };
         /**
          * DryRunView
@@ -4208,6 +4246,13 @@ export interface components {
              */
             readonly vehicle: string | null;
             /**
+             * Vehicles
+             * @description The same for a mission with roles: the vehicle of each role.
+             */
+            readonly vehicles: {
+                readonly [key: string]: string;
+            } | null;
+            /**
              * Assumed
              * @description Assumptions made because values were unknown; sentences.
              */
@@ -4216,7 +4261,7 @@ export interface components {
             readonly nominal: components["schemas"]["DryRunFlight"];
             /** @description Result of all vehicles together; null: one vehicle was simulated. */
             readonly together: components["schemas"]["DryRunTogetherModel"] | null;
-            /** @description Result of all flights; null: only one flight was simulated. */
+            /** @description Result of all flights; null: only one flight was simulated. For a mission with roles: the result of the first role, with `chances` that one of the vehicles has the outcome. */
             readonly monte_carlo: components["schemas"]["DryRunMonteCarlo"] | null;
         };
         /**
@@ -11075,6 +11120,8 @@ export interface components {
             readonly vehicles: {
                 readonly [key: string]: string;
             };
+            /** Dry Run */
+            readonly dry_run?: string | null;
         };
         /**
          * StartMission
@@ -11098,10 +11145,7 @@ export interface components {
              * @description Codes of the mission's error findings that the caller accepts.
              */
             readonly despite?: readonly string[];
-            /**
-             * Dry Run
-             * @description Id of a dry run of this mission with several flights; a notice is sent if the vehicle leaves its corridor.
-             */
+            /** Dry Run */
             readonly dry_run?: string | null;
         };
         /**

@@ -20,6 +20,7 @@ ABOUT = {
     "plan_id": None,
     "version": None,
     "vehicle": None,
+    "vehicles": None,
     "assumed": [],
 }
 
@@ -59,6 +60,41 @@ def test_a_plan_is_flown_in_its_process_and_the_result_is_as_the_api_describes_i
     assert view.nominal.path.step_places == ["item 1", "item 2", "item 3"]
     assert told[0][0].startswith("1 s are simulated; 0 of 2 flights")
     assert [share for _, share in told] == sorted(share for _, share in told)
+
+
+HOPS = """
+name: Two hops
+roles:
+  lead: {steps: [{step: take_off, height_m: 3}, {step: meet, meeting: up}, {step: land}]}
+  left: {steps: [{step: take_off, height_m: 3}, {step: meet, meeting: up}, {step: land}]}
+"""
+
+
+def test_many_flights_of_a_mission_with_roles_are_as_the_api_describes_them():
+    lead = request(hop())["aircraft"]
+    left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
+    roles = {"lead": {"aircraft": lead, "origin": None}, "left": {"aircraft": left, "origin": None}}
+    wanted = {**request(hop()), "kind": "offboard_mission", "plan": HOPS, "roles": roles}
+    wanted |= {"flights": 1, "spread": {}}
+    about = {**ABOUT, "kind": "offboard_mission"}
+    told = []
+
+    async def story():
+        runs = DryRuns()
+        await runs.run("1", wanted, about, lambda text, _: told.append(text))
+        return runs.get("1")
+
+    view = DryRunView.model_validate_json(json.dumps(asyncio.run(story())))
+    assert view.monte_carlo is not None
+    assert view.monte_carlo.chances["nearer_than_minimum"].count == 0
+    assert view.together is not None
+    many = view.together.monte_carlo
+    assert many is not None
+    assert list(many.roles) == ["lead", "left"]
+    assert many.roles["left"].corridor is not None
+    assert many.roles["left"].corridor.position_ned_m[0][0] == pytest.approx(33.4, abs=0.5)
+    assert many.closest[0].distance_m.least == pytest.approx(33.4, abs=3.0)
+    assert told[0] == "1 s are simulated; 0 of 4 vehicles have ended."
 
 
 def test_a_plan_that_px4_does_not_store_is_refused_in_its_words():

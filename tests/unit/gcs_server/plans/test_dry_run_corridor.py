@@ -19,7 +19,7 @@ def found(**changes):
         "vertical_m": bands,
     }
     origin = {"lat_deg": lat, "lon_deg": lon, "alt_amsl_m": alt}
-    whole = {"nominal": {"origin": origin}, "monte_carlo": {"corridor": corridor}}
+    whole = {"nominal": {"origin": origin}, "monte_carlo": {"corridor": corridor}, "together": None}
     return {"id": "3", "kind": "offboard_mission", **whole, **changes}
 
 
@@ -29,6 +29,41 @@ def test_the_corridor_begins_at_the_start_and_contains_all_flights():
     assert corridor.beside_m == (0.5, 1.5)
     assert (corridor.above_m, corridor.below_m) == ((0.5, 0.6), (0.2, 1.5))
     assert corridor_of(found(), HERE, None).position_ned_m[0] == HERE
+
+
+def with_roles(**changes):
+    """A dry run of two vehicles that stand 20 m apart."""
+    one = found()
+    lead = one["monte_carlo"]["corridor"]
+    left = {**lead, "position_ned_m": [[n, e + 20.0, d] for n, e, d in lead["position_ned_m"]]}
+    roles = {"lead": {"corridor": lead}, "left": {"corridor": left}}
+    return {**one, "together": {"monte_carlo": {"roles": roles}}, **changes}
+
+
+LEFT = (HERE[0], HERE[1] + 20.0, HERE[2] + 3.0)
+"""The vehicle of the second role, which stands 3 m lower."""
+
+
+def test_the_corridor_of_a_role_begins_at_its_own_vehicle():
+    corridor = corridor_of(with_roles(), LEFT, ORIGIN, "left")
+    assert corridor.position_ned_m[0] == pytest.approx(LEFT, abs=0.01)
+    assert corridor.position_ned_m[1] == pytest.approx((40.0, 0.0, -10.0), abs=0.01)
+    assert corridor_of(with_roles(), LEFT, None, "left").position_ned_m[0] == pytest.approx(LEFT)
+
+
+@pytest.mark.parametrize(
+    ("dry_run", "here", "role", "said"),
+    [
+        (with_roles(), LEFT, "third", "has no corridor of the role 'third'"),
+        (with_roles(), HERE, None, "has no corridor of an offboard mission of one vehicle"),
+        (found(), HERE, "lead", "has no corridor of the role 'lead'"),
+        (with_roles(monte_carlo=None), HERE, "lead", "has no corridor of the role 'lead'"),
+        (with_roles(), HERE, "left", "began 20 m from the vehicle's position"),
+    ],
+)
+def test_a_dry_run_that_does_not_fit_the_role_is_refused(dry_run, here, role, said):
+    with pytest.raises(Refused, match=said):
+        corridor_of(dry_run, here, ORIGIN, role)
 
 
 @pytest.mark.parametrize(

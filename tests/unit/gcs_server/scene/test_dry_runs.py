@@ -74,6 +74,19 @@ def test_the_corridor_is_as_wide_and_high_as_the_flights_were():
     np.testing.assert_allclose(lines[4], [(0, 1, 9.5), (40, 3, 8)])
 
 
+def test_each_role_has_its_own_corridor():
+    narrow = FOUND["monte_carlo"]
+    wide = {"corridor": {**narrow["corridor"], "horizontal_m": {"p95": [4.0, 4.0, 9.0]}}}
+    flights = {"lead": FOUND["nominal"], "left": FOUND["nominal"]}
+    together = {"roles": flights, "monte_carlo": {"roles": {"lead": narrow, "left": wide}}}
+    lead, left = paths_of({**FOUND, "together": together})
+    assert (lead.role, left.role) == ("lead", "left")
+    assert lead.corridor_enu_m is not None
+    assert left.corridor_enu_m is not None
+    np.testing.assert_allclose(lead.corridor_enu_m[2][0], (40, 3, 8))
+    np.testing.assert_allclose(left.corridor_enu_m[2][0], (40, 9, 8))
+
+
 def test_one_flight_has_no_corridor_and_one_that_never_began_no_path():
     (alone,) = paths_of({**FOUND, "monte_carlo": None})
     assert tube(alone) is None
@@ -83,7 +96,8 @@ def test_one_flight_has_no_corridor_and_one_that_never_began_no_path():
 
 def test_of_several_vehicles_each_has_a_path_and_its_role_as_label():
     flights = {"lead": FOUND["nominal"], "left": NOT_FLOWN["nominal"], "right": FOUND["nominal"]}
-    found = paths_of({"nominal": FOUND["nominal"], "monte_carlo": None, "together": {"roles": flights}})
+    together = {"roles": flights, "monte_carlo": None}
+    found = paths_of({"nominal": FOUND["nominal"], "monte_carlo": None, "together": together})
     assert [each.role for each in found] == ["lead", "right"]
     assert pose_at(found[1], 15.0, START).label == "right · 10.0 m"
 

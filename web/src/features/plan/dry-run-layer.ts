@@ -10,6 +10,7 @@ import type { DryRunView } from './dry-run.svelte';
 
 type Vector = readonly number[];
 type Flight = DryRunView['nominal'];
+type Many = NonNullable<DryRunView['monte_carlo']>;
 
 export interface Ghost extends GeoPosition {
   /** Height above the start. */
@@ -33,6 +34,12 @@ const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 
 /** The flights of all vehicles, or the one flight. */
 const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
+
+/** The many flights of each vehicle, with its role; of one vehicle without a role. */
+function ofMany({ monte_carlo, together }: DryRunView): (readonly [string | null, Many])[] {
+  if (monte_carlo === null) return [];
+  return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
+}
 
 /** The vehicle at a time, interpolated between the samples; null if it never flew. */
 export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): Ghost | null {
@@ -82,9 +89,8 @@ function cameraViewRing(ghost: Ghost): GeoPosition[] {
  * The 95th percentile of the horizontal deviation, on both sides of the path. It is drawn in short pieces, because
  * one ring about a path that turns back would cross itself. Samples at the same position count once.
  */
-function corridorRings({ nominal, monte_carlo }: DryRunView): GeoPosition[][] {
-  const corridor = monte_carlo?.corridor;
-  if (corridor == null) return [];
+function corridorRings(origin: Flight['origin'], { corridor }: Many): GeoPosition[][] {
+  if (corridor === null) return [];
   const kept: { north_m: number; east_m: number; off_m: number }[] = [];
   corridor.position_ned_m.forEach(([north_m = 0, east_m = 0]: Vector, i) => {
     const last = kept.at(-1);
@@ -96,7 +102,7 @@ function corridorRings({ nominal, monte_carlo }: DryRunView): GeoPosition[][] {
     const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
     const length = Math.hypot(north, east) || 1;
     const side = (sign: number): GeoPosition =>
-      positionAt(nominal.origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
+      positionAt(origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
     return { left: side(-1), right: side(1) };
   });
   const rings: GeoPosition[][] = [];
@@ -114,7 +120,9 @@ export function dryRunPicture(view: DryRunView): LayerPicture {
   );
   return {
     lines: paths.filter((places) => places.length > 1).map((places) => ({ places, tone: 'target', style: 'dotted' })),
-    areas: corridorRings(view).map((ring) => ({ ring, tone: 'target' })),
+    areas: ofMany(view)
+      .flatMap(([, many]) => corridorRings(view.nominal.origin, many))
+      .map((ring) => ({ ring, tone: 'target' })),
     points: [],
   };
 }
@@ -145,17 +153,25 @@ export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null
 const percent = (share: number | null): string => (share === null ? 'not known' : `${fixed(100 * share, 0)} %`);
 
 /** The result in numbers, as sentences. */
-export function resultLines({ nominal, monte_carlo: many, together }: DryRunView): string[] {
+export function resultLines(view: DryRunView): string[] {
+  const { nominal, together } = view;
   const length = metres(nominal.length_m);
   const battery = `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}`;
   const lines = [`${nominal.finished ? 'Flown' : 'Not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
-  if (many === null) return lines;
+  for (const [role, many] of ofMany(view)) lines.push(manyLine(role, many));
+  for (const { roles, distance_m, nearer_than_minimum: near } of together?.monte_carlo?.closest ?? [])
+    lines.push(
+      `${roles.join(' and ')} in all flights: at least ${fixed(distance_m.least, 1)} m apart; ${near.count} flights nearer than the minimum separation (probability at most ${percent(near.upper)}).`,
+    );
+  return lines;
+}
+
+function manyLine(role: string | null, many: Many): string {
   const parts = [`95 % within ${fixed(Math.max(0, ...(many.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
   if (many.duration_s !== null) parts.push(`${duration(many.duration_s.p5)} to ${duration(many.duration_s.p95)}`);
   if (many.battery_end_share !== null) parts.push(`battery at the end ${percent(many.battery_end_share.p5)} or more`);
-  lines.push(`${many.flights.length} flights: ${parts.join(', ')}.`);
-  return lines;
+  return `${role === null ? '' : `${role}, `}${many.flights.length} flights: ${parts.join(', ')}.`;
 }

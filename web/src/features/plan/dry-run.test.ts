@@ -72,6 +72,17 @@ const MANY = {
   },
 } as unknown as DryRunView;
 
+const MANY_TOGETHER = {
+  ...MANY,
+  together: {
+    ...TOGETHER.together,
+    monte_carlo: {
+      roles: { lead: MANY.monte_carlo, left: { ...MANY.monte_carlo, battery_end_share: null } },
+      closest: [{ roles: ['lead', 'left'], distance_m: { least: 6.21 }, nearer_than_minimum: { count: 0, upper: 0.161 } }],
+    },
+  },
+} as unknown as DryRunView;
+
 describe('a dry run', () => {
   it('interpolates the vehicle’s position between samples, and clamps it at both ends', () => {
     const ghost = ghostAt(VIEW, 15);
@@ -89,6 +100,7 @@ describe('a dry run', () => {
     expect(ring?.ring).toHaveLength(4);
     expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
     expect(dryRunPicture(VIEW).areas).toEqual([]);
+    expect(dryRunPicture(MANY_TOGETHER).areas).toHaveLength(2);
   });
 
   it('draws the corridor of a path that turns back in pieces that do not cross other parts of it', () => {
@@ -140,6 +152,11 @@ describe('a dry run', () => {
     expect(resultLines(VIEW)).toEqual(['Flown: 01:05, 120 m, battery 100 % → 81 %.']);
     expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
     expect(resultLines(MANY)[1]).toBe('2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.');
+    expect(resultLines(MANY_TOGETHER).slice(2)).toEqual([
+      'lead, 2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.',
+      'left, 2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10.',
+      'lead and left in all flights: at least 6.2 m apart; 0 flights nearer than the minimum separation (probability at most 16 %).',
+    ]);
   });
 
   it('counts the wind from the direction it comes from', () => {

@@ -3,6 +3,7 @@ import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run.svelte';
 import {
   corridorFor,
+  corridorForRoles,
   corridorText,
   deviationText,
   isOver,
@@ -60,6 +61,19 @@ describe('the corridor of a dry run', () => {
     expect(corridorFor(view({}), '1', positionAt(here, { north_m: 3, east_m: 3 }))).toBe('7');
     expect(corridorFor(view({}), '1', positionAt(here, { north_m: 6, east_m: 0 }))).toBeNull();
     expect([corridorFor(view({}), '2', here), corridorFor(view({ monte_carlo: null }), '1', here), corridorFor(null, '1', here)]).toEqual([null, null, null]);
+  });
+
+  it('is used for several vehicles if each has the same role and start', () => {
+    const corridor = (east_m: number) => ({ corridor: { position_ned_m: [[0, east_m, 0]] } });
+    const together = { monte_carlo: { roles: { lead: corridor(0), left: corridor(20) } } };
+    const vehicles = { lead: '1', left: '2' };
+    const of = view({ vehicle: null, vehicles, together });
+    const at = (id: string) => positionAt(here, { north_m: 2, east_m: id === '1' ? 0 : 20 });
+    expect(corridorForRoles(of, vehicles, at)).toBe('7');
+    expect(corridorForRoles(of, { lead: '2', left: '1' }, at)).toBeNull();
+    expect(corridorForRoles(of, vehicles, () => here)).toBeNull();
+    expect(corridorForRoles(of, vehicles, () => null)).toBeNull();
+    expect([corridorForRoles(view({ vehicle: null, together: null }), vehicles, at), corridorForRoles(null, vehicles, at)]).toEqual([null, null]);
   });
 
   it('is mentioned while the vehicle is outside it', () => {

@@ -3,7 +3,7 @@
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
-import { groundDistance_m, type GeoPosition } from '../../../vehicle/geo';
+import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { acceptedErrorsText } from '../accepted-errors.svelte';
 import type { DryRunView } from '../dry-run.svelte';
 import type { Finding } from '../fixes';
@@ -132,6 +132,24 @@ export function startQuestion(
 export function corridorFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
   return groundDistance_m(here, view.nominal.origin) < SAME_START_M ? view.id : null;
+}
+
+/** The same for the vehicles of a mission with roles. @param here the position of a vehicle; null: it is not known. */
+export function corridorForRoles(
+  view: DryRunView | null,
+  vehicles: Readonly<Record<string, string>>,
+  here: (vehicle: string) => GeoPosition | null,
+): string | null {
+  const roles = Object.entries(view?.together?.monte_carlo?.roles ?? {});
+  if (view === null || roles.length === 0) return null;
+  const fits = roles.every(([role, { corridor }]) => {
+    const vehicle = vehicles[role];
+    const [north_m, east_m] = corridor?.position_ned_m[0] ?? [];
+    const at = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : here(vehicle);
+    if (at === null || north_m === undefined || east_m === undefined) return false;
+    return groundDistance_m(at, positionAt(view.nominal.origin, { north_m, east_m })) < SAME_START_M;
+  });
+  return fits ? view.id : null;
 }
 
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */

@@ -1,0 +1,146 @@
+"""Many dry runs of a mission for several vehicles: the corridor of each role, and the distances between the
+vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from missions.dry_run.flight import ReportProgress
+from missions.dry_run.monte_carlo import CHANCES, MonteCarlo, chances_of, quantiles_document, summarised
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles, Spread
+from missions.dry_run.together import DryRunTogether, fly_together
+from missions.errors import PlanError
+from missions.geodesy import LocalOrigin
+from missions.offboard.document import OffboardMission
+
+TOO_NEAR = "nearer_than_minimum"
+
+
+@dataclass(frozen=True, slots=True)
+class PairDistance:
+    """How near two vehicles come to each other."""
+
+    roles: tuple[str, str]
+    distance_m: Quantiles
+    """Of the smallest distance of each flight, between the centres."""
+    nearer_than_minimum: Chance
+    """Flights with a smaller distance than the mission's minimum separation."""
+
+
+@dataclass(frozen=True, slots=True)
+class MonteCarloTogether:
+    """Result of all flights."""
+
+    nominal: DryRunTogether
+    """The flight in the stated conditions."""
+    roles: dict[str, MonteCarlo]
+    closest: tuple[PairDistance, ...]
+    """One value for each pair of roles that flew."""
+    chances: dict[str, Chance]
+    """A flight counts if the outcome happened to any of its vehicles. `separation`: the separation guard
+    would act. `nearer_than_minimum`: two vehicles come nearer than the minimum separation."""
+
+    def document(self) -> dict[str, Any]:
+        """As JSON values, without `nominal`."""
+        return {
+            "roles": {role: _without_nominal(each) for role, each in self.roles.items()},
+            "closest": [
+                {
+                    "roles": list(each.roles),
+                    "distance_m": quantiles_document(each.distance_m),
+                    TOO_NEAR: asdict(each.nearer_than_minimum),
+                }
+                for each in self.closest
+            ],
+            "chances": {name: asdict(chance) for name, chance in self.chances.items()},
+        }
+
+
+def monte_carlo_together(
+    mission: OffboardMission,
+    aircraft: Mapping[str, Aircraft],
+    conditions: Conditions | None = None,
+    spread: Spread | None = None,
+    *,
+    flights: int = 100,
+    origins: Mapping[str, LocalOrigin] | None = None,
+    seed: int = 0,
+    obstacles: Sequence[Obstacle] = (),
+    report: ReportProgress | None = None,
+) -> MonteCarloTogether:
+    """Flies all roles of a mission many times.
+
+    Args:
+        mission: a mission with roles.
+        aircraft: by role: the vehicle and its start position.
+        conditions: mean conditions; None: no wind, nominal vehicles.
+        spread: variation of the conditions; None: defaults of `Spread`. All vehicles of a flight have the
+            same wind; each has its own mass, battery and sensor noise.
+        flights: number of flights in addition to the nominal one.
+        origins: by role: the origin of the vehicle's local frame; missing: its start position.
+        seed: seed of the conditions, of noise and of gusts.
+        obstacles: obstacles around the first role's home.
+        report: called with the progress; an exception from it ends the run.
+
+    Raises:
+        PlanError: a role has no vehicle, the mission cannot be compiled, or there are too many flights.
+    """
+    count = len(mission.roles)
+    most = min(MAX_FLIGHTS, MAX_VEHICLES // max(1, count))
+    if not 1 <= flights <= most:
+        reason = f"{flights} flights of {count} vehicles, 1 to {most} are possible"
+        raise PlanError("flights", reason, "Give a number between these.")
+    conditions, spread = conditions or Conditions(), spread or Spread()
+    drawn = [
+        [spread.draw(conditions, seed, number, vehicle) for vehicle in range(count)]
+        for number in range(1, flights + 1)
+    ]
+    flown, spent_s = fly_together(
+        mission, aircraft, [[conditions] * count, *drawn], origins=origins, seed=seed, obstacles=obstacles,
+        report=report,
+    )  # fmt: skip
+    others = flown[1:]
+    return MonteCarloTogether(
+        flown[0],
+        {
+            role: summarised([each.roles[role] for each in flown], spread, seed, spent_s)
+            for role in mission.roles
+        },
+        _closest(others, mission.separation_m),
+        _chances(others, mission.separation_m),
+    )
+
+
+def _closest(flown: Sequence[DryRunTogether], minimum_m: float) -> tuple[PairDistance, ...]:
+    distances: dict[tuple[str, str], list[float]] = {}
+    for each in flown:
+        for pair in each.closest:
+            distances.setdefault(pair.roles, []).append(pair.distance_m)
+    found: list[PairDistance] = []
+    for roles, values in distances.items():
+        quantiles = Quantiles.of(values)
+        assert quantiles is not None
+        near = sum(value < minimum_m for value in values)
+        found.append(PairDistance(roles, quantiles, Chance.of(near, len(flown))))
+    return tuple(found)
+
+
+def _chances(flown: Sequence[DryRunTogether], minimum_m: float) -> dict[str, Chance]:
+    codes = [
+        {
+            *(finding.code for finding in each.findings),
+            *(finding.code for run in each.roles.values() for finding in run.findings),
+            *(TOO_NEAR for pair in each.closest if pair.distance_m < minimum_m),
+        }
+        for each in flown
+    ]
+    return chances_of(codes, {**CHANCES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
+
+
+def _without_nominal(many: MonteCarlo) -> dict[str, Any]:
+    document = many.document()
+    del document["nominal"]
+    return document
