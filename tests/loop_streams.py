@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.separation.guard import GroupGuard
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 
 
 class LoopStreams(StreamScheduler):
@@ -19,19 +19,23 @@ class LoopStreams(StreamScheduler):
     def links_changed(self) -> None:
         """Has no sockets, so nothing to do."""
 
-    async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
-        return super().begin(vehicle_id, order, rate_hz, snapshot)
+    async def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
+        return super().begin(vehicle_id, request, rate_hz, snapshot)
 
     async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
         return super().engage(vehicle_id, snapshot, number)
 
-    async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        return super().change(vehicle_id, order, snapshot)
+    async def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
+        return super().change(vehicle_id, request, snapshot)
 
     async def change_together(
-        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+        self,
+        name: str,
+        requests: Mapping[str, StreamRequest],
+        snapshots: Mapping[str, Snapshot],
+        until_s: float,
     ) -> bool:
-        return super().change_together(name, orders, snapshots, until_s)
+        return super().change_together(name, requests, snapshots, until_s)
 
     def watch(self, guard: GroupGuard) -> None:
         super().watch(guard)

@@ -15,7 +15,7 @@ from gcs_server.api.setpoint_request import Validity
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.groups import status
-from gcs_server.streamer.groups.checks import GroupOrder
+from gcs_server.streamer.groups.checks import GroupRequest
 
 MAX_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]
@@ -84,9 +84,9 @@ class StartGroup(_Together):
         require_unique([member.vehicle for member in self.members], "members")
         return self
 
-    def to_order(self, principal: Principal) -> GroupOrder:
+    def to_group_request(self, principal: Principal) -> GroupRequest:
         """Converts to the streamer's type."""
-        return GroupOrder(
+        return GroupRequest(
             setpoints={member.vehicle: member.setpoint.to_setpoint() for member in self.members},
             minimum_separation_m=self.minimum_separation_m,
             valid_for_s=self.valid_for_s,

@@ -33,7 +33,7 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
     with together(station, principal, "group/start", arguments):
-        status = await station.groups.start(body.to_order(principal))
+        status = await station.groups.start(body.to_group_request(principal))
         limits = {vehicle: station.offboard(vehicle).limits() for vehicle in arguments}
         return answer(fields_of(status) | {"limits": limits}, status_code=201)
 

@@ -41,7 +41,7 @@ async def start(v: str, body: StartRequest, station: StationDep, principal: Prin
     """
     with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
         offboard = station.offboard(v)
-        status = await offboard.start(body.to_order(principal), body.rate_hz)
+        status = await offboard.start(body.to_stream_request(principal), body.rate_hz)
         return answer(fields_of(status) | {"limits": offboard.limits()})
 
 

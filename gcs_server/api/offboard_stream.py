@@ -174,7 +174,7 @@ async def apply(
 ) -> OffboardStatus:
     """Applies one setpoint, from HTTP or WebSocket."""
     with authorized_command(station, principal, "offboard/setpoint", vehicle_id, arguments_of(body)):
-        return await station.offboard(vehicle_id).setpoint(body.to_order(principal))
+        return await station.offboard(vehicle_id).setpoint(body.to_stream_request(principal))
 
 
 def arguments_of(body: BaseModel) -> dict[str, object]:

@@ -14,7 +14,7 @@ from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.principal import Principal
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 
 
 class HoldOnExpiry(StrictBody):
@@ -85,10 +85,10 @@ class SetpointRequest(Validity):
             )
         return data
 
-    def to_order(self, principal: Principal) -> Order:
+    def to_stream_request(self, principal: Principal) -> StreamRequest:
         """Converts to the streamer's type."""
         setpoint = self.setpoint.to_setpoint()
-        return Order(setpoint, self.valid_for_s, self.expiry(), principal.name, principal.key)
+        return StreamRequest(setpoint, self.valid_for_s, self.expiry(), principal.name, principal.key)
 
 
 class StartRequest(SetpointRequest):

@@ -11,7 +11,7 @@ import itertools
 from typing import Any
 
 from gcs_server.streamer.offboard.streamer import Streamer
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 from tests.loop_streams import LoopStreams
 from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot
@@ -125,7 +125,7 @@ class OffboardWorld(World):
         return pilot
 
 
-def order(
+def stream_request(
     *,
     position: tuple[float, float, float] | None = (0.0, 0.0, -5.0),
     velocity: tuple[float, float, float] | None = None,
@@ -133,9 +133,9 @@ def order(
     action: str = "hold",
     hold_for_s: float = 1.0,
     client: str = "test",
-) -> Order:
+) -> StreamRequest:
     setpoint = Velocity(velocity, yaw_ned_rad=0.0) if velocity else Position(position, yaw_ned_rad=0.0)
-    return Order(setpoint, valid_for_s, OnExpiry(action, hold_for_s), client)
+    return StreamRequest(setpoint, valid_for_s, OnExpiry(action, hold_for_s), client)
 
 
 async def seconds(duration_s: float) -> None:

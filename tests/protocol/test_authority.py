@@ -10,7 +10,7 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, lines, station_of, view, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
-from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, order, seconds, silent
+from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, seconds, silent, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
 
 SETPOINT = SetpointRequest.model_validate(
@@ -324,7 +324,7 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
         assert at.pilot.mode == OFFBOARD
         await seconds(40)
         assert at.pilot.mode == HOLD
-        assert order().valid_for_s == START.valid_for_s
+        assert stream_request().valid_for_s == START.valid_for_s
 
     with_routes(jump, story)
 

@@ -8,7 +8,7 @@ import pytest
 from gcs_server.errors import Refused
 from gcs_server.mavlink import dialect as d
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Path, PathPoint, Position
 from tests.protocol.offboard_world import codes
 from tests.protocol.simulated_world import SimulatedWorld, until
@@ -22,7 +22,7 @@ INTERVALS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANC
 
 
 def to(place, valid_for_s=120.0):
-    return Order(Position(place, 0.0), valid_for_s, client="test")
+    return StreamRequest(Position(place, 0.0), valid_for_s, client="test")
 
 
 class Flight:
@@ -128,7 +128,7 @@ def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
     async def story(flight):
         await flight.offboard.avoidance.switch_on("around")
         points = tuple(PathPoint(t, (1.5 * t, 0.0, -2.0), 0.0) for t in (0.0, 6.0, 12.0))
-        await flight.offboard.setpoint(Order(Path(points), 60.0, client="test"))
+        await flight.offboard.setpoint(StreamRequest(Path(points), 60.0, client="test"))
         await until(lambda: flight.avoidance.state == "around", 20)
         await until(lambda: flight.avoidance.state == "clear" and flight.near((18.0, 0.0, -2.0)), 60)
         assert flight.whole()

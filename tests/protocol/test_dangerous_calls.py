@@ -12,7 +12,7 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import lines, station_of
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import OffboardWorld, order, seconds
+from tests.protocol.offboard_world import OffboardWorld, seconds, stream_request
 
 ME, ANNA, BERT, CARLA = (Principal.of(name, name) for name in ("me", "anna", "bert", "carla"))
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
@@ -110,7 +110,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
 
     async def story(world, station, first, second):
         gone, kept = world.fleet.get("1~2"), world.fleet.get("1")
-        await gone.offboard.start(order())
+        await gone.offboard.start(stream_request())
         world.fleet._merge(kept, gone)
         sent = len(second.setpoints)
         await seconds(6)

@@ -29,7 +29,7 @@ from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
 from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import OffboardWorld, order
+from tests.protocol.offboard_world import OffboardWorld, stream_request
 
 FLOATS = [math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 1e15, 0.0, 1e-45, -1.0]
 DECODED = sorted(
@@ -154,7 +154,9 @@ class Look:
         for vehicle in (self.bad, self.good):
             if streams.state(vehicle.id).phase == "idle":
                 snapshot = vehicle.offboard.snapshot()
-                number = StreamScheduler.begin(streams, vehicle.id, order(valid_for_s=600.0), 50.0, snapshot)
+                number = StreamScheduler.begin(
+                    streams, vehicle.id, stream_request(valid_for_s=600.0), 50.0, snapshot
+                )
                 StreamScheduler.engage(streams, vehicle.id, snapshot, number)
 
 

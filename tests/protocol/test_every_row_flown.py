@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.errors import Refused
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.fence import CircleFence
 from missions.frames import q_from_euler
 from missions.setpoints import (
@@ -53,13 +53,13 @@ def attitude(vehicle):
     return vehicle.topic("attitude").value
 
 
-def order(setpoint, valid_for_s=60.0, **expiry):
-    return Order(setpoint, valid_for_s, OnExpiry(**expiry), "test")
+def stream_request(setpoint, valid_for_s=60.0, **expiry):
+    return StreamRequest(setpoint, valid_for_s, OnExpiry(**expiry), "test")
 
 
 async def fly(vehicle, setpoint, duration_s):
     """Sends a setpoint on the running stream and flies it."""
-    await vehicle.offboard.setpoint(order(setpoint))
+    await vehicle.offboard.setpoint(stream_request(setpoint))
     await seconds(duration_s)
     status = vehicle.offboard.status()
     assert status.state == "streaming", (setpoint, status.ended, codes(vehicle))
@@ -74,7 +74,7 @@ def off_m(vehicle, place):
 @pytest.mark.story
 def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
     async def story(world, vehicle):
-        started = await vehicle.offboard.start(order(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
+        started = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
         await seconds(6)
         assert off_m(vehicle, (3.0, 2.0, -8.0)) < 0.6
@@ -128,7 +128,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
 def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
     async def story(world, vehicle):
         thrust = 0.49
-        await vehicle.offboard.start(order(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
+        await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
         await fly(vehicle, Attitude(q_from_euler(math.radians(6), 0.0, 0.0), thrust), 1.5)
         assert math.degrees(attitude(vehicle).roll_rad) == pytest.approx(6, abs=1.5)
         health = vehicle.offboard.status().health
@@ -137,7 +137,7 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
         await fly(vehicle, Attitude((1.0, 0.0, 0.0, 0.0), thrust, yaw_rate_ned_rad_s=0.0), 1)
         await fly(vehicle, Rates((0.0, 0.0, 0.6), thrust), 1.0)
         assert attitude(vehicle).rates_frd_rad_s[2] == pytest.approx(0.6, abs=0.1)
-        short = order(Attitude((1.0, 0.0, 0.0, 0.0), thrust), 0.5, action="hold", hold_for_s=4.0)
+        short = stream_request(Attitude((1.0, 0.0, 0.0, 0.0), thrust), 0.5, action="hold", hold_for_s=4.0)
         await vehicle.offboard.setpoint(short)
         await seconds(0.8)
         status = vehicle.offboard.status()
@@ -170,7 +170,7 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
             await seconds(1.2)
             await vehicle.command.set_mode("offboard")
             with pytest.raises(Refused, match="another program"):
-                await vehicle.offboard.start(order(Position((0.0, 0.0, -8.0))))
+                await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -8.0))))
             await seconds(0.6)
             assert abs(local(vehicle).position_ned_m[2] + 8) < 2
             await flying
@@ -190,7 +190,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
             PathPoint(4.0 * index, (begin[0] + n, begin[1] + e, begin[2]))
             for index, (n, e) in enumerate(corners)
         )
-        started = await vehicle.offboard.start(order(Path(points), valid_for_s=1.0, hold_for_s=1.0))
+        started = await vehicle.offboard.start(stream_request(Path(points), valid_for_s=1.0, hold_for_s=1.0))
         assert started.valid_left_s == pytest.approx(17.0, abs=0.1)
         worst = 0.0
         for index in range(1, 5):
@@ -205,11 +205,11 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
         assert codes(vehicle) == ["expired", "held"]
         with pytest.raises(Refused, match="begins 2"):
             far = tuple(PathPoint(p.t_s, (p.position_ned_m[0] + 20.0, *p.position_ned_m[1:])) for p in points)
-            await vehicle.offboard.start(order(Path(far)))
+            await vehicle.offboard.start(stream_request(Path(far)))
         with pytest.raises(Refused, match="m/s are allowed"):
             fast = (PathPoint(0.0, local(vehicle).position_ned_m), PathPoint(1.0, points[2].position_ned_m))
             await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=5.0), by="me")
-            await vehicle.offboard.start(order(Path(fast)))
+            await vehicle.offboard.start(stream_request(Path(fast)))
 
     flown(jump, story)
 
@@ -221,10 +221,10 @@ def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
             OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="me"
         )
         with pytest.raises(Refused, match="outside the operator's fence"):
-            await vehicle.offboard.start(order(Position((40.0, 0.0, -8.0))))
+            await vehicle.offboard.start(stream_request(Position((40.0, 0.0, -8.0))))
         with pytest.raises(Refused, match="altitude limits"):
-            await vehicle.offboard.start(order(Position((10.0, 0.0, -14.0))))
-        await vehicle.offboard.start(order(Velocity((6.0, 0.0, -1.0), yaw_ned_rad=0.0)))
+            await vehicle.offboard.start(stream_request(Position((10.0, 0.0, -14.0))))
+        await vehicle.offboard.start(stream_request(Velocity((6.0, 0.0, -1.0), yaw_ned_rad=0.0)))
         farthest = highest = 0.0
         for _ in range(160):
             await seconds(0.1)
@@ -238,7 +238,9 @@ def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
         assert "limited" in codes(vehicle)
         # back, then by attitude setpoints, which control no position: the fence takes over in time
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
-        await vehicle.offboard.setpoint(order(Attitude(q_from_euler(0.0, math.radians(-12), 0.0), 0.505)))
+        await vehicle.offboard.setpoint(
+            stream_request(Attitude(q_from_euler(0.0, math.radians(-12), 0.0), 0.505))
+        )
         farthest = 0.0
         for _ in range(120):
             await seconds(0.1)
@@ -262,11 +264,11 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(jump):
 
     async def follow(world):
         leader, follower = await world.in_the_air("1", 8), await world.in_the_air("2", 11)
-        await leader.offboard.start(order(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
+        await leader.offboard.start(stream_request(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
         beside = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
-        await follower.offboard.start(order(beside, valid_for_s=300, hold_for_s=2.0))
+        await follower.offboard.start(stream_request(beside, valid_for_s=300, hold_for_s=2.0))
         await seconds(4)
-        await leader.offboard.setpoint(order(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
+        await leader.offboard.setpoint(stream_request(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
         await seconds(8)
         lead, own = leader.topic("global_position").value, follower.topic("global_position").value
         north = (own.lat_deg - lead.lat_deg) * 111_195

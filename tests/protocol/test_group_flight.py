@@ -240,8 +240,8 @@ def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minim
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
             # sent as the group's own setpoints, without the prediction, so that only the guard can detect it
-            order = SetpointRequest.model_validate({"setpoint": velocity(0, towards), "valid_for_s": 60})
-            await vehicle.offboard.setpoint(replace(order.to_order(ANNA), owner="group"))
+            request = SetpointRequest.model_validate({"setpoint": velocity(0, towards), "valid_for_s": 60})
+            await vehicle.offboard.setpoint(replace(request.to_stream_request(ANNA), owner="group"))
         nearest_m, fastest_m_s = math.inf, 0.0
         for _ in range(120):
             await seconds(0.1)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from gcs_server.streamer.offboard.streamer import BEAT_PERIOD_S
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Attitude, Position, Velocity
 from tests.protocol.api_calls import station_of
 from tests.protocol.group_world import ANNA, begin
@@ -33,7 +33,7 @@ def tilted(roll_rad, yaw_rad=0.0):
 
 
 def lasting(setpoint):
-    return Order(setpoint, 60.0, OnExpiry("hold", 1.0), "anna")
+    return StreamRequest(setpoint, 60.0, OnExpiry("hold", 1.0), "anna")
 
 
 ENCOUNTERS = {

@@ -253,14 +253,14 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump)
         member = at.vehicles["1"].offboard
         alone = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
         with pytest.raises(Refused, match="Vehicle 1 is already in a group") as refused:
-            await member.setpoint(alone.to_order(ANNA))
+            await member.setpoint(alone.to_stream_request(ANNA))
         assert "hold the group first" in refused.value.remedy
         assert member.status().owner == "group"
         await seconds(1)
         assert view(await group_routes.show("1", at.station))["findings"] == []
         await group_routes.hold("1", at.station, ANNA)
         assert member.status().owner is None
-        await member.start(alone.to_order(ANNA))
+        await member.start(alone.to_stream_request(ANNA))
         assert member.status().owner == "operator"
 
     with_routes(jump, story)
@@ -271,7 +271,7 @@ def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         other = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
         # Sent as the group's own setpoint: an operator's would be refused earlier.
-        await at.vehicles["1"].offboard.setpoint(replace(other.to_order(ANNA), owner="group"))
+        await at.vehicles["1"].offboard.setpoint(replace(other.to_stream_request(ANNA), owner="group"))
         await seconds(12)
         assert set(modes(at).values()) == {HOLD}
         nobody_moved(at)

@@ -13,7 +13,7 @@ from gcs_server.api.responses import answer, history_pieces, history_view, vehic
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
-from tests.protocol.offboard_world import OffboardWorld, order
+from tests.protocol.offboard_world import OffboardWorld, stream_request
 
 BAD = [math.inf, -math.inf, math.nan, 1e38]
 
@@ -111,7 +111,7 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
         bad, good = await two(world)
         vehicles = [world.fleet.get("1"), world.fleet.get("2")]
         for vehicle in vehicles:
-            await vehicle.offboard.start(order(valid_for_s=8.0 if vehicle.id == "1" else 60.0))
+            await vehicle.offboard.start(stream_request(valid_for_s=8.0 if vehicle.id == "1" else 60.0))
         began_s = world.loop.time()
 
         spoil(bad, "LOCAL_POSITION_NED", x=value, vy=value)
@@ -133,7 +133,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
     async def story(world):
         bad, good = await two(world)
         for vehicle in world.fleet.all():
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
         broken = world.fleet.get("1").offboard
 
         def fails(_order=None):

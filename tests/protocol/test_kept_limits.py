@@ -21,7 +21,7 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.loop_streams import LoopStreams
 from tests.protocol.api_calls import station_of
-from tests.protocol.offboard_world import OffboardWorld, codes, order, seconds
+from tests.protocol.offboard_world import OffboardWorld, codes, seconds, stream_request
 
 SITL_UID = 0x4954414C44494E4F
 START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_ned_m_s": [9, 0, 0]}})
@@ -151,7 +151,7 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
     set_once(jump, tmp_path, uid=7)
 
     async def story(world, vehicle, store):
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         origin = vehicle.offboard.status().limits_origin
         assert "has not sent its identity" in origin.warning
         assert codes(vehicle) == ["limits_warning"]
@@ -209,7 +209,7 @@ def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
         assert "not in force" in origin.warning
         assert str(path) in origin.warning
         assert len(store.warnings()) == 1
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         assert codes(vehicle) == ["limits_warning"] * 2
         await vehicle.offboard.operator.set(LIMITS, by="bob")  # replaces the file
         assert vehicle.offboard.operator.origin().warning is None

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, Rejected
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.fence import CircleFence
 from missions.setpoints import (
     KINDS,
@@ -21,7 +21,7 @@ from missions.setpoints import (
     Velocity,
 )
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import codes, flight, order, seconds
+from tests.protocol.offboard_world import codes, flight, seconds, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -71,9 +71,9 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
             (Trajectory((None, None, None), (1.0, 0.0, 0.0)), "no fresh velocity"),
         ):
             with pytest.raises(Refused, match=words):
-                await vehicle.offboard.start(Order(setpoint))
+                await vehicle.offboard.start(StreamRequest(setpoint))
         assert pilot.commands(176) == []
-        await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5), 60.0))
+        await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         assert pilot.mode == OFFBOARD
 
     flight(jump, story)
@@ -88,7 +88,7 @@ def test_setpoints_that_are_never_available_have_a_reason(jump):
             (Follow("1", (3.0, 0.0, 0.0)), InvalidRequest, "cannot follow itself"),
         ):
             with pytest.raises(error, match=f"(?i){words}"):
-                await vehicle.offboard.start(Order(setpoint))
+                await vehicle.offboard.start(StreamRequest(setpoint))
         assert pilot.setpoints == []
 
     flight(jump, story)
@@ -100,7 +100,7 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
         pilot.params["MPC_THR_HOVER"] = (9, 0.44)
         await seconds(1.5)
         targets = pilot.other_targets
-        await vehicle.offboard.start(Order(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
+        await vehicle.offboard.start(StreamRequest(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
         assert targets[-1][1].type_mask == 128
         pilot.silent_commands.add(176)
         await seconds(1.0)
@@ -115,7 +115,7 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
 def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_one(jump):
     async def story(world, vehicle, pilot, link):
         targets = pilot.other_targets
-        await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5), 60.0))
+        await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         beat, world.streamer._streams.beat = world.streamer._streams.beat, lambda snapshots: None
         await seconds(0.4)
         assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
@@ -135,7 +135,7 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
             "MPC_TILTMAX_AIR": (9, 30.0),
             "GF_MAX_HOR_DIST": (9, 60.0),
         }
-        await vehicle.offboard.start(order(velocity=(9.0, 0.0, 0.0)))
+        await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         await seconds(0.2)
         status = vehicle.offboard.status()
         assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
@@ -148,11 +148,11 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
         assert limits.vehicle.distance_max_m == 60.0
         await seconds(0.5)
         assert pilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
-        await vehicle.offboard.setpoint(order(velocity=(-2.0, 0.0, 0.0)))
+        await vehicle.offboard.setpoint(stream_request(velocity=(-2.0, 0.0, 0.0)))
         await seconds(1.0)
         assert pilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slew rate 1 m/s²
         with pytest.raises(Refused, match="limit of 60 m from home"):
-            await vehicle.offboard.setpoint(order(position=(70.0, 0.0, -5.0)))
+            await vehicle.offboard.setpoint(stream_request(position=(70.0, 0.0, -5.0)))
 
     flight(jump, story)
 
@@ -165,7 +165,7 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ju
         )
         await seconds(1.5)
         with pytest.raises(Refused, match="limits cannot be enforced"):
-            await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5)))
+            await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
         assert pilot.commands(176) == []
 
     flight(jump, story)
@@ -175,7 +175,7 @@ def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
     async def story(world, vehicle, pilot, link):
         targets = pilot.other_targets
         place = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
-        await vehicle.offboard.start(Order(place, 60.0))
+        await vehicle.offboard.start(StreamRequest(place, 60.0))
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
         assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
 
@@ -194,7 +194,7 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
         assert "after 2 s the vehicle holds its position" in vehicle.offboard.status().if_stream_stops
         with pytest.raises(InvalidRequest, match="no action"):
             await vehicle.offboard.set_failsafe("disarm", None)
-        await vehicle.offboard.start(order(), rate_hz=3.0)
+        await vehicle.offboard.start(stream_request(), rate_hz=3.0)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.set_failsafe(None, 0.5)
         pilot.stored = lambda message: 2.0  # the vehicle keeps its value
@@ -208,7 +208,7 @@ def test_health_reports_the_time_until_the_failsafe(jump):
     async def story(world, vehicle, pilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
         pilot.params["COM_OF_LOSS_T"] = (9, 0.5)
-        await vehicle.offboard.start(order(valid_for_s=3.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=3.0))
         await seconds(1.0)
         health = vehicle.offboard.status().health
         assert health.rate_achieved_hz == pytest.approx(50, rel=0.05)
@@ -224,7 +224,7 @@ def test_health_reports_the_time_until_the_failsafe(jump):
 
 def test_a_limit_changed_in_flight_applies_at_once(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(velocity=(9.0, 0.0, 0.0)))
+        await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
         vehicle.params.known = lambda name: SimpleNamespace(value=known[name]) if name in known else None
         await seconds(0.3)
@@ -236,11 +236,11 @@ def test_a_limit_changed_in_flight_applies_at_once(jump):
 
 def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
         await seconds(3)
         with pytest.raises(
             Refused, match=r"no setpoint stream.*in Hold.*the setpoint of anna expired after 0.5 s"
         ):
-            await vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(stream_request())
 
     flight(jump, story)

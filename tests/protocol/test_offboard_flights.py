@@ -6,14 +6,23 @@ import pytest
 
 from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
-from tests.protocol.offboard_world import POSITION, asks, codes, flight, gaps_s, order, seconds, silent
+from tests.protocol.offboard_world import (
+    POSITION,
+    asks,
+    codes,
+    flight,
+    gaps_s,
+    seconds,
+    silent,
+    stream_request,
+)
 
 # --- whole flights --------------------------------------------------------------------------------
 
 
 def test_nothing_is_sent_after_stop(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         await seconds(2)
         await vehicle.offboard.stop()
         assert pilot.mode == HOLD
@@ -26,7 +35,7 @@ def test_nothing_is_sent_after_stop(jump):
 
 def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         await seconds(1)
         pilot.mode = pilot.asked_mode = POSITION
         pilot.current_mode()
@@ -40,10 +49,10 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
 def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
     async def story(world, vehicle, pilot, link):
         began = world.loop.time()
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         assert world.loop.time() - began < 12
         for north in range(5):
-            await vehicle.offboard.setpoint(order(position=(float(north), 0.0, -5.0)))
+            await vehicle.offboard.setpoint(stream_request(position=(float(north), 0.0, -5.0)))
             await seconds(0.2)
         began = world.loop.time()
         await vehicle.offboard.stop()
@@ -74,10 +83,10 @@ def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
 
 def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
     async def story(world, vehicle, pilot, link):
-        first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
+        first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already has a setpoint stream"):
-            await vehicle.offboard.start(order(client="b"))
+            await vehicle.offboard.start(stream_request(client="b"))
         assert (await first).client == "a"
         assert pilot.mode == OFFBOARD
 
@@ -86,7 +95,7 @@ def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
 
 def test_a_stop_before_the_offboard_request_prevents_it(jump):
     async def story(world, vehicle, pilot, link):
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.5)
         await vehicle.offboard.stop()
         with pytest.raises(Refused, match="stopped"):
@@ -101,7 +110,7 @@ def test_a_stop_before_the_offboard_request_prevents_it(jump):
 def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.4
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not asks(pilot, OFFBOARD):
             await seconds(0.01)
         await vehicle.offboard.stop()
@@ -117,10 +126,10 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
 
 def test_a_stopped_start_affects_no_later_start(jump):
     async def story(world, vehicle, pilot, link):
-        first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
+        first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await seconds(0.5)
         await vehicle.offboard.stop()
-        second = asyncio.ensure_future(vehicle.offboard.start(order(client="b")))
+        second = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="b")))
         with pytest.raises(Refused):
             await first
         assert (await second).client == "b"
@@ -134,7 +143,7 @@ def test_a_stopped_start_affects_no_later_start(jump):
 def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.6
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not asks(pilot, OFFBOARD):
             await seconds(0.01)
         await vehicle.command.arm()
@@ -151,7 +160,7 @@ def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(j
 def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.4
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not asks(pilot, OFFBOARD):
             await seconds(0.01)
         starting.cancel()
@@ -169,7 +178,7 @@ def test_offboard_that_is_reached_after_the_deadline_is_reversed(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
         assert not vehicle.offboard.status().streaming or isinstance(caught.value, NoReply)
         await seconds(10)
         assert pilot.failsafes == 0 or isinstance(caught.value, Rejected)
@@ -181,7 +190,7 @@ def test_after_a_late_refusal_the_stream_ends_at_once(jump):
     async def story(world, vehicle, pilot, link):
         pilot.has_stream = lambda: False
         with pytest.raises(Rejected):
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
         await silent(pilot, link)
         assert pilot.mode == HOLD
 
@@ -190,7 +199,7 @@ def test_after_a_late_refusal_the_stream_ends_at_once(jump):
 
 def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
     async def story(world, vehicle, pilot, link):
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.3)
         pilot.alive = False
         with pytest.raises((Disconnected, NoReply, Refused)):
@@ -208,9 +217,9 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
     async def story(world, vehicle, pilot, link):
         pilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
-            await vehicle.offboard.start(order(), rate_hz=2.0)
+            await vehicle.offboard.start(stream_request(), rate_hz=2.0)
         await silent(pilot, link)
-        await vehicle.offboard.start(order(), rate_hz=5.0)
+        await vehicle.offboard.start(stream_request(), rate_hz=5.0)
 
     flight(jump, story)
 
@@ -220,7 +229,7 @@ def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
         pilot.mode = pilot.asked_mode = 4 << 16 | 4 << 24
         await seconds(2)
         assert vehicle.status.mode == "mission"
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         assert pilot.mode == OFFBOARD
 
     flight(jump, story)
@@ -228,7 +237,7 @@ def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
 
 def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=1.0, hold_for_s=1.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
         assert pilot.mode == HOLD, "armed now, it stays on the ground"
         assert not vehicle.offboard.status().streaming
@@ -248,7 +257,7 @@ def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
                 pilot.velocity = (10.0, 0.0, 0.0)
 
         moving = asyncio.ensure_future(move())
-        await vehicle.offboard.start(order(velocity=(10.0, 0.0, 0.0), valid_for_s=0.5))
+        await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=0.5))
         while vehicle.offboard.status().state == "streaming":
             await seconds(0.004)
         at = pilot.ned[0]
@@ -263,7 +272,7 @@ def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
 
 def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
+        await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
         pilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
         await seconds(2)
         assert pilot.mode == HOLD
@@ -278,7 +287,7 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
 
 def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
+        await vehicle.offboard.start(stream_request(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
         pilot.estimates = False
         await seconds(3)
         assert pilot.mode == LAND
@@ -290,7 +299,7 @@ def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
 @pytest.mark.parametrize("seed", range(5))
 def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         await seconds(9)
         assert pilot.mode == HOLD
         assert pilot.failsafes == 0
@@ -301,7 +310,7 @@ def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed
 
 def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         pilot.refuse[176] = 1
         await seconds(9)
         assert codes(vehicle) == ["expired", "not_confirmed"]
@@ -314,33 +323,33 @@ def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
 
 def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=1.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
         assert vehicle.offboard.status().state == "holding"
-        resumed = await vehicle.offboard.setpoint(order(valid_for_s=0.5, hold_for_s=0.2))
+        resumed = await vehicle.offboard.setpoint(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         assert resumed.state == "streaming"
         pilot.silent_commands.add(176)
         await seconds(1.0)
         assert vehicle.offboard.status().state == "to_hold"
         with pytest.raises(Refused, match="ending"):
-            await vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(stream_request())
 
     flight(jump, story)
 
 
 def test_a_start_during_expiry_is_refused(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=5.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
         with pytest.raises(Refused, match="already has a setpoint stream"):
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
 
     flight(jump, story)
 
 
 def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=0.5, action="land"))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, action="land"))
         pilot.silent_commands.add(176)
         await seconds(1)
         assert vehicle.offboard.status().state == "landing"
@@ -354,7 +363,7 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
 
 def test_a_stop_on_a_lost_link_is_repeated(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(hold_for_s=3600.0))
+        await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
         pilot.silent_commands.add(176)
         with pytest.raises(NoReply):
             await vehicle.offboard.stop()
@@ -369,16 +378,16 @@ def test_a_stop_on_a_lost_link_is_repeated(jump):
 
 def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(client="a"))
+        await vehicle.offboard.start(stream_request(client="a"))
         for number in range(10):
             client = "ab"[number % 2]
             place = (float(number), 0.0, -5.0)
-            status = await vehicle.offboard.setpoint(order(position=place, client=client))
+            status = await vehicle.offboard.setpoint(stream_request(position=place, client=client))
             assert (status.client, status.setpoint["position_ned_m"]) == (client, place)
             await seconds(0.05)
             assert pilot.setpoints[-1][1].x == number
         await vehicle.offboard.stop()
         with pytest.raises(Refused, match="stopped"):
-            await vehicle.offboard.setpoint(order(client="a"))
+            await vehicle.offboard.setpoint(stream_request(client="a"))
 
     flight(jump, story)

@@ -15,7 +15,7 @@ from tests.protocol.api_calls import ANNA, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, hovering
-from tests.protocol.offboard_world import POSITION, asks, order, seconds, silent
+from tests.protocol.offboard_world import POSITION, asks, seconds, silent, stream_request
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -85,10 +85,10 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
 def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
-            await vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(stream_request())
         assert "Pause or abort" in str(refused.value.remedy)
         with pytest.raises(Refused, match="already has a setpoint stream"):
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
         with pytest.raises(Refused, match="has the mission 'Test'"):
             missions.begin(vehicle, hover(), in_air=True)
         assert missions.state == "flying"

@@ -10,7 +10,7 @@ from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER
 from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import flight, order, seconds
+from tests.protocol.offboard_world import flight, seconds, stream_request
 
 
 class Closed(Exception):
@@ -53,7 +53,7 @@ def streamed(jump, story, *, start=True):
     async def fly(world, vehicle, pilot, link):
         station = station_of(world)
         if start:
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
         socket = FakeSocket()
         server = SetpointSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
         serving = asyncio.ensure_future(server.serve())

@@ -15,9 +15,9 @@ from tests.protocol.offboard_world import (
     codes,
     flight,
     gaps_s,
-    order,
     seconds,
     silent,
+    stream_request,
 )
 
 # --- changes by the vehicle -----------------------------------------------------------------------
@@ -25,7 +25,7 @@ from tests.protocol.offboard_world import (
 
 def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         await seconds(0.5)
         pilot.ned = [80.0, -30.0, -5.0]
         await seconds(0.3)
@@ -35,14 +35,14 @@ def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
         await seconds(2)
         assert pilot.mode == HOLD
         with pytest.raises(Refused):
-            await vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(stream_request())
 
     flight(jump, story)
 
 
 def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
         pilot.failsafes, pilot.mode = 1, POSITION
         pilot.current_mode()
@@ -55,14 +55,14 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
         assert "Position" in status.ended or "position" in status.ended
         await silent(pilot, link)
         with pytest.raises(Refused, match="no setpoint stream"):
-            await vehicle.offboard.setpoint(order())
+            await vehicle.offboard.setpoint(stream_request())
 
     flight(jump, story)
 
 
 def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
         pilot.alive = False
         await seconds(2.0)
@@ -76,7 +76,7 @@ def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
 
 def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         pilot.alive = False
         pilot.silent_commands.add(176)
         await seconds(3.5 + 5 + 1.5)
@@ -88,7 +88,7 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
 
 def test_a_kill_in_flight_ends_the_stream(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=3600.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
         await silent(pilot, link, settle_s=0.2)
         assert codes(vehicle) == ["disarmed"]
@@ -106,7 +106,7 @@ def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
         try:
             vehicles = [await world.ready(str(i)) for i in (1, 2, 3)]
             await seconds(1.5)
-            await asyncio.gather(*(vehicle.offboard.start(order()) for vehicle in vehicles))
+            await asyncio.gather(*(vehicle.offboard.start(stream_request()) for vehicle in vehicles))
             pilots[0].silent_commands.add(176)
             began = world.loop.time()
             stopped = {s.vehicle: s.error for s in await world.streamer.stop_all()}
@@ -125,7 +125,7 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
     async def story(world, vehicle, pilot, link):
         pilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
         pilot.take_offboard_after_s = 0.3
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not asks(pilot, OFFBOARD):
             await seconds(0.005)
         pilot.mode = POSITION
@@ -149,7 +149,7 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
 def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.3
-        starting = asyncio.ensure_future(vehicle.offboard.start(order()))
+        starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not asks(pilot, OFFBOARD):
             await seconds(0.005)
         pilot.refuse[176] = 2
@@ -166,7 +166,7 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
 def test_the_stream_does_not_request_hold_during_another_command(jump, call):
     async def story(world, vehicle, pilot, link):
         pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
-        await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.2))
+        await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
             await seconds(0.01)
         await seconds(0.9)
@@ -196,7 +196,7 @@ def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
             vehicles = [await world.ready(str(i)) for i in (1, 2)]
             await seconds(1.5)
             for number, vehicle in enumerate(vehicles, 1):
-                await vehicle.offboard.start(order(position=(float(number), 0.0, -5.0)))
+                await vehicle.offboard.start(stream_request(position=(float(number), 0.0, -5.0)))
             await seconds(0.5)
             await vehicles[0].command.kill()
             for number, pilot in enumerate(pilots, 1):
@@ -226,7 +226,7 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
             await world.ready("1~2")
             await seconds(1.5)
             by_link = {world.fleet.get(i).links[0]: world.fleet.get(i) for i in ("1", "1~2")}
-            await by_link["two"].offboard.start(order())
+            await by_link["two"].offboard.start(stream_request())
             await by_link["two"].command.kill()
             assert pilots[0].armed
             assert not pilots[0].setpoints
@@ -264,7 +264,7 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
             vehicle = await world.ready()
             await seconds(5)
             assert set(vehicle.links) == {"one", "two"}
-            await vehicle.offboard.start(order())
+            await vehicle.offboard.start(stream_request())
             await seconds(1)
             used = max((first, second), key=lambda link: len(link.sent))
             other = second if used is first else first

@@ -14,7 +14,7 @@ from gcs_server.vehicle.population import (
     MAX_ON_LINK,
     MAX_VEHICLES,
 )
-from tests.protocol.offboard_world import OffboardWorld, order
+from tests.protocol.offboard_world import OffboardWorld, stream_request
 
 HEARTBEAT = encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
 
@@ -103,7 +103,7 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
         vehicle = await world.ready()
         with pytest.raises(Refused, match="is connected"):
             world.fleet.remove("1", "test")
-        await vehicle.offboard.start(order(valid_for_s=600.0))
+        await vehicle.offboard.start(stream_request(valid_for_s=600.0))
         pilot.alive = False
         await asyncio.sleep(3.6)
         with pytest.raises(Refused, match="streamed"):
@@ -117,7 +117,7 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
         pilot.alive = True
         again = await world.ready()
         assert again is not vehicle
-        await again.offboard.start(order(valid_for_s=60.0))
+        await again.offboard.start(stream_request(valid_for_s=60.0))
         assert again.status.mode == "offboard"
 
     told(jump, story)

@@ -13,7 +13,7 @@ from tests.protocol.api_calls import MISSION
 from tests.protocol.api_calls import with_routes as station_desk
 from tests.protocol.fake_autopilot import HOLD
 from tests.protocol.group_world import ANNA, begin, place, with_routes
-from tests.protocol.offboard_world import flight, order, seconds
+from tests.protocol.offboard_world import flight, seconds, stream_request
 from tests.protocol.one_vehicle import LOSS
 
 KILL_PARAM = 21196.0
@@ -26,7 +26,7 @@ CALLS = {
     "arm": lambda v: v.command.arm(),
     "disarm": lambda v: v.command.disarm(),
     "goto": lambda v: v.command.goto(**GOTO),
-    "offboard": lambda v: v.offboard.start(order()),
+    "offboard": lambda v: v.offboard.start(stream_request()),
 }
 
 
@@ -89,7 +89,7 @@ def test_stop_motors_ends_pending_commands(jump):
 
 def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order(valid_for_s=2.0, hold_for_s=0.5))
+        await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         deaf_to_kill(pilot, 5.0)
         asked = len(pilot.commands(176))
         await vehicle.command.kill()  # 2.5 s later the stream would request Hold
@@ -103,7 +103,7 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
 
 def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
     async def story(world, vehicle, pilot, link):
-        await vehicle.offboard.start(order())
+        await vehicle.offboard.start(stream_request())
         asked = len(pilot.commands(176))
         deaf_to_kill(pilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
@@ -259,7 +259,7 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, los
     async def story(world, vehicle, pilot, link):
         dice = random.Random(seed)
         if dice.random() < 0.5:
-            await vehicle.offboard.start(order(valid_for_s=dice.uniform(0.5, 4.0), hold_for_s=0.2))
+            await vehicle.offboard.start(stream_request(valid_for_s=dice.uniform(0.5, 4.0), hold_for_s=0.2))
         running = []
 
         async def later(call, after_s):

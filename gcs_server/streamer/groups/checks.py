@@ -12,7 +12,7 @@ from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.plan import MAX_PLAN_S, Conflict, Planned, first_conflict, too_near_now
 from gcs_server.streamer.schedule.streams import Streams
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
@@ -26,7 +26,7 @@ SEPARATION_REMEDY = (
 
 
 @dataclass(frozen=True, slots=True)
-class GroupOrder:
+class GroupRequest:
     """The request to start a group."""
 
     setpoints: Mapping[str, Setpoint]
@@ -58,9 +58,9 @@ class GroupChecks:
         piece per turn of the event loop.
         """
 
-    def check_instant(self, order: GroupOrder, earliest_s: float) -> None:
+    def check_instant(self, request: GroupRequest, earliest_s: float) -> None:
         """Raises InvalidRequest if the common start is too soon or too far ahead."""
-        at = order.start_at_unix_s
+        at = request.start_at_unix_s
         if at is None:
             return
         ahead_s = at - self._clock.unix_s()
@@ -71,7 +71,7 @@ class GroupChecks:
                 "ahead of the request, and still ahead when all vehicles are in Offboard.",
             )
 
-    def check_member(self, member: Member, index: int, order: GroupOrder) -> None:
+    def check_member(self, member: Member, index: int, request: GroupRequest) -> None:
         """Raises NotTogether (or the error of the single vehicle) if the vehicle cannot join now."""
         vehicle = member.vehicle
         vehicle.require_commandable()
@@ -88,14 +88,14 @@ class GroupChecks:
                 vehicles=(vehicle.id,),
                 remedy="Take off first.",
             )
-        self.check_setpoint(member, index, self.orders(order, order.setpoints)[vehicle.id])
+        self.check_setpoint(member, index, self.requests(request, request.setpoints)[vehicle.id])
 
     @staticmethod
-    def check_setpoint(member: Member, index: int, order: Order, where: str = "members") -> None:
+    def check_setpoint(member: Member, index: int, request: StreamRequest, where: str = "members") -> None:
         """Raises NotTogether if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         vehicle_id = member.vehicle.id
         try:
-            member.check(order)
+            member.check(request)
         except InvalidRequest as error:
             field_ = f"{where}.{index}.setpoint"
             raise InvalidRequest(
@@ -105,18 +105,18 @@ class GroupChecks:
             message = f"Vehicle {vehicle_id}: {error.message}"
             raise NotTogether(message, vehicles=(vehicle_id,), remedy=error.remedy) from error
 
-    def check_setpoints(self, members: Mapping[str, Member], orders: Mapping[str, Order]) -> None:
+    def check_setpoints(self, members: Mapping[str, Member], requests: Mapping[str, StreamRequest]) -> None:
         """Raises the errors of `check_setpoint`, or the error with which every command to a vehicle is
         refused."""
-        for index, (vehicle_id, order) in enumerate(orders.items()):
+        for index, (vehicle_id, request) in enumerate(requests.items()):
             members[vehicle_id].vehicle.require_commandable()
-            self.check_setpoint(members[vehicle_id], index, order, "setpoints")
+            self.check_setpoint(members[vehicle_id], index, request, "setpoints")
 
     async def check_apart(
         self,
         minimum_m: float,
         members: Mapping[str, Member],
-        orders: Mapping[str, Order],
+        requests: Mapping[str, StreamRequest],
         held: Container[str] = (),
         duration_s: float | None = None,
     ) -> None:
@@ -128,7 +128,7 @@ class GroupChecks:
         Args:
             minimum_m: the minimum separation.
             members: all members of the group.
-            orders: the new orders; the other members keep their setpoints.
+            requests: the new requests; the other members keep their setpoints.
             held: members that no longer follow the group and may be anywhere.
             duration_s: time until all expire, if not given by their own validity.
 
@@ -137,14 +137,14 @@ class GroupChecks:
                 vehicles.
         """
         now_s = self._clock.monotonic_s()
-        planned = self._planned(now_s, members, orders, held, duration_s)
+        planned = self._planned(now_s, members, requests, held, duration_s)
         _refuse(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
 
     def check_apart_now(
         self,
         minimum_m: float,
         members: Mapping[str, Member],
-        orders: Mapping[str, Order],
+        requests: Mapping[str, StreamRequest],
         held: Container[str] = (),
     ) -> None:
         """Checks that all are far enough apart now, braking distance included.
@@ -152,14 +152,14 @@ class GroupChecks:
         Args:
             minimum_m: the minimum separation.
             members: all members of the group.
-            orders: the new orders.
+            requests: the new requests.
             held: members that no longer follow the group and may be anywhere.
 
         Raises:
             NotTogether: as for `check_apart`.
         """
         now_s = self._clock.monotonic_s()
-        _refuse(too_near_now(self._planned(now_s, members, orders, held), now_s, minimum_m), minimum_m)
+        _refuse(too_near_now(self._planned(now_s, members, requests, held), now_s, minimum_m), minimum_m)
 
     async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
         """Computes a plan piece by piece; the event loop does other work after each piece."""
@@ -175,15 +175,15 @@ class GroupChecks:
         self,
         now_s: float,
         members: Mapping[str, Member],
-        orders: Mapping[str, Order],
+        requests: Mapping[str, StreamRequest],
         held: Container[str],
         duration_s: float | None = None,
     ) -> list[Planned]:
         planned: list[Planned] = []
         for vehicle_id, member in members.items():
-            order, elapsed_s = orders.get(vehicle_id), 0.0
-            setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
-            snapshot = member.snapshot(order)
+            request, elapsed_s = requests.get(vehicle_id), 0.0
+            setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
+            snapshot = member.snapshot(request)
             position, origin = snapshot.position_at(now_s), snapshot.bounds.origin
             if position is None or origin is None:
                 if vehicle_id in held:
@@ -194,30 +194,30 @@ class GroupChecks:
                     vehicles=(vehicle_id,),
                     remedy="Wait for GPS, home position and estimator.",
                 )
-            if order is None:
+            if request is None:
                 state = self._streams.state(vehicle_id)
-                order, elapsed_s = state.order, state.age_s or 0.0
-                if order is not None and state.phase == "streaming":
-                    ordered = order.setpoint  # offsets were resolved when the order was accepted
+                request, elapsed_s = state.request, state.age_s or 0.0
+                if request is not None and state.phase == "streaming":
+                    ordered = request.setpoint  # offsets were resolved when the request was accepted
                     setpoint = state.sent if isinstance(ordered, PositionBody | Script) else ordered
-            expires_s = duration_s if duration_s is not None or order is None else order.duration_s
+            expires_s = duration_s if duration_s is not None or request is None else request.duration_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned
 
-    def orders(self, order: GroupOrder, setpoints: Mapping[str, Setpoint]) -> dict[str, Order]:
-        """The orders of all members, which expire at the same time."""
-        longest_s = max((_duration_s(s) for s in order.setpoints.values()), default=0.0)
+    def requests(self, request: GroupRequest, setpoints: Mapping[str, Setpoint]) -> dict[str, StreamRequest]:
+        """The requests of all members, whose setpoints expire at the same time."""
+        longest_s = max((_duration_s(s) for s in request.setpoints.values()), default=0.0)
         if longest_s > MAX_PLAN_S:
             raise InvalidRequest(
                 "members", f"A path of a group may last {MAX_PLAN_S:g} s at most, not {longest_s:g} s."
             )
         return {
-            vehicle_id: Order(
+            vehicle_id: StreamRequest(
                 setpoint,
-                order.valid_for_s + longest_s - _duration_s(setpoint),
-                order.on_expiry,
-                order.client,
-                order.client_key,
+                request.valid_for_s + longest_s - _duration_s(setpoint),
+                request.on_expiry,
+                request.client,
+                request.client_key,
                 "group",
             )
             for vehicle_id, setpoint in setpoints.items()

@@ -15,13 +15,13 @@ from dataclasses import replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
-from gcs_server.streamer.groups.checks import MIN_LEAD_S, GroupChecks, GroupOrder
+from gcs_server.streamer.groups.checks import MIN_LEAD_S, GroupChecks, GroupRequest
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.record import Group, listed
 from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.separation.guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Setpoint
 
 LEAD_S = 0.5
@@ -54,7 +54,7 @@ class Groups:
 
     # --- commands ---------------------------------------------------------------------------------
 
-    async def start(self, order: GroupOrder) -> GroupStatus:
+    async def start(self, request: GroupRequest) -> GroupStatus:
         """Brings all members into Offboard at their positions and starts them at the same time. Returns once
         all have confirmed and the start time is set, possibly before the start.
 
@@ -63,26 +63,26 @@ class Groups:
                 are in Hold.
             InvalidRequest: a setpoint or the start time is not possible.
         """
-        self._checks.check_instant(order, MIN_LEAD_S)
-        members = self._joinable(order)
-        orders = self._checks.orders(order, order.setpoints)
-        await self._checks.check_apart(order.minimum_separation_m, members, orders)
-        members = self._joinable(order)  # other requests may have changed this meanwhile
-        self._checks.check_apart_now(order.minimum_separation_m, members, orders)
+        self._checks.check_instant(request, MIN_LEAD_S)
+        members = self._joinable(request)
+        requests = self._checks.requests(request, request.setpoints)
+        await self._checks.check_apart(request.minimum_separation_m, members, requests)
+        members = self._joinable(request)  # other requests may have changed this meanwhile
+        self._checks.check_apart_now(request.minimum_separation_m, members, requests)
         self._count += 1
-        group = Group(str(self._count), order, dict(order.setpoints), members, self._clock.unix_s())
+        group = Group(str(self._count), request, dict(request.setpoints), members, self._clock.unix_s())
         self._groups[group.id] = group
         self._forget_old()
-        self._announce(group, f"Group {group.id} ({listed(members)}) of {order.client} is being started.")
-        waits: dict[str, Order] = {}
+        self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
+        waits: dict[str, StreamRequest] = {}
         try:
             waits = await self._gather(group)
-            await self._checks.check_apart(order.minimum_separation_m, members, orders)
+            await self._checks.check_apart(request.minimum_separation_m, members, requests)
             group.require_gathered({v: self._streams.state(v) for v in members})
             for index, member in enumerate(members.values()):  # some seconds later
-                self._checks.check_setpoint(member, index, orders[member.vehicle.id])
-            self._checks.check_apart_now(order.minimum_separation_m, members, orders)
-            self._checks.check_instant(order, 0.1)
+                self._checks.check_setpoint(member, index, requests[member.vehicle.id])
+            self._checks.check_apart_now(request.minimum_separation_m, members, requests)
+            self._checks.check_instant(request, 0.1)
         except GcsError as error:
             await self._abort_start(group, str(error))
             raise
@@ -91,7 +91,7 @@ class Groups:
                 self._streams.force_hold(vehicle_id, f"The start of group {group.id} was cancelled")
             self._end(group, "Its start was cancelled.")
             raise
-        self._start_together(group, waits, orders)
+        self._start_together(group, waits, requests)
         return self._status(group)
 
     async def setpoints(
@@ -112,7 +112,7 @@ class Groups:
         group = self._get(group_id)
         async with group.changing:  # each change is checked against the result of the previous change
             template = replace(
-                group.order,
+                group.request,
                 valid_for_s=valid_for_s,
                 on_expiry=on_expiry,
                 client=client,
@@ -121,30 +121,30 @@ class Groups:
             return await self._change(group, changed, template)
 
     async def _change(
-        self, group: Group, changed: Mapping[str, Setpoint], template: GroupOrder
+        self, group: Group, changed: Mapping[str, Setpoint], template: GroupRequest
     ) -> GroupStatus:
         group_id, minimum_m, valid_for_s = group.id, template.minimum_separation_m, template.valid_for_s
         held = group.require_changeable(changed, self._guard(group)).held
         setpoints = group.setpoints | dict(changed)
-        order = replace(template, setpoints=setpoints)
-        orders = self._checks.orders(order, changed)
-        self._checks.check_setpoints(group.members, orders)
+        request = replace(template, setpoints=setpoints)
+        requests = self._checks.requests(request, changed)
+        self._checks.check_setpoints(group.members, requests)
         left_s = self._checks.left_s(group.setpoints, changed)
-        await self._checks.check_apart(minimum_m, group.members, orders, held, left_s + valid_for_s)
+        await self._checks.check_apart(minimum_m, group.members, requests, held, left_s + valid_for_s)
         # the vehicles have moved meanwhile
         held = group.require_changeable(changed, self._guard(group)).held
-        self._checks.check_setpoints(group.members, orders)
-        self._checks.check_apart_now(minimum_m, group.members, orders, held)
+        self._checks.check_setpoints(group.members, requests)
+        self._checks.check_apart_now(minimum_m, group.members, requests, held)
         left_s = self._checks.left_s(group.setpoints, changed)
         until_s = self._clock.monotonic_s() + left_s + valid_for_s
-        snapshots = {v: group.members[v].snapshot(orders[v]) for v in changed}
-        if not await self._streams.change_together(group_id, orders, snapshots, until_s):
+        snapshots = {v: group.members[v].snapshot(requests[v]) for v in changed}
+        if not await self._streams.change_together(group_id, requests, snapshots, until_s):
             raise Refused(
                 f"Group {group_id} is ending, or its setpoints have expired.",
                 remedy="While the members hold their positions, send setpoints for all members; otherwise "
                 "start a new group.",
             )
-        group.order, group.setpoints = order, setpoints
+        group.request, group.setpoints = request, setpoints
         return self._status(group)
 
     async def hold(self, group_id: str, client: str) -> GroupStatus:
@@ -210,9 +210,9 @@ class Groups:
 
     # --- starting ---------------------------------------------------------------------------------
 
-    def _joinable(self, order: GroupOrder) -> dict[str, Member]:
+    def _joinable(self, request: GroupRequest) -> dict[str, Member]:
         """Returns all members; raises an error if one cannot join now."""
-        members = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
+        members = {vehicle_id: self._find(vehicle_id) for vehicle_id in request.setpoints}
         for index, (vehicle_id, member) in enumerate(members.items()):
             other = self._group_of(vehicle_id)
             if other is not None:
@@ -221,13 +221,13 @@ class Groups:
                     vehicles=(vehicle_id,),
                     remedy=f"Hold group {other.id} first.",
                 )
-            self._checks.check_member(member, index, order)
+            self._checks.check_member(member, index, request)
         return members
 
-    async def _gather(self, group: Group) -> dict[str, Order]:
+    async def _gather(self, group: Group) -> dict[str, StreamRequest]:
         """Streams the positions of all members and switches them to Offboard; if one fails, all hold."""
-        order = group.order
-        waits: dict[str, Order] = {}
+        request = group.request
+        waits: dict[str, StreamRequest] = {}
         failed: dict[str, GcsError] = {}
         for vehicle_id, member in group.members.items():
             position_now = member.snapshot().position_at(self._clock.monotonic_s())
@@ -235,19 +235,19 @@ class Groups:
                 raise NotTogether(
                     f"Vehicle {vehicle_id} has no valid position estimate.", vehicles=(vehicle_id,)
                 )
-            waits[vehicle_id] = Order(
+            waits[vehicle_id] = StreamRequest(
                 Position(position_now),
                 MAX_WAIT_S,
                 OnExpiry("hold", 1.0),
-                order.client,
-                order.client_key,
+                request.client,
+                request.client_key,
                 "group",
             )
             group.numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
 
         async def join(vehicle_id: str, member: Member) -> None:
             try:
-                await member.start(waits[vehicle_id], group.order.rate_hz)
+                await member.start(waits[vehicle_id], group.request.rate_hz)
             except GcsError as error:
                 group.numbers.pop(vehicle_id)  # the stream has ended, or is still undoing the start
                 first = not failed
@@ -271,21 +271,23 @@ class Groups:
             )
         return waits
 
-    def _start_together(self, group: Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
-        order = group.order
+    def _start_together(
+        self, group: Group, waits: Mapping[str, StreamRequest], requests: Mapping[str, StreamRequest]
+    ) -> None:
+        request = group.request
         lead_s = LEAD_S
-        if order.start_at_unix_s is not None:
-            lead_s = order.start_at_unix_s - self._clock.unix_s()
+        if request.start_at_unix_s is not None:
+            lead_s = request.start_at_unix_s - self._clock.unix_s()
         start_s = self._clock.monotonic_s() + lead_s
         group.start_unix_s = self._clock.unix_s() + lead_s
         guard = GroupGuard(
             group.id,
             waits,
-            orders,
-            minimum_m=order.minimum_separation_m,
+            requests,
+            minimum_m=request.minimum_separation_m,
             start_s=start_s,
-            duration_s=max(o.duration_s for o in orders.values()),
-            others_go_on=order.others_go_on,
+            duration_s=max(o.duration_s for o in requests.values()),
+            others_go_on=request.others_go_on,
         )
         group.state, group.guard = "waiting", guard.state()
         self._streams.watch(guard)

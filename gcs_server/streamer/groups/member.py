@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.vehicle.vehicle import Vehicle
 
 
@@ -17,15 +17,15 @@ class Member(Protocol):
         """The vehicle of the stream."""
         ...
 
-    def check(self, order: Order) -> None:
-        """Raises Refused if the order cannot be flown now, InvalidRequest if it can never be flown."""
+    def check(self, request: StreamRequest) -> None:
+        """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         ...
 
-    def snapshot(self, order: Order | None = None) -> Snapshot:
-        """Snapshot of the vehicle for its stream, or for an order that is not accepted yet."""
+    def snapshot(self, request: StreamRequest | None = None) -> Snapshot:
+        """Snapshot of the vehicle for its stream, or for a request that is not accepted yet."""
         ...
 
-    async def start(self, order: Order, rate_hz: float) -> object:
+    async def start(self, request: StreamRequest, rate_hz: float) -> object:
         """Returns once the vehicle is in Offboard; raises GcsError if it is not."""
         ...
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
-from gcs_server.streamer.groups.checks import GroupOrder
+from gcs_server.streamer.groups.checks import GroupRequest
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.status import GroupFinding, GroupMember, GroupStatus, Nearest
 from gcs_server.streamer.schedule.streams import StreamState
@@ -17,10 +17,10 @@ from missions.setpoints import Setpoint
 
 @dataclass(slots=True)
 class Group:
-    """One group: its order, members, state and findings."""
+    """One group: its request, members, state and findings."""
 
     id: str
-    order: GroupOrder
+    request: GroupRequest
     setpoints: dict[str, Setpoint]
     """Current setpoints."""
     members: dict[str, Member]
@@ -94,11 +94,11 @@ class Group:
         return GroupStatus(
             id=self.id,
             state=self.state,
-            client=self.order.client,
-            client_key=self.order.client_key,
-            minimum_separation_m=self.order.minimum_separation_m,
+            client=self.request.client,
+            client_key=self.request.client_key,
+            minimum_separation_m=self.request.minimum_separation_m,
             margin_m=None if margin_m is None else round(margin_m, 2),
-            others_go_on=self.order.others_go_on,
+            others_go_on=self.request.others_go_on,
             created_unix_s=self.created_unix_s,
             start_unix_s=self.start_unix_s,
             valid_left_s=valid_left_s if self.state == "flying" else None,

@@ -17,7 +17,7 @@ from gcs_server.streamer.missions.status import (
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import Streams
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.samples import GlobalPosition
 from missions.avoidance.corridor import first_on_line
 from missions.offboard.segments import CurveSegment
@@ -288,7 +288,7 @@ class MissionFlight:
         if self._task is not None:
             self._task.cancel()
         state = self._streams.state(self._vehicle.id)
-        if state.order is not None and state.order.owner == "mission" and state.phase == "streaming":
+        if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
             self._streams.end(self._vehicle.id, "mission", f"{self._by} was interrupted.", state.number)
 
     def _command(self, request: TakeOff | Play | SetMode) -> None:
@@ -325,12 +325,12 @@ class MissionFlight:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
-        order = Order(request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission")
+        stream_request = StreamRequest(request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission")
         state = self._streams.state(self._vehicle.id)
-        if state.order is not None and state.order.owner == "mission" and state.phase == "streaming":
-            await self._control.setpoint(order)
+        if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
+            await self._control.setpoint(stream_request)
         else:
-            await self._control.start(order, RATE_HZ)
+            await self._control.start(stream_request, RATE_HZ)
 
     def _check_approach(self, approach: CurveSegment | None) -> None:
         """Raises Refused if the sensors measure an obstacle on the straight line to the path."""

@@ -79,7 +79,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
     vehicle = control.vehicle
     estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause
     local, attitude = estimates.local(), estimates.attitude()
-    flies_mission = state.order is not None and state.order.owner == "mission"
+    flies_mission = state.request is not None and state.request.owner == "mission"
     holder = None if vehicle.control is None else vehicle.control.status()
     battery, gps = vehicle.topic("battery"), vehicle.topic("gps")
     percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None

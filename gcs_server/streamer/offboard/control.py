@@ -26,8 +26,8 @@ from gcs_server.streamer.validation.availability import Availability, Available
 from gcs_server.streamer.validation.axes import problem_of
 from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.limit_values import vehicle_limits
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.vehicle.endpoint import setpoint_protocol
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
@@ -85,7 +85,7 @@ class OffboardControl:
 
     # --- the stream -------------------------------------------------------------------------------
 
-    async def start(self, order: Order, rate_hz: float = 50.0) -> OffboardStatus:
+    async def start(self, request: StreamRequest, rate_hz: float = 50.0) -> OffboardStatus:
         """Starts streaming, requests Offboard, and returns once the vehicle reports it. Works from any other
         mode.
 
@@ -101,7 +101,7 @@ class OffboardControl:
         vehicle.require_commandable()
         vehicle.command.require_no_kill("start Offboard")
         status = vehicle.status
-        if status.mode == "offboard" and status.armed and not self._streams.state(vehicle.id).order:
+        if status.mode == "offboard" and status.armed and not self._streams.state(vehicle.id).request:
             raise Refused(
                 f"Vehicle {vehicle.id} is already in Offboard with another program's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
@@ -109,10 +109,10 @@ class OffboardControl:
         await self.operator.recognised()
         if self.avoidance.way is not None:
             self.avoidance.require_sensor()
-        self.check(order)
+        self.check(request)
         await self._streams.ready()
         try:
-            number = await self._streams.begin(vehicle.id, order, rate_hz, self.snapshot(order))
+            number = await self._streams.begin(vehicle.id, request, rate_hz, self.snapshot(request))
         except ValueError as error:
             raise _cannot_fly(error) from error
         if not number:
@@ -124,7 +124,7 @@ class OffboardControl:
             self._check_rate(await self._configuration.read(), rate_hz)
             await self._streamed_steadily(number)
             self.check(
-                order
+                request
             )  # checked again, because seconds may have passed, and the vehicle's limits are now known
             vehicle.command.require_no_kill("start Offboard")
             self._requested_stream = number
@@ -181,7 +181,7 @@ class OffboardControl:
                 remedy=f"Stream at {math.ceil(2.0 / max(patience_s, 0.02)):d} Hz or more.",
             )
 
-    async def setpoint(self, order: Order) -> OffboardStatus:
+    async def setpoint(self, request: StreamRequest) -> OffboardStatus:
         """Sets a new setpoint, which is passed to the stream without waiting and sent immediately.
 
         Raises:
@@ -195,19 +195,19 @@ class OffboardControl:
                 MESSAGE_OF_NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
             )
-        if state.order is not None and state.order.owner == "mission" != order.owner:
+        if state.request is not None and state.request.owner == "mission" != request.owner:
             raise Refused(
-                f"Vehicle {self.vehicle.id} flies the mission {state.order.client!r}.",
+                f"Vehicle {self.vehicle.id} flies the mission {state.request.client!r}.",
                 remedy="Pause or abort the mission first (offboard_mission/pause, /abort), or command Hold.",
             )
-        if state.order is not None and state.order.owner == "group" != order.owner:
+        if state.request is not None and state.request.owner == "group" != request.owner:
             raise Refused(
                 f"Vehicle {self.vehicle.id} is already in a group.",
                 remedy="Send the setpoint to the group (groups/{g}/setpoints), or hold the group first.",
             )
-        self.check(order)
+        self.check(request)
         try:
-            accepted = await self._streams.change(self.vehicle.id, order, self.snapshot(order))
+            accepted = await self._streams.change(self.vehicle.id, request, self.snapshot(request))
         except ValueError as error:
             raise _cannot_fly(error) from error
         if not accepted:
@@ -291,22 +291,22 @@ class OffboardControl:
     def status(self) -> OffboardStatus:
         """Status of the stream now."""
         state = self._streams.state(self.vehicle.id)
-        order, failsafe = state.order, self._configuration.failsafe()
+        request, failsafe = state.request, self._configuration.failsafe()
         return OffboardStatus(
             streaming=state.phase != "idle",
             state=state.phase,
-            client=order.client if order else None,
-            client_key=(order.client_key or None) if order else None,
-            owner=order.owner if order else None,
-            ordered_type=order.setpoint.type if order else None,
+            client=request.client if request else None,
+            client_key=(request.client_key or None) if request else None,
+            owner=request.owner if request else None,
+            ordered_type=request.setpoint.type if request else None,
             setpoint=setpoint_view(state.sent),
             limited=state.limited,
             rate_hz=state.rate_hz,
             rate_achieved_hz=state.rate_achieved_hz,
             age_s=state.age_s,
-            valid_for_s=order.valid_for_s if order else None,
+            valid_for_s=request.valid_for_s if request else None,
             valid_left_s=state.valid_left_s,
-            on_expiry=expiry_view(order.on_expiry) if order else None,
+            on_expiry=expiry_view(request.on_expiry) if request else None,
             if_stream_stops=failsafe.text() if failsafe else None,
             sends_failed=state.sends_failed,
             ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
@@ -315,9 +315,9 @@ class OffboardControl:
             health=health_of(state, self._estimates, failsafe),
         )
 
-    def snapshot(self, order: Order | None = None) -> Snapshot:
-        """Snapshot of the vehicle for its stream, or for a new order that is being checked."""
-        return self._snapshots.make(order or self._streams.state(self.vehicle.id).order)
+    def snapshot(self, request: StreamRequest | None = None) -> Snapshot:
+        """Snapshot of the vehicle for its stream, or for a new request that is being checked."""
+        return self._snapshots.make(request or self._streams.state(self.vehicle.id).request)
 
     def snapshot_without_estimates(self) -> Snapshot:
         """Snapshot from the heartbeat and the previous limits only, used if the full one fails."""
@@ -328,9 +328,9 @@ class OffboardControl:
     def _protocol(self) -> str:
         return setpoint_protocol(self.vehicle.endpoints)
 
-    def check(self, order: Order) -> None:
-        """Raises Refused if the order cannot be flown now, InvalidRequest if it can never be flown."""
-        setpoint = order.setpoint
+    def check(self, request: StreamRequest) -> None:
+        """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
+        setpoint = request.setpoint
         if isinstance(setpoint, Script):
             self._availability.require_estimates(setpoint.type, setpoint.needs)
             self.check_segments([s for s in (setpoint.approach, *setpoint.segments) if s is not None])
@@ -344,7 +344,7 @@ class OffboardControl:
         check_target(
             setpoint,
             self._clock.monotonic_s(),
-            self.snapshot(order),
+            self.snapshot(request),
             has_position_limits=self.operator.limits.needs_position,
         )
 

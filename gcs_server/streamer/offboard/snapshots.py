@@ -12,8 +12,8 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
 from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.values.limit_values import vehicle_limits
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.vehicle.endpoint import ROS2, setpoint_protocol
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Follow
@@ -54,15 +54,17 @@ class VehicleSnapshots:
         self._bounds = UNBOUNDED
         self._bounds_of: tuple[object, ...] = ()
 
-    def make(self, order: Order | None) -> Snapshot:
-        """The current state of the vehicle, for a stream that flies this order."""
+    def make(self, request: StreamRequest | None) -> Snapshot:
+        """The current state of the vehicle, for a stream that flies this request."""
         attitude = self._estimates.attitude()
         return self._estimates.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
             bounds=self._current_bounds(),
             local_only=setpoint_protocol(self._vehicle.endpoints) == ROS2,
             hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
-            leader=self.leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
+            leader=self.leader(request.setpoint)
+            if request and isinstance(request.setpoint, Follow)
+            else None,
             avoidance=self._avoidance.way,
             mission_avoidance=self._avoidance.mission_way,
         )

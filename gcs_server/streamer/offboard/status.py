@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
-from gcs_server.streamer.values.order import OnExpiry, StreamOwner
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamOwner
 from missions.avoidance.values import AvoidanceState, AvoidanceWay
 from missions.frames import Quaternion, Vector3
 from missions.setpoints import DirectSetpoint, Partial3

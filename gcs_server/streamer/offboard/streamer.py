@@ -15,8 +15,8 @@ from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
 from gcs_server.streamer.schedule.streams import Streams
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
@@ -156,8 +156,8 @@ class Streamer:
         reports."""
         for vehicle_id, control in self._controls.items():
             self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator.recognise)
-        first_orders = self._streams.watched()
-        vehicle_ids = dict.fromkeys(self._streams.active()) | first_orders
+        first_requests = self._streams.watched()
+        vehicle_ids = dict.fromkeys(self._streams.active()) | first_requests
         known = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]
         self._streams.beat(
             {vid: s for vid in known if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
@@ -175,13 +175,13 @@ class Streamer:
         """Messages about current faults."""
         return self._isolation.faults
 
-    def _snapshot(self, vehicle_id: str, order: Order | None) -> Snapshot | None:
+    def _snapshot(self, vehicle_id: str, request: StreamRequest | None) -> Snapshot | None:
         """Snapshot of the vehicle for its stream; if that fails, a snapshot without estimates; if that fails
         as well, None. The stream then uses the previous snapshot, which expires after a second.
         """
         control = self._controls[vehicle_id]
         run = control.vehicle.isolation.run
-        snapshot = run("the snapshot for its stream", control.snapshot, order)
+        snapshot = run("the snapshot for its stream", control.snapshot, request)
         return snapshot or run("the status for its stream", control.snapshot_without_estimates)
 
     def _publish(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:

@@ -18,8 +18,8 @@ from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.events import StreamEvent
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.runner.script import Steering
 
 log = logging.getLogger(__name__)
@@ -256,12 +256,12 @@ class BeginStream(Request[int]):
     """See `Streams.begin`."""
 
     vehicle_id: str
-    order: Order
+    request: StreamRequest
     rate_hz: float
     snapshot: Snapshot
 
     def apply(self, worker: WorkerInterface) -> int:
-        return worker.scheduler.begin(self.vehicle_id, self.order, self.rate_hz, self.snapshot)
+        return worker.scheduler.begin(self.vehicle_id, self.request, self.rate_hz, self.snapshot)
 
     def vehicles(self) -> tuple[str, ...]:
         return (self.vehicle_id,)
@@ -287,11 +287,11 @@ class ChangeSetpoint(Request[bool]):
     """See `Streams.change`."""
 
     vehicle_id: str
-    order: Order
+    request: StreamRequest
     snapshot: Snapshot
 
     def apply(self, worker: WorkerInterface) -> bool:
-        return worker.scheduler.change(self.vehicle_id, self.order, self.snapshot)
+        return worker.scheduler.change(self.vehicle_id, self.request, self.snapshot)
 
     def vehicles(self) -> tuple[str, ...]:
         return (self.vehicle_id,)
@@ -302,14 +302,14 @@ class ChangeSetpoints(Request[bool]):
     """See `Streams.change_together`."""
 
     name: str
-    orders: Mapping[str, Order]
+    requests: Mapping[str, StreamRequest]
     snapshots: Mapping[str, Snapshot]
     until_s: float
     members: tuple[str, ...]
     """All members of the group: those without a new setpoint are renewed."""
 
     def apply(self, worker: WorkerInterface) -> bool:
-        return worker.scheduler.change_together(self.name, self.orders, self.snapshots, self.until_s)
+        return worker.scheduler.change_together(self.name, self.requests, self.snapshots, self.until_s)
 
     def vehicles(self) -> tuple[str, ...]:
         return self.members
@@ -344,7 +344,7 @@ class Update:
     states: Mapping[str, StreamState]
     """States of running streams and of those that have just ended."""
     same_order: frozenset[str]
-    """Vehicles whose order is omitted here, because it has not changed since the last update."""
+    """Vehicles whose request is omitted here, because it has not changed since the last update."""
     guards: Mapping[str, GuardState]
     """States of all watched groups."""
     reports: tuple[tuple[str, StreamEvent], ...] = ()

@@ -19,8 +19,8 @@ from gcs_server.streamer.schedule.streams import Streams, StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.runner.script import Steering
 
 START_TIMEOUT_S = 10.0
@@ -60,8 +60,8 @@ class _ReportedState:
 class _Group:
     """The server's data of a watched group."""
 
-    orders: Mapping[str, Order | None]
-    """First order of each member, at the common start."""
+    requests: Mapping[str, StreamRequest | None]
+    """First request of each member, at the common start."""
     state: GuardState | None
 
 
@@ -152,7 +152,7 @@ class StreamProcess(Streams):
                 raise Refused(RESTARTING, remedy="Try again in a second.")
             await self._clock.sleep(CHECK_PERIOD_S)
 
-    async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+    async def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
         await self.ready()
         known = self._vehicles[vehicle_id]
         self._attach_to_worker(vehicle_id)
@@ -166,7 +166,7 @@ class StreamProcess(Streams):
                 self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
 
         self._post_routes()
-        answer = self._calls.request(to.BeginStream(vehicle_id, order, rate_hz, snapshot), on_begun)
+        answer = self._calls.request(to.BeginStream(vehicle_id, request, rate_hz, snapshot), on_begun)
         answer.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
             return await self._calls.answer(answer)
@@ -184,8 +184,8 @@ class StreamProcess(Streams):
         if vehicle_id in self._begun:
             self._post(to.CancelStart(vehicle_id, snapshot, number))
 
-    async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        return vehicle_id in self._begun and await self._ask(to.ChangeSetpoint(vehicle_id, order, snapshot))
+    async def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
+        return vehicle_id in self._begun and await self._ask(to.ChangeSetpoint(vehicle_id, request, snapshot))
 
     def steer(self, vehicle_id: str, steering: Steering) -> None:
         if vehicle_id in self._begun:
@@ -228,8 +228,8 @@ class StreamProcess(Streams):
             return  # `guard` reports that the group is not monitored
         for vehicle_id in guard.members:
             self._attach_to_worker(vehicle_id)
-        orders = {vehicle_id: guard.pending_order(vehicle_id) for vehicle_id in guard.members}
-        self._groups[guard.name] = _Group(orders, guard.state())
+        requests = {vehicle_id: guard.pending_request(vehicle_id) for vehicle_id in guard.members}
+        self._groups[guard.name] = _Group(requests, guard.state())
         self._post(to.WatchGroup(guard))
 
     def unwatch(self, name: str) -> None:
@@ -245,19 +245,23 @@ class StreamProcess(Streams):
         return None if group is None else group.state
 
     async def change_together(
-        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+        self,
+        name: str,
+        requests: Mapping[str, StreamRequest],
+        snapshots: Mapping[str, Snapshot],
+        until_s: float,
     ) -> bool:
         group = self._groups.get(name)
         if group is None:
             return False
-        members = tuple(group.orders)
-        return await self._ask(to.ChangeSetpoints(name, dict(orders), dict(snapshots), until_s, members))
+        members = tuple(group.requests)
+        return await self._ask(to.ChangeSetpoints(name, dict(requests), dict(snapshots), until_s, members))
 
-    def watched(self) -> dict[str, Order | None]:
+    def watched(self) -> dict[str, StreamRequest | None]:
         return {
-            vehicle_id: order if group.state is not None and group.state.phase == "waiting" else None
+            vehicle_id: request if group.state is not None and group.state.phase == "waiting" else None
             for group in self._groups.values()
-            for vehicle_id, order in group.orders.items()
+            for vehicle_id, request in group.requests.items()
         }
 
     def take_findings(self) -> list[tuple[str, Finding]]:
@@ -296,7 +300,7 @@ class StreamProcess(Streams):
         for vehicle_id, reported in update.states.items():
             before, state = self._reported.get(vehicle_id), reported
             if vehicle_id in update.same_order and before is not None:
-                state = replace(reported, order=before.state.order)
+                state = replace(reported, request=before.state.request)
             self._reported[vehicle_id] = _ReportedState(state, update.at_s)
             known = self._vehicles[vehicle_id]
             if vehicle_id in self._begun and state.phase == "idle" and state.number >= known.number:

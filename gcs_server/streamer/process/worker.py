@@ -44,7 +44,7 @@ from gcs_server.streamer.process.ros2_senders import Ros2Senders
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.transport.ros2 import TopicSender
-from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.stream_request import StreamRequest
 
 log = logging.getLogger(__name__)
 
@@ -277,7 +277,7 @@ class StreamUpdates:
         self._reported_s = 0.0
         self._phases: dict[str, tuple[str, int]] = {}
         self._guards: list[tuple[str, str, int]] = []
-        self._orders: dict[str, Order | None] = {}
+        self._requests: dict[str, StreamRequest | None] = {}
         self.due_s = float("inf")
         """When the next update is due if nothing changes."""
 
@@ -319,11 +319,11 @@ class StreamUpdates:
             except Exception:  # one failed; the others are still reported
                 log.exception("the state of the stream to vehicle %s cannot be reported", vehicle_id)
                 continue
-            if state.order is not None and state.order is self._orders.get(vehicle_id):
+            if state.request is not None and state.request is self._requests.get(vehicle_id):
                 same.add(vehicle_id)
-                states[vehicle_id] = replace(state, order=None)
+                states[vehicle_id] = replace(state, request=None)
             else:
-                self._orders[vehicle_id] = state.order
+                self._requests[vehicle_id] = state.request
                 states[vehicle_id] = state
         return Update(
             self._handled,

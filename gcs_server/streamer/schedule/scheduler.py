@@ -19,8 +19,8 @@ from gcs_server.streamer.transport.ros2 import Ros2Transport
 from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.transport.vehicle_transport import Topics, VehicleTransport, no_topics
 from gcs_server.streamer.values.events import WARNING, StreamEvent
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.runner.script import Steering
 
 log = logging.getLogger(__name__)
@@ -131,7 +131,7 @@ class StreamScheduler:
         core, cadence, now_s = stream.core, stream.core.cadence, self._clock.monotonic_s()
         return StreamState(
             core.phase,
-            core.order if core.streaming else None,
+            core.request if core.streaming else None,
             core.sent if core.streaming else None,
             core.limited if core.streaming else (),
             cadence.rate_hz,
@@ -168,7 +168,7 @@ class StreamScheduler:
             guard.findings for guard in self._guards.values()
         )
 
-    def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+    def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
         stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
         if stream.core.streaming:
             return 0
@@ -177,7 +177,7 @@ class StreamScheduler:
         stream.sends_failed = 0
         self._loop_alive(now_s)  # the event loop is alive
         try:
-            stream.core.begin(now_s, order, rate_hz, stream.snapshot)
+            stream.core.begin(now_s, request, rate_hz, stream.snapshot)
         except Exception as error:
             stream.core.end("refused", f"The setpoint stream did not begin: {error}", report=False)
             raise
@@ -200,10 +200,10 @@ class StreamScheduler:
             stream.snapshot = snapshot.plausible()
             stream.core.cancel_start(self._clock.monotonic_s(), stream.snapshot)
 
-    def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+    def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
         stream = self._streams[vehicle_id]
         stream.snapshot = snapshot.plausible()
-        return stream.core.change(self._clock.monotonic_s(), order, stream.snapshot)
+        return stream.core.change(self._clock.monotonic_s(), request, stream.snapshot)
 
     def steer(self, vehicle_id: str, steering: Steering) -> None:
         self._streams[vehicle_id].core.steer(self._clock.monotonic_s(), steering)
@@ -249,8 +249,8 @@ class StreamScheduler:
         guard = self._guards.get(name)
         return None if guard is None else guard.state()
 
-    def watched(self) -> dict[str, Order | None]:
-        return {v: guard.pending_order(v) for guard in self._guards.values() for v in guard.members}
+    def watched(self) -> dict[str, StreamRequest | None]:
+        return {v: guard.pending_request(v) for guard in self._guards.values() for v in guard.members}
 
     def take_findings(self) -> list[tuple[str, Finding]]:
         reports: list[tuple[str, Finding]] = []
@@ -260,7 +260,11 @@ class StreamScheduler:
         return reports
 
     def change_together(
-        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+        self,
+        name: str,
+        requests: Mapping[str, StreamRequest],
+        snapshots: Mapping[str, Snapshot],
+        until_s: float,
     ) -> bool:
         guard, now_s = self._guards.get(name), self._clock.monotonic_s()
         if guard is None:
@@ -269,11 +273,11 @@ class StreamScheduler:
         phases = {self._streams[v].core.phase for v in flying}
         if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
             return False
-        if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
-            return False  # an expired order is not renewed, because a path would start again
-        for vehicle_id in orders:
+        if not set(requests) <= set(flying) or ("holding" in phases and set(requests) != set(flying)):
+            return False  # an expired setpoint is not renewed, because a path would start again
+        for vehicle_id in requests:
             self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
-        self._carry_out(guard, now_s, Actions(take=dict(orders)), until_s)
+        self._carry_out(guard, now_s, Actions(take=dict(requests)), until_s)
         return True
 
     def _run_guard(self, guard: GroupGuard) -> None:
@@ -293,15 +297,15 @@ class StreamScheduler:
         stream = self._streams[vehicle_id]
         core = stream.core
         ended = core.last_end.text if core.last_end is not None and not core.streaming else None
-        return MemberView(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
+        return MemberView(core.phase, core.request if core.streaming else None, stream.snapshot, ended)
 
     def _carry_out(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
         """Applies all actions before anything else is sent to any member."""
         refused = None
-        for vehicle_id, order in actions.take.items():
+        for vehicle_id, request in actions.take.items():
             stream = self._streams[vehicle_id]
             try:
-                if not stream.core.change(now_s, order, stream.snapshot):
+                if not stream.core.change(now_s, request, stream.snapshot):
                     refused = f"Vehicle {vehicle_id} could not start"
             except Exception as error:
                 if not isinstance(error, ValueError):

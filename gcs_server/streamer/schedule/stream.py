@@ -22,9 +22,9 @@ from gcs_server.streamer.schedule.avoidance import Avoiding
 from gcs_server.streamer.schedule.cadence import Cadence
 from gcs_server.streamer.schedule.pipeline import SetpointPipeline
 from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
 from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.frames import Vector3
 from missions.runner.script import Played, Script, Steering
 from missions.setpoints import DirectSetpoint
@@ -57,7 +57,7 @@ class VehicleStream:
         self._why = ""
         """Why the stream ended the flight by itself; reported at the end of the stream."""
         self.phase = "idle"
-        self.order: Order | None = None
+        self.request: StreamRequest | None = None
         self.cadence = Cadence()
         """Times of the setpoints; while idle, those of the last stream."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
@@ -74,7 +74,7 @@ class VehicleStream:
 
     # --- calls of the event loop ------------------------------------------------------------------
 
-    def begin(self, now_s: float, order: Order, rate_hz: float, snapshot: Snapshot) -> None:
+    def begin(self, now_s: float, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> None:
         """Starts streaming before Offboard is requested; the validity starts with `engage`."""
         self.cadence.begin(rate_hz)
         self._requested_mode, self.last_end = None, None
@@ -82,39 +82,39 @@ class VehicleStream:
         self._was_armed, self._last_estimate = False, None
         self._enter("starting", now_s, MAX_START_S)
         self._pipeline.forget()
-        self._take(now_s, order, snapshot)
+        self._take(now_s, request, snapshot)
 
     def engage(self, now_s: float) -> bool:
         """The validity starts, because the vehicle reports Offboard. False if the stream has ended."""
-        if self.phase != "starting" or self.order is None:
+        if self.phase != "starting" or self.request is None:
             return False
         self._engaged_s = self._since_s = now_s
         self._pipeline.restart_path(now_s)
-        self._enter("streaming", now_s, self.order.duration_s)
+        self._enter("streaming", now_s, self.request.duration_s)
         return True
 
-    def change(self, now_s: float, order: Order, snapshot: Snapshot) -> bool:
+    def change(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> bool:
         """Applies a new setpoint immediately; returns False if no stream accepts setpoints."""
         if self.phase not in ("starting", "streaming", "holding") or self._requested_mode is not None:
             return False
-        self._take(now_s, order, snapshot)
+        self._take(now_s, request, snapshot)
         if self.phase != "starting":
-            self._enter("streaming", now_s, order.duration_s)
+            self._enter("streaming", now_s, request.duration_s)
         return True
 
     def steer(self, now_s: float, steering: Steering) -> None:
         """Updates the mission that is being flown, and renews its validity."""
         if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
             self._since_s = now_s
-            if self.order is not None and self.phase == "streaming":
-                self._enter("streaming", now_s, self.order.duration_s)
+            if self.request is not None and self.phase == "streaming":
+                self._enter("streaming", now_s, self.request.duration_s)
 
     def prolong(self, until_s: float) -> None:
-        """Sets the expiry time of the order; used by groups, whose orders expire together."""
-        if self.phase == "streaming" and self.order is not None:
-            own_s = self.order.duration_s - self.order.valid_for_s
-            self.order = replace(self.order, valid_for_s=max(0.0, until_s - self._since_s - own_s))
-            self._phase_until_s = self._since_s + self.order.duration_s
+        """Sets the expiry time of the setpoint; used by groups, whose setpoints expire together."""
+        if self.phase == "streaming" and self.request is not None:
+            own_s = self.request.duration_s - self.request.valid_for_s
+            self.request = replace(self.request, valid_for_s=max(0.0, until_s - self._since_s - own_s))
+            self._phase_until_s = self._since_s + self.request.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Stops the vehicle and requests Hold, or Land if no position can be held, not `on_expiry`."""
@@ -223,16 +223,16 @@ class VehicleStream:
         return self.phase != "idle"
 
     def age_s(self, now_s: float) -> float | None:
-        """Age of the order."""
-        return None if self.order is None or self.phase == "idle" else now_s - self._since_s
+        """Age of the request."""
+        return None if self.request is None or self.phase == "idle" else now_s - self._since_s
 
     def valid_left_s(self, now_s: float) -> float | None:
-        """Time until the order expires (it does not count down while starting); None while idle."""
-        if self.order is None or self.phase == "idle":
+        """Time until the setpoint expires (it does not count down while starting); None while idle."""
+        if self.request is None or self.phase == "idle":
             return None
         if self.phase == "starting":
-            return self.order.duration_s
-        return max(0.0, self._since_s + self.order.duration_s - now_s)
+            return self.request.duration_s
+        return max(0.0, self._since_s + self.request.duration_s - now_s)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -240,10 +240,10 @@ class VehicleStream:
         self.phase = phase
         self._phase_until_s = now_s + for_s
 
-    def _take(self, now_s: float, order: Order, snapshot: Snapshot) -> None:
-        self._pipeline.take(now_s, order.setpoint, snapshot)
+    def _take(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> None:
+        self._pipeline.take(now_s, request.setpoint, snapshot)
         self._why = ""
-        self.order, self._since_s = order, now_s
+        self.request, self._since_s = request, now_s
         self.cadence.at_once(now_s)
 
     def _refresh_setpoint(self, now_s: float, snapshot: Snapshot) -> None:
@@ -328,17 +328,18 @@ class VehicleStream:
             self._request_mode("hold", now_s)
 
     def _expired(self, now_s: float, snapshot: Snapshot) -> None:
-        assert self.order is not None
-        subject = "mission" if isinstance(self.order.setpoint, Script) else "setpoint"
-        why = f"The {subject} of {self.order.client or 'a client'} expired after {self.order.duration_s:g} s"
+        assert self.request is not None
+        subject = "mission" if isinstance(self.request.setpoint, Script) else "setpoint"
+        client, duration_s = self.request.client or "a client", self.request.duration_s
+        why = f"The {subject} of {client} expired after {duration_s:g} s"
         self._fall_back(now_s, snapshot, "expired", why)
 
     def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Executes the order's expiry action; holds the position first if possible."""
-        assert self.order is not None
+        """Executes the expiry action of the request; holds the position first if possible."""
+        assert self.request is not None
         self._why = why
-        if self.order.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
-            hold_for_s = self.order.on_expiry.hold_for_s
+        if self.request.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
+            hold_for_s = self.request.on_expiry.hold_for_s
             self._report(code, f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
             self._hold_position(now_s, snapshot)
             self._enter("holding", now_s, hold_for_s)
@@ -346,10 +347,10 @@ class VehicleStream:
             self._end_flight(now_s, snapshot, code, why)
 
     def _end_flight(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Executes the order's expiry action if the position cannot be held by setpoints."""
-        assert self.order is not None
+        """Executes the expiry action of the request if the position cannot be held by setpoints."""
+        assert self.request is not None
         self._why = why
-        action = self.order.on_expiry.action
+        action = self.request.on_expiry.action
         if action == "stop_stream":
             self.end(code, f"{why}: the stream stopped; the vehicle's failsafe takes over.", WARNING)
             return

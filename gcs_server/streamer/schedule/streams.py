@@ -10,8 +10,8 @@ from gcs_server.streamer.schedule.avoidance import Avoiding
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.events import StreamEvent
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.runner.script import Played, Steering
 from missions.setpoints import DirectSetpoint
 
@@ -21,7 +21,7 @@ class StreamState:
     """The state of a stream at one time."""
 
     phase: str = "idle"
-    order: Order | None = None
+    request: StreamRequest | None = None
     sent: DirectSetpoint | None = None
     """The sent setpoint; None while nothing is sent."""
     limited: tuple[str, ...] = ()
@@ -92,12 +92,12 @@ class Streams(Protocol):
         """
         ...
 
-    async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
+    async def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
         """Starts a stream and returns its number; 0 if there is already one.
 
         Raises:
             Refused: the stream process is being restarted.
-            ValueError: the order cannot be flown.
+            ValueError: the setpoint cannot be flown.
         """
         ...
 
@@ -113,11 +113,11 @@ class Streams(Protocol):
         """Called when the start of this stream has failed after Offboard was requested."""
         ...
 
-    async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
+    async def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
         """Sets a new setpoint and sends it immediately; returns False if there is no stream.
 
         Raises:
-            ValueError: the order cannot be flown; the previous one continues.
+            ValueError: the setpoint cannot be flown; the previous one continues.
         """
         ...
 
@@ -162,14 +162,18 @@ class Streams(Protocol):
         ...
 
     async def change_together(
-        self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
+        self,
+        name: str,
+        requests: Mapping[str, StreamRequest],
+        snapshots: Mapping[str, Snapshot],
+        until_s: float,
     ) -> bool:
         """Sets new setpoints for members of a group, which are sent immediately and expire together. Returns
         False if none was accepted."""
         ...
 
-    def watched(self) -> dict[str, Order | None]:
-        """Vehicles of groups, each with its first order."""
+    def watched(self) -> dict[str, StreamRequest | None]:
+        """Vehicles of groups, each with its first request."""
         ...
 
     def take_findings(self) -> list[tuple[str, Finding]]:

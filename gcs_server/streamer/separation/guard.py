@@ -2,10 +2,10 @@
 
     waiting ── the instant ──► flying ── setpoints ──┐
        │                         │ ▲                 │
-       └── trouble ──► over ◄────┘ └─────────────────┘
+       └── problem ──► over ◄────┘ └─────────────────┘
 
-It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns the orders to
-start and the members to stop. There are three problems: two vehicles come too close (including braking
+It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns the requests
+to start and the members to stop. There are three problems: two vehicles come too close (including braking
 distance), a member's position is unknown, or a member no longer follows its setpoints. Before the common
 start, when no member has moved, any problem stops all members.
 """
@@ -20,8 +20,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.runner.script import Script
@@ -52,7 +52,7 @@ class MemberView:
 
     phase: str
     """Phase of its stream."""
-    order: Order | None
+    request: StreamRequest | None
     snapshot: Snapshot
     ended: str | None
     """Reason for the end of the stream; None while it runs."""
@@ -77,7 +77,7 @@ class Finding:
 class Actions:
     """The actions that the streams must execute now."""
 
-    take: dict[str, Order] = field(default_factory=dict[str, Order])
+    take: dict[str, StreamRequest] = field(default_factory=dict[str, StreamRequest])
     hold: dict[str, str] = field(default_factory=dict[str, str])
     """Vehicles to stop, and why."""
     code: str = "group"
@@ -92,7 +92,7 @@ class GuardState:
     until_s: float
     """Time at which all setpoints expire [s, monotonic]."""
     held: frozenset[str] = frozenset()
-    """Members that no longer follow the group's orders."""
+    """Members that no longer follow the group's requests."""
     nearest: tuple[str, str, float] | None = None
     """The two closest members and their distance [m]."""
     margin_m: float | None = None
@@ -104,8 +104,8 @@ class GroupGuard:
 
     Args:
         name: name of the group.
-        waits: the order of each member before the common start.
-        orders: the first order of each member.
+        waits: the request of each member before the common start.
+        requests: the first request of each member.
         minimum_m: the minimum separation.
         start_s: the common start, monotonic.
         duration_s: time from the common start until all setpoints expire.
@@ -115,8 +115,8 @@ class GroupGuard:
     def __init__(
         self,
         name: str,
-        waits: Mapping[str, Order],
-        orders: Mapping[str, Order],
+        waits: Mapping[str, StreamRequest],
+        requests: Mapping[str, StreamRequest],
         *,
         minimum_m: float,
         start_s: float,
@@ -129,22 +129,22 @@ class GroupGuard:
         self.start_s = start_s
         self.until_s = start_s + duration_s
         self.held: set[str] = set()
-        """Members that no longer follow the group's orders."""
+        """Members that no longer follow the group's requests."""
         self.nearest: tuple[str, str, float] | None = None
         """The two nearest members now, and their distance."""
         self.margin_m: float | None = None
         """Largest margin of any two members now."""
         self.findings: deque[Finding] = deque(maxlen=50)
         self._waits = dict(waits)
-        self._orders = dict(orders)
+        self._requests = dict(requests)
         self._others_go_on = others_go_on
         self._next_look_s = -math.inf
-        self._trends = {vehicle: SpeedTrend() for vehicle in orders}
+        self._trends = {vehicle: SpeedTrend() for vehicle in requests}
 
     @property
     def members(self) -> tuple[str, ...]:
         """Members, in the order of the request."""
-        return tuple(self._orders)
+        return tuple(self._requests)
 
     @property
     def due_s(self) -> float:
@@ -157,16 +157,16 @@ class GroupGuard:
         """The state for the group's status and for updates."""
         return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest, self.margin_m)
 
-    def pending_order(self, vehicle: str) -> Order | None:
-        """A member's first order; None after the common start."""
-        return self._orders[vehicle] if self.phase == "waiting" else None
+    def pending_request(self, vehicle: str) -> StreamRequest | None:
+        """A member's first request; None after the common start."""
+        return self._requests[vehicle] if self.phase == "waiting" else None
 
     def renewed(self, until_s: float) -> None:
         """Called when new setpoints were accepted: all setpoints expire at this time."""
         self.until_s = until_s
 
     def disable_guard(self) -> None:
-        """Called when all members are being stopped: no more orders start, and an ended stream is not a
+        """Called when all members are being stopped: no more requests start, and an ended stream is not a
         finding."""
         self.held.update(self.members)
         if self.phase == "waiting":
@@ -221,7 +221,7 @@ class GroupGuard:
         return True
 
     def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
-        """Whether there is nothing to stop, because no member follows the group's orders or all expire
+        """Whether there is nothing to stop, because no member follows the group's requests or all expire
         now."""
         if self.phase == "over":
             return True
@@ -232,11 +232,11 @@ class GroupGuard:
         return self.phase == "flying" and now_s >= self.until_s - EXPIRY_WITHIN_S and len(going) < len(flying)
 
     def _why_left(self, vehicle: str, views: MemberView) -> str | None:
-        """Why a member no longer follows its order; None while it does."""
+        """Why a member no longer flies its request; None while it does."""
         if views.phase not in FOLLOWS_ORDER:
             why = f": {views.ended.rstrip('.')}" if views.ended else ""
             return f"Vehicle {vehicle} no longer follows the group's setpoints{why}"
-        if self.phase == "waiting" and views.order != self._waits[vehicle]:
+        if self.phase == "waiting" and views.request != self._waits[vehicle]:
             return f"Vehicle {vehicle} was given another setpoint before the common start"
         return None
 
@@ -253,8 +253,8 @@ class GroupGuard:
             if position is None or origin is None or snapshot.lost:
                 continue
             common = common or origin
-            order = views[vehicle].order
-            setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
+            request = views[vehicle].request
+            setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
             one = moving(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, one.velocity_ned_m_s)
             if not is_steered(setpoint):
@@ -302,7 +302,7 @@ class GroupGuard:
             self._stop(now_s, actions, "late", self.members, why)
             return
         self.phase = "flying"
-        actions.take = dict(self._orders)
+        actions.take = dict(self._requests)
 
     def _stop(
         self,
@@ -321,7 +321,7 @@ class GroupGuard:
         actions.code = "separation" if code == "separation" else "group"
         actions.hold |= dict.fromkeys(stopped, why)
         if self.phase == "waiting":
-            self.phase = "flying"  # no more orders start, and the guard ends when all members have stopped
+            self.phase = "flying"  # no more requests start, and the guard ends when all members have stopped
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
 
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView
-from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.separation import SpeedTrend
 
 
@@ -36,7 +36,7 @@ class MissionGuard(GroupGuard):
         """The vehicles of the mission."""
         return self._vehicles
 
-    def pending_order(self, vehicle: str) -> Order | None:
+    def pending_request(self, vehicle: str) -> StreamRequest | None:
         """Always None, because the mission sets each vehicle's setpoints."""
         return None
 

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 from gcs_server.clock import SystemClock
 from gcs_server.links.base import Peer
 from gcs_server.streamer.process.stream_process import StreamProcess
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Position
 
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
@@ -88,10 +88,10 @@ def snapshot():
     return Snapshot(time.monotonic(), "offboard", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
 
-async def begin(streams, name, vehicle, rate_hz=50.0, order=None, attach=True):
+async def begin(streams, name, vehicle, rate_hz=50.0, request=None, attach=True):
     if attach:
         streams.attach(name, vehicle, (7, 1))
-    number = await streams.begin(name, order or Order(HOVER, 60.0), rate_hz, snapshot())
+    number = await streams.begin(name, request or StreamRequest(HOVER, 60.0), rate_hz, snapshot())
     assert number
     assert await streams.engage(name, snapshot(), number)
     return number

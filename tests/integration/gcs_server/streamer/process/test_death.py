@@ -12,7 +12,7 @@ import pytest
 from gcs_server.errors import Refused
 from gcs_server.streamer.process.worker import Worker
 from gcs_server.streamer.separation.guard import GroupGuard
-from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.stream_request import StreamRequest
 from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     HOVER,
     OWN_IDS,
@@ -35,7 +35,7 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
     state = streams.state("1")
     assert (state.phase, state.last_end.code) == ("idle", "fault")
-    assert not await streams.change("1", Order(HOVER), snapshot())
+    assert not await streams.change("1", StreamRequest(HOVER), snapshot())
     assert streams.active() == []
     streams.beat({})
     await asyncio.sleep(0.1)
@@ -52,7 +52,7 @@ async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
     os.kill(pid, signal.SIGSTOP)
     streams.attach("2", vehicle, (8, 1))
     with pytest.raises(Refused, match="restarted"):
-        await streams.begin("2", Order(HOVER), 50.0, snapshot())
+        await streams.begin("2", StreamRequest(HOVER), 50.0, snapshot())
     await soon(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
@@ -92,8 +92,8 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
     os.kill(streams.pid, signal.SIGSTOP)
     guard = GroupGuard(
         "g",
-        {"1": Order(HOVER)},
-        {"1": Order(HOVER)},
+        {"1": StreamRequest(HOVER)},
+        {"1": StreamRequest(HOVER)},
         minimum_m=3.0,
         start_s=time.monotonic() + 9,
         duration_s=9,
@@ -118,7 +118,7 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
         streams.take_findings,
         lambda: streams.end("1", "stopped", "", 77),
     )
-    changing = asyncio.ensure_future(streams.change("1", Order(HOVER), snapshot()))
+    changing = asyncio.ensure_future(streams.change("1", StreamRequest(HOVER), snapshot()))
     await asyncio.sleep(0)
     slowest_s, until_s = 0.0, time.thread_time() + 60
     while not changing.done():

@@ -12,7 +12,7 @@ from gcs_server.errors import Refused
 from gcs_server.streamer.separation.guard import GroupGuard
 from gcs_server.streamer.separation.mission_guard import MissionGuard
 from gcs_server.streamer.values.bounds import Bounds
-from gcs_server.streamer.values.order import OnExpiry, Order
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Follow, Velocity
 from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
@@ -48,7 +48,7 @@ async def test_a_change_is_sent_at_once(streams, vehicle):
     await begin(streams, "1", vehicle, rate_hz=2.0)
     await soon(lambda: vehicle.recorded)
     count = len(vehicle.recorded)
-    assert await streams.change("1", Order(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
+    assert await streams.change("1", StreamRequest(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
     changed_us = time.clock_gettime(time.CLOCK_REALTIME) * 1e6
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
     await soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
@@ -75,7 +75,7 @@ async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(stream
 async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_stream(streams, vehicle):
     streams.attach("1", vehicle, (7, 1))
     await streams.ready()
-    starting = asyncio.ensure_future(streams.begin("1", Order(HOVER, 60.0), 50.0, snapshot()))
+    starting = asyncio.ensure_future(streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot()))
     await asyncio.sleep(0)  # sent, and not answered
     starting.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -91,14 +91,14 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
 @flown
 async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehicle):
     await begin(streams, "1", vehicle)
-    order, now_s = Order(HOVER, 5.0), time.monotonic()
+    request, now_s = StreamRequest(HOVER, 5.0), time.monotonic()
 
     def known():
         return replace(snapshot(), bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
 
-    assert await streams.change("1", order, known())
+    assert await streams.change("1", request, known())
     streams.watch(
-        GroupGuard("g", {"1": order}, {"1": order}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
+        GroupGuard("g", {"1": request}, {"1": request}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
     )
     await soon(lambda: streams.beat({"1": known()}) or streams.guard("g").phase == "flying")
     assert streams.state("1").valid_left_s < 5.2
@@ -114,7 +114,7 @@ async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, ve
     state = streams.state("1")
     assert (state.phase, state.last_end.code, state.number) == ("idle", "stopped", number)
     assert not streams.starting("1", number)
-    again = await streams.begin("1", Order(HOVER, 60.0), 50.0, snapshot())
+    again = await streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot())
     assert (again, streams.state("1").phase) == (number + 1, "starting")
 
 
@@ -157,13 +157,13 @@ async def test_the_event_loop_continues_while_the_process_starts(streams, vehicl
 async def test_an_invalid_order_is_an_error_and_ends_no_stream(streams, vehicle):
     await begin(streams, "1", vehicle)
     with pytest.raises(ValueError, match="vehicle 2 sends no position"):
-        await streams.change("1", Order(Follow("2"), 60.0), snapshot())
+        await streams.change("1", StreamRequest(Follow("2"), 60.0), snapshot())
     assert streams.active() == ["1"]
 
 
 @flown
 async def test_the_process_executes_and_reports_an_expiry(streams, vehicle):
-    await begin(streams, "1", vehicle, order=Order(HOVER, 0.1, OnExpiry("stop_stream")))
+    await begin(streams, "1", vehicle, request=StreamRequest(HOVER, 0.1, OnExpiry("stop_stream")))
     await soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]
 
@@ -171,7 +171,7 @@ async def test_the_process_executes_and_reports_an_expiry(streams, vehicle):
 @flown
 async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
     await begin(streams, "1", vehicle)
-    assert not await streams.begin("1", Order(HOVER), 50.0, snapshot())
+    assert not await streams.begin("1", StreamRequest(HOVER), 50.0, snapshot())
     pid = streams.pid
     streams.close()
     await asyncio.sleep(0.1)  # what was sent is heard

@@ -14,8 +14,8 @@ from gcs_server.streamer.groups.checks import GroupChecks
 from gcs_server.streamer.groups.plan import MAX_PLAN_S, Planned, first_conflict, too_near_now
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView, moving
 from gcs_server.streamer.values.bounds import Bounds
-from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.geodesy import LocalOrigin
 from missions.separation import EXTRA_BRAKING_M, MovingVehicle, closest_m, margin_m, stopping_m
 from missions.setpoints import (
@@ -291,7 +291,7 @@ def test_too_near_now_equals_the_first_step_of_the_prediction():
 
 # --- the guard ------------------------------------------------------------------------------------
 
-WAIT, GO = Order(Position(HERE)), Order(Velocity((1.0, 0.0, 0.0)), 30.0)
+WAIT, GO = StreamRequest(Position(HERE)), StreamRequest(Velocity((1.0, 0.0, 0.0)), 30.0)
 
 
 def guard(**more):
@@ -300,9 +300,9 @@ def guard(**more):
     return GroupGuard("7", dict.fromkeys(both, WAIT), dict.fromkeys(both, GO), **options)
 
 
-def seen(second=None, order=WAIT, phase="streaming", **more):
-    first = MemberView("streaming", order, snapshot(**more), None)
-    return {"1": first, "2": MemberView(phase, order, second or snapshot(20.0), None)}
+def seen(second=None, request=WAIT, phase="streaming", **more):
+    first = MemberView("streaming", request, snapshot(**more), None)
+    return {"1": first, "2": MemberView(phase, request, second or snapshot(20.0), None)}
 
 
 def test_all_members_start_once_at_the_common_start():
@@ -311,7 +311,7 @@ def test_all_members_start_once_at_the_common_start():
     assert watch.due_s <= 101.0
     assert set(watch.check(101.0, seen()).take) == {"1", "2"}
     assert watch.phase == "flying"
-    assert not watch.check(101.1, seen(order=GO)).take
+    assert not watch.check(101.1, seen(request=GO)).take
 
 
 def test_a_missed_common_start_starts_no_member():
@@ -338,7 +338,7 @@ def test_two_members_that_come_too_near_hold_and_the_finding_has_their_distance(
 
 
 def test_an_accelerating_member_is_stopped_in_time():
-    drift = Order(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
+    drift = StreamRequest(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
     gains_m_s2, go_on_s, brakes_m_s2 = 6.0, 0.3, 1.5
     watch = GroupGuard(
         "7",
@@ -367,7 +367,7 @@ def test_a_common_expiry_is_not_a_finding():
     watch = guard()
     watch.check(101.0, seen())
     watch._next_look_s = 0.0
-    assert not watch.check(130.99, seen(order=GO, phase="holding")).hold
+    assert not watch.check(130.99, seen(request=GO, phase="holding")).hold
     assert not watch.findings
     over = {v: MemberView("idle", None, snapshot(), "done") for v in "12"}
     watch.check(140.0, over)
@@ -386,6 +386,6 @@ def test_a_member_without_position_holds_all():
 def test_others_continue_with_others_go_on():
     watch = guard(others_go_on=True)
     watch.check(101.0, seen())
-    actions = watch.check(101.1, seen(order=GO, phase="holding"))
+    actions = watch.check(101.1, seen(request=GO, phase="holding"))
     assert set(actions.hold) == {"2"}
     assert watch.held == {"2"}

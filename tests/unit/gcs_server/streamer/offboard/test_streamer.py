@@ -11,7 +11,7 @@ from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.isolation import Isolation
 from gcs_server.streamer.offboard import streamer as streamer_module
 from gcs_server.streamer.offboard.streamer import Streamer
-from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
@@ -116,13 +116,13 @@ def told(story, stalls=()):
 
 def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
     async def story(vehicle):
-        status = await vehicle.offboard.start(Order(UP, 60.0, client="me"))
+        status = await vehicle.offboard.start(StreamRequest(UP, 60.0, client="me"))
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
         assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 a second"
         assert (status.state, status.client) == ("streaming", "me")
         assert "lands at its current position" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
-            await vehicle.offboard.start(Order(UP, 60.0))
+            await vehicle.offboard.start(StreamRequest(UP, 60.0))
         await vehicle.offboard.stop()
         count = len(vehicle.sent)
         await asyncio.sleep(0.1)
@@ -136,7 +136,7 @@ def test_unsent_setpoints_do_not_count_as_streamed():
     """A machine that stands still during the start must not ask for Offboard after a single setpoint."""
 
     async def story(vehicle):
-        await vehicle.offboard.start(Order(UP, 60.0))
+        await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert vehicle.asked[0][1] >= 60
 
     told(story, stalls=[(0.01, 1.3)])
@@ -145,7 +145,7 @@ def test_unsent_setpoints_do_not_count_as_streamed():
 def test_offboard_is_not_requested_without_a_steady_stream():
     async def story(vehicle):
         with pytest.raises(Refused, match="too busy"):
-            await vehicle.offboard.start(Order(UP, 60.0))
+            await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert vehicle.asked == []
         assert not vehicle.offboard.status().streaming
 
@@ -156,10 +156,10 @@ def test_a_refusal_stops_the_stream_and_is_raised():
     async def story(vehicle):
         vehicle.refuses = Rejected("Offboard is not available", reasons=("no",))
         with pytest.raises(Rejected, match="not available"):
-            await vehicle.offboard.start(Order(UP, 60.0))
+            await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert not vehicle.offboard.status().streaming
         with pytest.raises(Refused, match="no setpoint stream"):
-            await vehicle.offboard.setpoint(Order(UP, 60.0))
+            await vehicle.offboard.setpoint(StreamRequest(UP, 60.0))
 
     told(story)
 
@@ -168,13 +168,13 @@ def test_prerequisites_are_explained():
     async def story(vehicle):
         vehicle.located = False
         with pytest.raises(Refused, match="estimate"):
-            await vehicle.offboard.start(Order(UP))
+            await vehicle.offboard.start(StreamRequest(UP))
         vehicle.located = True
         with pytest.raises(Refused, match="2000 m"):
-            await vehicle.offboard.start(Order(Position(position_ned_m=(2000.0, 0.0, 0.0))))
+            await vehicle.offboard.start(StreamRequest(Position(position_ned_m=(2000.0, 0.0, 0.0))))
         vehicle.status.mode = "offboard"
         with pytest.raises(Refused, match="another program"):
-            await vehicle.offboard.start(Order(UP))
+            await vehicle.offboard.start(StreamRequest(UP))
         assert vehicle.sent == []
 
     told(story)
@@ -182,7 +182,7 @@ def test_prerequisites_are_explained():
 
 def test_leaving_offboard_ends_the_stream_with_an_event():
     async def story(vehicle):
-        await vehicle.offboard.start(Order(UP, 60.0))
+        await vehicle.offboard.start(StreamRequest(UP, 60.0))
         vehicle.status.mode = "position"
         await asyncio.sleep(0.35)
         assert not vehicle.offboard.status().streaming
@@ -193,7 +193,7 @@ def test_leaving_offboard_ends_the_stream_with_an_event():
 
 def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
     async def story(vehicle):
-        await vehicle.offboard.start(Order(UP, 60.0))
+        await vehicle.offboard.start(StreamRequest(UP, 60.0))
         vehicle.ours = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
         await asyncio.sleep(0.35)
@@ -219,7 +219,7 @@ def test_shutdown_stops_all_streams_at_once_within_the_deadline(
             streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
-            await asyncio.gather(*(v.offboard.start(Order(UP, 60.0)) for v in fleet))
+            await asyncio.gather(*(v.offboard.start(StreamRequest(UP, 60.0)) for v in fleet))
             fleet[1].hangs = fleet[2].hangs = True
             began_s = clock.monotonic_s()
             done = {s.vehicle: s for s in await streamer.stop_all()}

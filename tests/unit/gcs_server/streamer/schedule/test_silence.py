@@ -13,8 +13,8 @@ from gcs_server.mavlink.connection import FrameSender
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.separation.guard import GroupGuard
 from gcs_server.streamer.values.bounds import Bounds
-from gcs_server.streamer.values.order import OnExpiry, Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Position, Velocity
 
@@ -36,7 +36,7 @@ class Bench:
         self.clock, self.sent = Clock(), []
         self.streams = StreamScheduler(self.clock, server_silent_limit_s=1.5)
         self.streams.attach("1", self, (1, 1))
-        assert self.streams.begin("1", Order(HOVER, 60.0), 50.0, self.snapshot())
+        assert self.streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, self.snapshot())
         assert self.streams.engage("1", self.snapshot())
 
     def send_payload(self, msg_id, payload):
@@ -81,7 +81,7 @@ def test_a_stall_of_3_s_ends_the_stream_with_an_event():
     bench.run(5.0, beats=True)
     assert len(bench.sent) == count
     assert bench.codes() == ["server_silent"]
-    assert not bench.streams.change("1", Order(HOVER, 60.0), bench.snapshot())
+    assert not bench.streams.change("1", StreamRequest(HOVER, 60.0), bench.snapshot())
     assert bench.streams.state("1").last_end.code == "server_silent"
 
 
@@ -95,7 +95,7 @@ def test_a_resumed_process_sends_no_old_setpoints(first):
         bench.beat()
     else:
         bench.streams.attach("2", bench, (2, 1))
-        bench.streams.begin("2", Order(HOVER, 60.0), 50.0, bench.snapshot())
+        bench.streams.begin("2", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
         bench.streams.end("2", "stopped", "")
     bench.run(1.0, beats=True)
     assert len(bench.sent) == count
@@ -110,7 +110,7 @@ class Broken:
 def test_one_vehicles_fault_does_not_affect_other_streams():
     bench = Bench()
     bench.streams.attach("bad", Broken(), (2, 1))
-    assert bench.streams.begin("bad", Order(HOVER, 60.0), 50.0, bench.snapshot())
+    assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
     count = len(bench.sent)
     bench.run(1.0, beats=True)
     assert bench.streams.active() == ["1"]
@@ -123,7 +123,7 @@ def two():
     """A bench with a second vehicle, "bad", that is streamed to."""
     bench = Bench()
     bench.streams.attach("bad", bench, (2, 1))
-    assert bench.streams.begin("bad", Order(HOVER, 60.0), 50.0, bench.snapshot())
+    assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
     assert bench.streams.engage("bad", bench.snapshot())
     return bench
 
@@ -167,8 +167,8 @@ def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
     bench = Bench()
     frames = []
     bench.send_payload = lambda msg_id, payload: frames.append((msg_id, payload)) or True
-    order = Order(Velocity((1.0, 0.0, 0.0)), 0.5, OnExpiry("hold"))
-    assert bench.streams.change("1", order, bench.snapshot())
+    request = StreamRequest(Velocity((1.0, 0.0, 0.0)), 0.5, OnExpiry("hold"))
+    assert bench.streams.change("1", request, bench.snapshot())
     for field in ("position_ned_m", "velocity_ned_m_s"):
         now = replace(bench.snapshot(), **{field: (0.0, wrong, 0.0)})
         assert getattr(now.plausible(), field) is None
@@ -186,9 +186,9 @@ def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
 def in_group(bench, *ids):
     """All of them in a group, ten metres apart."""
     now_s = bench.clock.now_s
-    orders = dict.fromkeys(ids, Order(HOVER, 60.0))
+    requests = dict.fromkeys(ids, StreamRequest(HOVER, 60.0))
     guard = GroupGuard(
-        "g", orders, {v: Order(Velocity((1.0, 0.0, 0.0)), 60.0) for v in ids}, minimum_m=3.0,
+        "g", requests, {v: StreamRequest(Velocity((1.0, 0.0, 0.0)), 60.0) for v in ids}, minimum_m=3.0,
         start_s=now_s, duration_s=60.0,
     )  # fmt: skip
     bench.streams.watch(guard)

@@ -7,8 +7,8 @@ import pytest
 
 from gcs_server.streamer.schedule.stream import MAX_MODE_REQUESTS, VehicleStream
 from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
-from gcs_server.streamer.values.order import OnExpiry, Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 
 SETPOINT, COMMAND = 84, 76
@@ -43,10 +43,14 @@ class Flight:
         return True
 
     def begin(self, setpoint, **lasting):
-        self.core.begin(self.now_s, Order(setpoint, client="test", **lasting), self.rate_hz, self.snapshot())
+        self.core.begin(
+            self.now_s, StreamRequest(setpoint, client="test", **lasting), self.rate_hz, self.snapshot()
+        )
 
     def change(self, setpoint, **lasting):
-        return self.core.change(self.now_s, Order(setpoint, client="test", **lasting), self.snapshot())
+        return self.core.change(
+            self.now_s, StreamRequest(setpoint, client="test", **lasting), self.snapshot()
+        )
 
     def engage(self):
         self.mode = "offboard"

@@ -24,7 +24,7 @@ class OnExpiry:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class StreamRequest:
     """A setpoint with its validity, as requested by a client."""
 
     setpoint: Setpoint | Script
