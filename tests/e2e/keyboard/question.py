@@ -164,10 +164,10 @@ class Question:
 
 
 def press_new_buttons(page: Page, pressed: set[str], where: str) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Presses Enter on each visible button not pressed before; returns those with a confirmation, and how to
-    reopen them."""
+    """Presses Enter on each visible button not pressed before, last on those that close what is open; returns
+    those with a confirmation, and how to reopen them."""
     dialog = page.get_by_role("alertdialog")
-    for name in page.evaluate(BUTTONS):
+    for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
         named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
         button = page.get_by_role(
             "button", name=re.compile(f"^{named}")

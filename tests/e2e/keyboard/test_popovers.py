@@ -53,6 +53,13 @@ def test_a_panel_closes_when_the_focus_leaves_it_and_hold_works_beside_it(
         expect(panel).to_be_hidden()
 
         page.keyboard.press("c")
+        expect(panel.get_by_role("button", name="Release control")).to_be_focused()
+        land = page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Land", exact=True)
+        land.focus()
+        expect(panel).to_be_hidden()
+        expect(land).to_be_focused()
+
+        page.keyboard.press("c")
         page.keyboard.press("Shift+K")
         question = page.get_by_role("alertdialog")
         expect(question.get_by_role("slider")).to_be_focused()

@@ -63,9 +63,17 @@ def _round(page: Page, way: str) -> None:
 def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
     """Every room and panel, with the keys that open it."""
 
+    ways = page.get_by_label("How setpoints are given")
+
+    def offboard() -> None:
+        if not ways.is_visible():
+            page.keyboard.press("p")
+            ways.wait_for()
+
     def way(name: str) -> Callable[[], None]:
         def choose() -> None:
-            page.get_by_label("How setpoints are given").get_by_role("button", name=name, exact=True).focus()
+            offboard()
+            ways.get_by_role("button", name=name, exact=True).focus()
             page.keyboard.press("Enter")
 
         return choose
@@ -99,7 +107,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
         ("flights", flights),
         ("map point menu", menu),
         ("room: plan", key("w")),
-        ("room", key("p")),
+        ("room: offboard", offboard),
         *parts,
     ]
 
