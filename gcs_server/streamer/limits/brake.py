@@ -5,6 +5,9 @@ never acts on a descent, so that a downward sensor does not stop a landing. It u
 last two seconds, and acts only in directions that a sensor covers. If an obstacle is nearer than the margin,
 the vehicle is moved back, because the integrator of PX4's controller still moves it forward.
 
+A braked target position stays on the straight track that the vehicle flew when braking began. Otherwise wind
+and the noise of the position estimate would move the vehicle sideways, past the edge of the obstacle.
+
 While the vehicle pitches forward, a lidar that is fixed to the body points at the foot of a wall or at the
 ground. Therefore every point of a level sensor counts, no matter how far below the vehicle. Low over the
 ground the vehicle flies more slowly as a result, but it does not hit the wall.
@@ -46,6 +49,9 @@ nearer."""
 BACK_M_S = 0.5
 """Largest speed at which the vehicle is moved back."""
 GUARD_MARGIN_M = 0.3
+TRACK_WIDTH_M = 2.0
+"""A vehicle farther than this from its track gets a new one [m]: its position estimate was reset, or it was
+pushed away."""
 SLOW_M_S = 0.5
 """Speed below which the brake does not take over a vehicle flown by attitude or rates [m/s]."""
 
@@ -63,12 +69,16 @@ class Surroundings:
     scans: tuple[Scan, ...]
     """Newest scan of each sensor."""
     velocity_ned_m_s: Vector3
+    track_ne: NorthEast | None = None
+    """Point of the track of a braked vehicle, in its local frame [m]; None: it is not braked."""
 
 
 class BrakeMemory:
     """Measurements of one vehicle's sensors in the last seconds, in its local frame."""
 
     def __init__(self) -> None:
+        self.track_ne: NorthEast | None = None
+        """Point of the track that the brake keeps, from the last setpoint; None: it did not act."""
         self._kept: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
         """Scan, height of the vehicle [m], points in the local frame."""
 
@@ -89,7 +99,8 @@ class BrakeMemory:
         while self._kept and now_s - self._kept[0][0].measured_s > SCAN_VALID_S:
             self._kept.popleft()
         points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_HEIGHT_M]
-        return Surroundings(np.vstack([NOTHING, *points]) - position, newest, velocity_ned_m_s)
+        around_m = np.vstack([NOTHING, *points]) - position
+        return Surroundings(around_m, newest, velocity_ned_m_s, self.track_ne)
 
 
 def _level(scan: Scan) -> Points:
@@ -118,6 +129,9 @@ class ObstacleBrake:
         self._notes = notes
         self.acted = False
         """Whether the brake has reduced the setpoint."""
+        self.track_ne: NorthEast | None = None
+        """Point of the track on which the braked position is, next to the vehicle; None: none is braked."""
+        self._last_track = None if around is None else around.track_ne
         self._scans = () if around is None else around.scans
         self._points = NOTHING if around is None else around.points_ne_m
         self._velocity = (0.0, 0.0, 0.0) if around is None else around.velocity_ned_m_s
@@ -137,10 +151,22 @@ class ObstacleBrake:
         return (velocity[0] * most / speed, velocity[1] * most / speed)
 
     def limit_position_ne(
-        self, target: NorthEast, speed: NorthEast | None, position: Vector3 | None, gain: float
+        self,
+        target: NorthEast,
+        speed: NorthEast | None,
+        position: Vector3 | None,
+        gain: float,
+        goal: NorthEast | None = None,
     ) -> tuple[NorthEast, NorthEast | None]:
         """Moves the target in front of the obstacle, and so close to the vehicle that PX4 approaches it at a
         speed from which it can stop.
+
+        Args:
+            target: target position in the local frame [m].
+            speed: its feed-forward [m/s]; None: it has none.
+            position: the vehicle's position; None: it is unknown, and nothing is limited.
+            gain: gain of PX4's position controller [1/s].
+            goal: where the track leads, if a limit has moved the target closer to the vehicle [m].
         """
         if not self._scans or position is None:
             return target, speed
@@ -148,13 +174,13 @@ class ObstacleBrake:
         feed = math.hypot(*speed) if speed is not None else 0.0
         if off_m < 1e-3:
             return target, None if speed is None else self.limit_velocity_ne(speed)
-        un, ue = (target[0] - position[0]) / off_m, (target[1] - position[1]) / off_m
-        free_m, reason = self._free(un, ue)
+        (un, ue), aside = self._track(position, target if goal is None else goal)
+        free_m, reason = min(self._free(un, ue), self._free(un, ue, aside))
         if free_m < MARGIN_M:
             self._note(f"position limited {reason}")
             back_m = self._back_m(un, ue, free_m)
             no_feed = None if speed is None else (0.0, 0.0)
-            return (position[0] - un * back_m, position[1] - ue * back_m), no_feed
+            return self._on_track(position, (un, ue), -back_m, aside, off_m, gain), no_feed
         stop_m = free_m - MARGIN_M
         most = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
         near_m = min(off_m, stop_m)
@@ -165,7 +191,7 @@ class ObstacleBrake:
         scale = min(1.0, most / speed_asked) if speed_asked > 0.0 else 1.0
         near_m *= scale
         slowed = None if speed is None else self.limit_velocity_ne((speed[0] * scale, speed[1] * scale))
-        return (position[0] + un * near_m, position[1] + ue * near_m), slowed
+        return self._on_track(position, (un, ue), near_m, aside, off_m, gain), slowed
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
@@ -204,17 +230,62 @@ class ObstacleBrake:
         self._notes.append(note)
         self.acted = True
 
+    def _track(self, position: Vector3, goal: NorthEast) -> tuple[NorthEast, NorthEast]:
+        """Direction of the track to the goal, and the vector from the vehicle to the nearest point of the
+        track [m]: zero if braking begins now.
+        """
+        start = self._last_track
+        if start is None or math.dist(start, goal) < 1e-3:
+            start = (position[0], position[1])
+        length_m = math.dist(start, goal)
+        if length_m < 1e-3:
+            return (1.0, 0.0), (0.0, 0.0)
+        un, ue = (goal[0] - start[0]) / length_m, (goal[1] - start[1]) / length_m
+        across_m = (start[1] - position[1]) * un - (start[0] - position[0]) * ue
+        if abs(across_m) <= TRACK_WIDTH_M:
+            return (un, ue), (-ue * across_m, un * across_m)
+        away_m = math.dist(goal, position[:2])
+        return ((goal[0] - position[0]) / away_m, (goal[1] - position[1]) / away_m), (0.0, 0.0)
+
+    def _on_track(
+        self,
+        position: Vector3,
+        along: NorthEast,
+        ahead_m: float,
+        aside: NorthEast,
+        most_m: float,
+        gain: float,
+    ) -> NorthEast:
+        """Point of the track ahead of the vehicle, at most `most_m` away; less far to the side if an obstacle
+        is there.
+        """
+        self.track_ne = (position[0] + aside[0], position[1] + aside[1])
+        north, east = position[0] + along[0] * ahead_m, position[1] + along[1] * ahead_m
+        aside_m = math.hypot(*aside)
+        if aside_m == 0.0:
+            return north, east
+        free_m, _ = self._free(aside[0] / aside_m, aside[1] / aside_m, seen=False)
+        most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
+        room_m = math.sqrt(max(0.0, most_m**2 - ahead_m**2))
+        part = min(1.0, max(0.0, free_m - MARGIN_M) / aside_m, most / (gain * aside_m), room_m / aside_m)
+        return north + aside[0] * part, east + aside[1] * part
+
     def _back_m(self, un: float, ue: float, free_m: float) -> float:
         """Distance back to the margin, if there is room behind."""
         behind_m, _ = self._free(-un, -ue, seen=False)
         return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
 
-    def _free(self, un: float, ue: float, *, seen: bool = True) -> tuple[float, str]:
-        """Free distance in a direction within sensor range, and the reason as text."""
+    def _free(
+        self, un: float, ue: float, start_ne: NorthEast = (0.0, 0.0), *, seen: bool = True
+    ) -> tuple[float, str]:
+        """Free distance in a direction within sensor range, from a point relative to the vehicle [m], and the
+        reason as text.
+        """
         obstacle_m = math.inf
         if len(self._points):
             north, east = self._points[:, 0], self._points[:, 1]
             width_m = max(NARROWEST_M, min(WIDTH_M, float(np.hypot(north, east).min()) - 0.1))
+            north, east = north - start_ne[0], east - start_ne[1]
             along = north * un + east * ue
             ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < width_m)]
             obstacle_m = float(ahead.min()) if len(ahead) else math.inf

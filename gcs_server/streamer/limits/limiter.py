@@ -50,6 +50,8 @@ class LimitResult:
     """Why the setpoint must no longer be flown; None if it may be flown."""
     braked: bool = False
     """Whether the obstacle brake reduced the setpoint."""
+    track_ne: NorthEast | None = None
+    """Point of the track on which the brake keeps the target position [m]; None: it limits none."""
 
 
 def apply_limits(
@@ -79,7 +81,8 @@ def apply_limits(
         if limiter.stop or is_finite(setpoint)
         else "The setpoint contains a value that is not a finite number"
     )
-    return LimitResult(setpoint, tuple(dict.fromkeys(limiter.notes)), stop, limiter.braked)
+    notes = tuple(dict.fromkeys(limiter.notes))
+    return LimitResult(setpoint, notes, stop, limiter.brake.acted, limiter.brake.track_ne)
 
 
 def is_finite(setpoint: DirectSetpoint) -> bool:
@@ -107,16 +110,12 @@ class _Limiter:
         self._dt_s = dt_s
         self.notes: list[str] = []
         self._region = RegionLimiter(bounds, here, self.notes)
-        self._brake = ObstacleBrake(around, self.notes)
+        self.brake = ObstacleBrake(around, self.notes)
         self._must_stop: str | None = None
 
     @property
     def stop(self) -> str | None:
         return self._region.stop or self._must_stop
-
-    @property
-    def braked(self) -> bool:
-        return self._brake.acted
 
     def limited(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):
@@ -180,7 +179,7 @@ class _Limiter:
 
     def _attitude(self, s: Attitude) -> Attitude:
         self._region.require_stoppable()
-        self._must_stop = self._brake.must_stop()
+        self._must_stop = self.brake.must_stop()
         q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
             self.notes.append(f"tilt limited to {math.degrees(self._bounds.tilt_rad):.0f}°")
@@ -196,7 +195,7 @@ class _Limiter:
 
     def _rates(self, s: Rates) -> Rates:
         self._region.require_stoppable()
-        self._must_stop = self._brake.must_stop()
+        self._must_stop = self.brake.must_stop()
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
         p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
         if (p, q, r) != s.rates_frd_rad_s:
@@ -206,7 +205,7 @@ class _Limiter:
     def _unlimited(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
         """Bypasses all controllers: only the fence and the brake can stop it."""
         self._region.require_stoppable()
-        self._must_stop = self._brake.must_stop()
+        self._must_stop = self.brake.must_stop()
         return s
 
     def _yaw_rate(self, s: S) -> S:
@@ -224,21 +223,22 @@ class _Limiter:
         position_ne, speed = _horizontal(position), _horizontal(velocity)
         here = None if self._here is None else self._here.position_ned_m
         if position_ne is not None:
-            position_ne, speed = self._approach(self._region.limit_position_ne(position_ne), speed)
-            position_ne, speed = self._brake.limit_position_ne(
-                position_ne, speed, here, self._bounds.position_gain
+            goal = self._region.limit_position_ne(position_ne)
+            position_ne, speed = self._approach(goal, speed)
+            position_ne, speed = self.brake.limit_position_ne(
+                position_ne, speed, here, self._bounds.position_gain, goal
             )
         if speed is not None:
             speed = self._region.limit_velocity_ne(self._scaled(speed, self._bounds.speed_m_s, "speed"))
             if position_ne is None:
-                speed = self._brake.limit_velocity_ne(self._region.keep_margin(speed))
+                speed = self.brake.limit_velocity_ne(self._region.keep_margin(speed))
         down, velocity_down_m_s = position[2], velocity[2]
         if down is not None:
             down, velocity_down_m_s = self._approach_down(self._region.limit_down(down), velocity_down_m_s)
-            down = self._brake.limit_down(down, here)
+            down = self.brake.limit_down(down, here)
         if velocity_down_m_s is not None:
             velocity_down_m_s = self._region.limit_velocity_down(
-                self._brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
+                self.brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
             )
         if (position_ne is None and speed is None) or (down is None and velocity_down_m_s is None):
             self._region.require_stoppable(
@@ -246,7 +246,7 @@ class _Limiter:
                 height=down is None and velocity_down_m_s is None,
             )
         if position_ne is None and speed is None:
-            self._must_stop = self._brake.must_stop()
+            self._must_stop = self.brake.must_stop()
         acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
         lift = acceleration[2]
         if lift is not None:

@@ -65,6 +65,7 @@ class SetpointPipeline:
         """Resets for a new stream."""
         self.sent, self.limited, self._unlimited = None, (), None
         self._brake_has_scans = self._braked = False
+        self._measured.track_ne = None
         self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
@@ -203,6 +204,8 @@ class SetpointPipeline:
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         around = self._around(now_s, snapshot, bounds)
+        if around is None:
+            self._measured.track_ne = None
         wanted = wanted if self._held_without_sensor is None else self._held_without_sensor
         held_setpoint = wanted is self._unlimited and bounds is self._bounds
         if held_setpoint and around is None and not bounds.follows_the_vehicle:
@@ -210,7 +213,7 @@ class SetpointPipeline:
         dt_s = max(0.0, now_s - self._limited_s)
         result = apply_limits(wanted, bounds, _motion(now_s, snapshot), self.sent, dt_s, around)
         self._unlimited, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
-        self.limited = result.notes
+        self.limited, self._measured.track_ne = result.notes, result.track_ne
         for note in result.notes:
             if now_s - self._reported_s.get(note, -math.inf) > REPORT_PERIOD_S:
                 self._reports.append(StreamEvent("limited", NOTICE, f"Setpoint limited: {note}."))

@@ -1,6 +1,7 @@
 """A setpoint towards something that the vehicle's sensors measure is slowed down, and stopped before it."""
 
 import math
+from random import Random
 
 import pytest
 from hypothesis import Phase, given, settings
@@ -211,3 +212,100 @@ def test_it_always_stops_before_a_wall(wall_m, speed, course, by_position):
         ve += max(-3.0, min(3.0, (asked[1] - ve) / 0.5)) * 0.05
         n, e = n + vn * 0.05, e + ve * 0.05
         assert n < wall_m - 0.5
+
+
+BOX_NORTH_M, BOX_HALF_WIDTH_M = 6.0, 1.5
+RAYS = tuple((math.cos(a), math.sin(a), 0.0) for a in (math.radians(5.0 * k) for k in range(72)))
+
+
+def distance_to_the_box(ray, north_m, east_m):
+    """Distance along a ray to the front of the box; None: the ray passes it."""
+    far_m = (BOX_NORTH_M - north_m) / ray[0] if ray[0] > 0.05 else math.inf
+    return far_m if far_m < 20.0 and abs(east_m + far_m * ray[1]) < BOX_HALF_WIDTH_M else None
+
+
+def fly_braked(wanted, seed, wind_m_s, seconds=60.0):
+    """Flies towards a box with side wind and a position estimate that drifts; yields the true positions.
+
+    PX4's position controller is approximated: a velocity proportional to the distance, reached with a lag.
+    The wind moves the vehicle, as before PX4's integrator compensates it.
+    """
+    random = Random(seed)
+    n = e = vn = ve = drift_n = drift_e = 0.0
+    scan, memory = Scan(0.0, RAYS, (None,) * 72, 20.0), BrakeMemory()
+    for step in range(int(seconds / 0.05)):
+        now_s = step * 0.05
+        drift_n += 0.05 * (random.gauss(0.0, 0.4) - drift_n / 4.0)
+        drift_e += 0.05 * (random.gauss(0.0, 0.4) - drift_e / 4.0)
+        if step % 4 == 0:
+            scan = Scan(now_s, RAYS, tuple(distance_to_the_box(ray, n, e) for ray in RAYS), 20.0)
+        here = VehicleMotion((n + drift_n, e + drift_e, -5.0), (vn, ve, 0.0), 0.0)
+        around = memory.around(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
+        result = limited(wanted, around, here)
+        memory.track_ne = result.track_ne
+        to_n, to_e = result.setpoint.position_ned_m[:2]
+        feed_n, feed_e, _ = getattr(result.setpoint, "velocity_ned_m_s", STILL)
+        asked_n, asked_e = feed_n + 0.95 * (to_n - n - drift_n), feed_e + 0.95 * (to_e - e - drift_e)
+        vn += max(-3.0, min(3.0, (asked_n - vn) / 0.5)) * 0.05
+        ve += max(-3.0, min(3.0, (asked_e + wind_m_s - ve) / 0.5)) * 0.05
+        n, e = n + vn * 0.05, e + ve * 0.05
+        yield n, e
+
+
+@pytest.mark.parametrize(("seed", "wind_m_s"), [(1, 0.0), (2, 0.0), (3, 0.2), (4, -0.4)])
+@pytest.mark.parametrize(
+    "wanted", [Position((9.0, 0.0, -5.0)), Trajectory((30.0, 0.0, -5.0), (1.0, 0.0, 0.0))]
+)
+def test_a_braked_vehicle_stands_before_the_obstacle_and_does_not_drift_around_it(wanted, seed, wind_m_s):
+    track = list(fly_braked(wanted, seed, wind_m_s))
+    assert max(n for n, _ in track) < BOX_NORTH_M - 0.5
+    assert max(abs(e) for _, e in track) < 1.0
+    assert min(n for n, _ in track[len(track) // 2 :]) > BOX_NORTH_M - 2.5
+
+
+def braked_twice(first, second, aside_m, around=None):
+    """The position of the second setpoint, sent to a vehicle that was braked and then moved to the east."""
+    memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
+    memory.track_ne = limited(
+        Position(first), memory.around(NOW_S, (scan,), HERE.position_ned_m, STILL)
+    ).track_ne
+    moved = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
+    later = memory.around(NOW_S, around or (scan,), moved.position_ned_m, STILL)
+    return limited(Position(second), later, moved).setpoint.position_ned_m
+
+
+def test_a_braked_vehicle_returns_to_its_track_without_going_nearer_to_an_obstacle_at_its_side():
+    ahead = (30.0, 0.0, -5.0)
+    north, east, _ = braked_twice(ahead, ahead, 0.6)
+    assert 0.0 < north < 3.0
+    assert east == pytest.approx(0.0)
+    walled = Scan(NOW_S, ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)), (4.0, 1.2), 20.0)
+    _, east, _ = braked_twice(ahead, ahead, 0.6, (walled,))
+    assert 0.4 - 1e-9 <= east < 0.6, "the margin of the wall in the west begins 0.2 m beside it"
+
+
+def test_the_track_follows_a_new_target_and_ends_where_the_brake_does_not_act():
+    north, east, _ = braked_twice((30.0, 0.0, -5.0), (30.0, 30.0, -5.0), 0.3)
+    assert (north > 0.0, east > 0.3) == (True, True)
+    free = (-10.0, 5.0, -5.0)
+    assert braked_twice((30.0, 0.0, -5.0), free, 0.3) == free
+    assert limited(Position(free), seen(4.0)).track_ne is None
+
+
+def test_a_vehicle_that_was_moved_far_away_is_held_on_a_new_track():
+    wall = Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 10.0)
+    north, east, _ = braked_twice((30.0, 0.0, -5.0), (30.0, 0.0, -5.0), 5.0, (wall,))
+    assert (5.0 - east) / north == pytest.approx(5.0 / 30.0), "on the straight line from its new position"
+
+
+def test_the_speed_limit_does_not_release_the_vehicle_from_its_track():
+    slow = Bounds(approach_m_s=1.0)
+    memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (1.6,), 20.0)
+    for aside_m in (0.0, 0.5):
+        here = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
+        around = memory.around(NOW_S, (scan,), here.position_ned_m, STILL)
+        result = limited(Position((30.0, 0.0, -5.0)), around, here, slow)
+        memory.track_ne = result.track_ne
+    north, east, _ = result.setpoint.position_ned_m
+    assert east == pytest.approx(0.0, abs=1e-6)
+    assert slow.position_gain * math.hypot(north, east - 0.5) <= 1.0 + 1e-9
