@@ -160,7 +160,9 @@ class Autopilot:
         active = self.commander.active
         if is_external(active):
             self.offboard.choose(kind_of(self.commander.external.controllers(active)))
-        elif active is not NavState.OFFBOARD:
+            return
+        self.offboard.end_choice()
+        if active is not NavState.OFFBOARD:
             self.offboard.left()
 
     @property

@@ -102,6 +102,9 @@ class Offboard:
         self._heard_at_s = -math.inf
         self._flagged: Kind | None = None
         """Kind selected by OffboardControlMode; None: the stream uses MAVLink."""
+        self._streamed: Kind | None = None
+        """While an external mode is active: the kind of the newest stream for Offboard; None: none is
+        active."""
         self._topics: dict[ControlLevel, Setpoint] = {}
         """Newest setpoint of PX4's own topics, by its level in the cascade."""
         self.setpoint = Setpoint()
@@ -132,8 +135,18 @@ class Offboard:
 
     def choose(self, kind: Kind) -> None:
         """Selects the setpoints of PX4's own topics that an external mode flies; no stream is required."""
-        if self._flagged is not kind:
-            self._flagged = kind
+        if self._streamed is None or self._flagged is not kind:
+            self._streamed, self._flagged = self.kind, kind
+            self._choose()
+
+    def end_choice(self) -> None:
+        """Called when no external mode is active: the kind of the newest Offboard stream applies again."""
+        streamed = self._streamed
+        if streamed is None:
+            return
+        self._streamed, self._flagged, self.setpoint = None, None, Setpoint()
+        if streamed is not Kind.NONE:
+            self._flagged = streamed
             self._choose()
 
     def put(self, setpoint: Setpoint) -> None:

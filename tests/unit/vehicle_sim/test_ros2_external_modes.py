@@ -153,6 +153,21 @@ def test_without_controllers_the_motors_keep_their_signals():
     assert not flags["flag_control_allocation_enabled"]
 
 
+def test_a_mode_does_not_choose_the_kind_of_setpoints_that_offboard_flies_after_it():
+    component = Component()
+    offboard = ("/fmu/in/offboard_control_mode", {"body_rate": True})
+    for stream, rates in (((), False), ((offboard,), True)):
+        component.select(4.0, 11.0)
+        component.run(0.4, *stream)
+        flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
+        assert flags["flag_control_position_enabled"]
+        component.select(6.0)
+        component.run(0.6)
+        flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
+        assert flags["flag_control_offboard_enabled"]
+        assert (flags["flag_control_rates_enabled"], flags["flag_control_attitude_enabled"]) == (rates, False)
+
+
 def test_a_replacement_of_return_is_flown_for_it_until_it_is_silent():
     component = Component(enable_replace_internal_mode=True, replace_internal_mode=RTL)
     component.vehicle.command(ARM, 1.0)
