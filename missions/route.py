@@ -14,6 +14,13 @@ MAX_STEPS = 20_000
 """Maximum number of executed items; jumps may repeat items many times."""
 
 
+def places(plan: Plan) -> list[tuple[float, float]]:
+    """Latitude and longitude of home, all items with a position, and the rally points [deg]."""
+    items = [item for _, item in plan.simple_items() if isinstance(item, PlacedItem)]
+    home = [] if plan.planned_home is None else [plan.planned_home]
+    return [(each.lat_deg, each.lon_deg) for each in (*home, *items, *plan.rally_points)]
+
+
 @dataclass(frozen=True, slots=True)
 class Step:
     """One execution of an item."""

@@ -52,6 +52,7 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
             "seed": body.seed,
             "flights": body.flights,
             "spread": body.spread.model_dump(),
+            "elevation": await station.plan_work.elevation_paths(),
         }  # fmt: skip
         about = {
             "kind": kind, **kept, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,

@@ -21,7 +21,12 @@ def main() -> None:
     def work(report: ReportProgress) -> dict[str, object]:
         from missions.dry_run import task
 
-        return task.run(request, report)
+        elevation = request["elevation"]
+        if not elevation:
+            return task.run(request, report)
+        from gcs_server.plans import terrain_tasks
+
+        return task.run(request, report, lambda positions: terrain_tasks.of_flight(positions, elevation))
 
     serve(work)
 

@@ -7,7 +7,7 @@ import json
 import sys
 from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.operations.operations import ReportProgress
@@ -49,8 +49,8 @@ class DryRuns:
 
         Args:
             dry_run_id: id of the dry run.
-            request: input of `missions.dry_run.task`.
-            about: data to store with the result.
+            request: input of `missions.dry_run.task`, and `elevation`: paths of elevation files.
+            about: data to store with the result; `assumed` is extended by that of the result.
             report: receives progress.
 
         Returns:
@@ -75,7 +75,8 @@ class DryRuns:
             ) from error
         finally:
             self._running -= 1
-        self._kept[dry_run_id] = {"id": dry_run_id, **about, **result}
+        assumed = [*about["assumed"], *cast(list[str], result["assumed"])]
+        self._kept[dry_run_id] = {"id": dry_run_id, **about, **result, "assumed": assumed}
         while len(self._kept) > MAX_KEPT:
             self._kept.popitem(last=False)
         return {"dry_run": dry_run_id, **_summary(result)}

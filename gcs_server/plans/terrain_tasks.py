@@ -11,10 +11,10 @@ from typing import Any
 from missions import plan as plan_document
 from missions.checks import Finding
 from missions.geodesy import LocalOrigin
-from missions.items import PlacedItem
 from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
+from missions.route import places
 from missions.terrain import clearance, profile
 from missions.terrain.files import Area, Elevation, ElevationFile
 from missions.terrain.follow import follow_ground
@@ -29,7 +29,7 @@ LONGEST_SIDE_M = 100_000.0
 
 def of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
     """Findings about a waypoint plan, and the ground below it."""
-    ground, not_known = _ground(Elevation.of(map(Path, paths)), _places(plan))
+    ground, not_known = _ground(Elevation.of(map(Path, paths)), places(plan))
     if ground is None:
         return [], PlanGround(not_known=not_known)
     findings = list(clearance.plan_findings(plan, ground, return_alt_m))
@@ -49,8 +49,10 @@ def of_mission(
     """
     if origin is None:
         return [], PlanGround()
-    places = [origin.to_geodetic((point[1], point[2], point[3]))[:2] for leg in legs for point in leg.points]
-    ground, not_known = _ground(Elevation.of(map(Path, paths)), places)
+    positions = [
+        origin.to_geodetic((point[1], point[2], point[3]))[:2] for leg in legs for point in leg.points
+    ]
+    ground, not_known = of_flight(positions, paths)
     if ground is None:
         return [], PlanGround(not_known=not_known)
     findings = list(clearance.mission_findings(legs, origin, ground))
@@ -61,7 +63,7 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Resolves the altitudes of a plan. Arguments: `plan` (JSON text), `elevation` (paths), `tolerance_m`
     (null: no waypoints are added)."""
     plan = plan_document.read(arguments["plan"])
-    ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), _places(plan))
+    ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), places(plan))
     found = follow_ground(plan, ground, arguments["tolerance_m"])
     return {
         "plan": plan_document.write(found.plan).decode(),
@@ -72,6 +74,13 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def of_flight(
+    positions: Sequence[tuple[float, float]], paths: Sequence[str]
+) -> tuple[Ground | None, tuple[str, ...]]:
+    """The ground around positions (latitude, longitude [deg]), and messages about missing elevation data."""
+    return _ground(Elevation.of(map(Path, paths)), positions)
+
+
 def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """The area of each elevation file. Argument: `elevation` (paths of the files)."""
     elevation = Elevation.of(map(Path, arguments["elevation"]))
@@ -79,17 +88,11 @@ def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {"files": [dataclasses.asdict(each) for each in found], "unreadable": list(elevation.problems)}
 
 
-def _places(plan: Plan) -> list[tuple[float, float]]:
-    items = [item for _, item in plan.simple_items() if isinstance(item, PlacedItem)]
-    home = [] if plan.planned_home is None else [plan.planned_home]
-    return [(each.lat_deg, each.lon_deg) for each in (*home, *items, *plan.rally_points)]
-
-
 def _ground(
-    elevation: Elevation, places: Sequence[tuple[float, float]]
+    elevation: Elevation, positions: Sequence[tuple[float, float]]
 ) -> tuple[Ground | None, tuple[str, ...]]:
     """The ground around positions, and messages about missing elevation data."""
-    area = Area.around(places, MARGIN_M)
+    area = Area.around(positions, MARGIN_M)
     if area is None or not elevation.files:
         return None, elevation.problems
     if area.side_m > LONGEST_SIDE_M:
@@ -102,7 +105,7 @@ def _ground(
             *elevation.problems,
             "No elevation file covers the plan: the ground below it is not known.",
         )
-    lat, lon = zip(*places, strict=True)
+    lat, lon = zip(*positions, strict=True)
     if ground.unknown_at(lat, lon):
         return ground, (*elevation.problems, "The elevation files do not cover all of the plan.")
     return ground, elevation.problems

@@ -59,7 +59,7 @@ class PlanWork:
                 remedy="Try again in a moment.",
             )
         if task in tasks.WITH_ELEVATION:
-            elevation = await asyncio.to_thread(elevation_files, self.elevation)
+            elevation = await self.elevation_paths()
             arguments = {**arguments, "elevation": elevation}
             small = small and not elevation
         self._pending += 1
@@ -75,6 +75,10 @@ class PlanWork:
         if fault is not None:
             raise InvalidRequest(field, f"{fault['place']}: {fault['reason']}.", remedy=fault["fix"])
         return answer
+
+    async def elevation_paths(self) -> list[str]:
+        """Paths of the operator's elevation files."""
+        return await asyncio.to_thread(elevation_files, self.elevation)
 
     def close(self) -> None:
         """Waits for the thread."""

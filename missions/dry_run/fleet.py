@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.values import HomePosition
@@ -17,6 +17,7 @@ from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.simulation import Home
+from vehicle_sim.world.terrain import HeightGrid, Terrain
 from vehicle_sim.world.world import Box, World
 
 TICK_S = 0.02
@@ -30,12 +31,12 @@ class Fleet:
     """N simulated vehicles.
 
     Args:
-        aircraft: one for each vehicle; all stand on the same level ground. Positions are relative to the home
-            of the first one.
+        aircraft: one for each vehicle; all stand on the ground. Positions are relative to the home of the
+            first one.
         conditions: one for each vehicle.
         seed: seed of noise and gusts.
         first: number of the first flight; the noise of a flight depends on its number, not on the batch.
-        obstacles: obstacles around the start.
+        site: ground and obstacles around the start.
     """
 
     def __init__(
@@ -45,15 +46,18 @@ class Fleet:
         *,
         seed: int = 0,
         first: int = 0,
-        obstacles: Sequence[Obstacle] = (),
+        site: Site = LEVEL_SITE,
     ) -> None:
-        home = aircraft[0].home
+        home, world = aircraft[0].home, _world(site)
+        start_ned_m = np.array([_from_home(home, each.home) for each in aircraft])
+        if world is not None:
+            start_ned_m[:, 2] = -world.terrain.height_m(start_ned_m[:, 0], start_ned_m[:, 1])
         self.sim = VehicleSim(
             len(conditions), links=(), seed=seed, first_noise=first,
             stores=[_store(*each) for each in zip(aircraft, conditions, strict=True)],
             home=Home(home.lat_deg, home.lon_deg, home.alt_amsl_m),
-            start_ned_m=np.array([_from_home(home, each.home) for each in aircraft]),
-            start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=_world(obstacles),
+            start_ned_m=start_ned_m,
+            start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=world,
         )  # fmt: skip
         simulation = self.sim.simulation
         for row, each in enumerate(conditions):
@@ -160,14 +164,18 @@ def _fitting(store: Parameters, name: str, value: float) -> ParameterValue:
     return round(value) if store.type_of(name) == "INT32" else value
 
 
-def _world(obstacles: Sequence[Obstacle]) -> World | None:
-    if not obstacles:
+def _world(site: Site) -> World | None:
+    ground = site.ground
+    if not site.obstacles and ground is None:
         return None
     boxes = tuple(
         Box(
             each.name, each.north_m, each.east_m, each.length_m, each.width_m, each.height_m,
             each.base_alt_home_m, math.remainder(each.yaw_ned_rad, math.tau),
         )
-        for each in obstacles
+        for each in site.obstacles
     )  # fmt: skip
-    return World(name="dry run", boxes=boxes)
+    grid = None
+    if ground is not None:
+        grid = HeightGrid(ground.north_m, ground.east_m, ground.spacing_m, ground.heights_m)
+    return World(name="dry run", boxes=boxes, terrain=Terrain(grid=grid))

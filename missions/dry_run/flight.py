@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Fleet, Vehicle
 from missions.dry_run.pilot import READY_WITHIN_S, Pilot, finding_now
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import EVERY_TICKS, Recorder, Track
 
 ReportProgress = Callable[[float, int], None]
@@ -42,7 +42,7 @@ def fly(
     longest_s: float,
     seed: int = 0,
     first: int = 0,
-    obstacles: Sequence[Obstacle] = (),
+    site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> list[Flight]:
     """All flights of a batch at once.
@@ -54,10 +54,10 @@ def fly(
         longest_s: a flight that takes longer is ended.
         seed: seed of noise and gusts.
         first: number of the first flight; a flight's noise depends on its number.
-        obstacles: obstacles around the start.
+        site: ground and obstacles around the start.
         report: called with the progress; an exception from it ends the batch.
     """
-    fleet = Fleet([aircraft] * len(conditions), conditions, seed=seed, first=first, obstacles=obstacles)
+    fleet = Fleet([aircraft] * len(conditions), conditions, seed=seed, first=first, site=site)
     pilots = [make_pilot(vehicle) for vehicle in fleet.vehicles]
     return fly_fleet(fleet, pilots, conditions, Recorder(fleet, pilots), longest_s=longest_s, report=report)
 

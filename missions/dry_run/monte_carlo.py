@@ -11,15 +11,15 @@ from missions.dry_run.corridor import Corridor, corridor
 from missions.dry_run.flight import ReportProgress, fly
 from missions.dry_run.plans import Flyable
 from missions.dry_run.result import DryRun, evaluate, rounded
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, Chance, Quantiles, Spread
 from missions.errors import PlanError
 
 CHANCES = {
     "not_finished": ("start_refused", "failsafe", "mission_left", "not_finished", "obstacle_hit"),
     "fence_touched": ("fence_touched",),
-    "obstacle_hit": ("obstacle_hit",),
-    "obstacle_near": ("obstacle_near", "obstacle_hit"),
+    "obstacle_hit": ("obstacle_hit", "ground_touched"),
+    "obstacle_near": ("obstacle_near", "obstacle_hit", "ground_touched"),
     "failsafe": ("failsafe",),
     "battery_reserve": ("battery_reserve", "battery_empty"),
 }
@@ -85,7 +85,7 @@ def monte_carlo(
     *,
     flights: int = 100,
     seed: int = 0,
-    obstacles: Sequence[Obstacle] = (),
+    site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> MonteCarlo:
     """Flies a plan many times.
@@ -97,7 +97,7 @@ def monte_carlo(
         spread: variation of the conditions; None: defaults of `Spread`.
         flights: number of flights in addition to the nominal one.
         seed: seed of the conditions, of noise and of gusts.
-        obstacles: obstacles around the start.
+        site: ground and obstacles around the start.
         report: called with the progress; an exception from it ends the run.
 
     Raises:
@@ -111,11 +111,11 @@ def monte_carlo(
     began_s = time.perf_counter()
     flown = fly(
         aircraft, [conditions, *drawn], flyable.pilot, longest_s=flyable.longest_s, seed=seed,
-        obstacles=obstacles, report=report,
+        site=site, report=report,
     )  # fmt: skip
     spent_s = time.perf_counter() - began_s
     return summarised(
-        [evaluate(each, flyable, aircraft, obstacles, spent_s) for each in flown], spread, seed, spent_s
+        [evaluate(each, flyable, aircraft, site, spent_s) for each in flown], spread, seed, spent_s
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from missions.dry_run.flight import ReportProgress
 from missions.dry_run.monte_carlo import CHANCES, MonteCarlo, chances_of, quantiles_document, summarised
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles, Spread
 from missions.dry_run.together import DryRunTogether, fly_together
 from missions.errors import PlanError
@@ -68,7 +68,7 @@ def monte_carlo_together(
     flights: int = 100,
     origins: Mapping[str, LocalOrigin] | None = None,
     seed: int = 0,
-    obstacles: Sequence[Obstacle] = (),
+    site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> MonteCarloTogether:
     """Flies all roles of a mission many times.
@@ -82,7 +82,7 @@ def monte_carlo_together(
         flights: number of flights in addition to the nominal one.
         origins: by role: the origin of the vehicle's local frame; missing: its start position.
         seed: seed of the conditions, of noise and of gusts.
-        obstacles: obstacles around the first role's home.
+        site: ground and obstacles around the first role's home.
         report: called with the progress; an exception from it ends the run.
 
     Raises:
@@ -99,7 +99,7 @@ def monte_carlo_together(
         for number in range(1, flights + 1)
     ]
     flown, spent_s = fly_together(
-        mission, aircraft, [[conditions] * count, *drawn], origins=origins, seed=seed, obstacles=obstacles,
+        mission, aircraft, [[conditions] * count, *drawn], origins=origins, seed=seed, site=site,
         report=report,
     )  # fmt: skip
     others = flown[1:]

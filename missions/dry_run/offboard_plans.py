@@ -15,6 +15,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.offboard.places import Start
+from missions.offboard.samples import legs
 from missions.offboard.state import MissionVehicle
 from missions.offboard.timeline import Timeline
 from missions.runner.runner import Runner
@@ -72,6 +73,15 @@ class FlyableMission:
             mission.fence, BOOT_S + timeline.duration_s, longest_s(timeline.duration_s), mission.name,
             timeline, replace(motion, speed_m_s=speed_m_s), start_ned_m,
         )  # fmt: skip
+
+    def places(self, origin: LocalOrigin) -> list[tuple[float, float]]:
+        """Latitude and longitude of positions along all paths [deg].
+
+        Args:
+            origin: origin of the mission's local frame.
+        """
+        lines = legs(self.timeline, self.start_ned_m)
+        return [origin.to_geodetic((n, e, d))[:2] for leg in lines for _, n, e, d in leg.points]
 
     def pilot(self, vehicle: Vehicle, *, alone: bool = True) -> OffboardPilot:
         """A pilot for this vehicle; not `alone`: the flight is started together with others."""

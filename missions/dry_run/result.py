@@ -16,14 +16,16 @@ from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
 from missions.dry_run.findings import NEAR_M, DryRunFinding
 from missions.dry_run.flight import Flight, ReportProgress, fly
 from missions.dry_run.plans import Flyable
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
-from missions.dry_run.track import Track
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Obstacle, Site
+from missions.dry_run.track import EVERY_S, Track
 
 Array = NDArray[np.float64]
 MAX_SAMPLES = 4000
 """Maximum number of path samples in the document."""
 MAX_FINDINGS = 100
 EMPTY_SHARE = 0.005
+TOUCHING_M, FORWARD_M_S = 0.3, 2.0
+"""A vehicle lower and faster than this has touched the ground [m, m/s]; take-off and landing are slower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,7 @@ def dry_run(
     conditions: Conditions | None = None,
     *,
     seed: int = 0,
-    obstacles: Sequence[Obstacle] = (),
+    site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> DryRun:
     """Flies a plan once.
@@ -104,7 +106,7 @@ def dry_run(
         aircraft: the vehicle and its start position.
         conditions: wind, mass and battery; None: no wind, nominal vehicle.
         seed: seed of noise and gusts.
-        obstacles: obstacles around the start.
+        site: ground and obstacles around the start.
         report: called with the progress; an exception from it ends the dry run.
 
     Raises:
@@ -113,16 +115,14 @@ def dry_run(
     conditions = conditions or Conditions()
     began_s = time.perf_counter()
     flight = fly(
-        aircraft, [conditions], flyable.pilot, longest_s=flyable.longest_s, seed=seed, obstacles=obstacles,
+        aircraft, [conditions], flyable.pilot, longest_s=flyable.longest_s, seed=seed, site=site,
         report=report,
     )[0]  # fmt: skip
     spent_s = time.perf_counter() - began_s
-    return evaluate(flight, flyable, aircraft, obstacles, spent_s)
+    return evaluate(flight, flyable, aircraft, site, spent_s)
 
 
-def evaluate(
-    flight: Flight, flyable: Flyable, aircraft: Aircraft, obstacles: Sequence[Obstacle], spent_s: float
-) -> DryRun:
+def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, spent_s: float) -> DryRun:
     """Evaluates one flight."""
     track = flight.track
     if track is None:
@@ -132,11 +132,12 @@ def evaluate(
         )  # fmt: skip
     fence = fence_of(flyable, aircraft)
     fence_m = fence.of(track.position_ned_m)
-    obstacle_m, which = obstacle_distance_m(obstacles, track.position_ned_m)
+    obstacle_m, which = obstacle_distance_m(site.obstacles, track.position_ned_m)
     steps = tuple(_steps(track, fence_m, obstacle_m))
     findings = [*flight.findings, *_fence(track, fence_m)]
     if not flight.collided:
-        findings += _near(track, obstacle_m, which, obstacles)
+        findings += _near(track, obstacle_m, which, site.obstacles)
+        findings += _ground(track, site)
     end_share = float(track.battery_share[_last_armed(track)]) if aircraft.battery_is_known else None
     findings += _battery(track, aircraft, end_share)
     order = {"error": 0, "warning": 1}
@@ -215,6 +216,25 @@ def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
         )
         findings.append(DryRunFinding("fence_touched", message, step, t_s, place))
     return findings
+
+
+def _ground(track: Track, site: Site) -> list[DryRunFinding]:
+    """A finding where the vehicle flies forward at the height of the ground."""
+    if site.ground is None or len(track.t_s) < 2:
+        return []
+    north_m, east_m, down_m = track.position_ned_m.T
+    speed_m_s = np.hypot(np.gradient(north_m, EVERY_S), np.gradient(east_m, EVERY_S))
+    above_m = -down_m - site.ground.height_m(north_m, east_m)
+    touching = np.flatnonzero((above_m < TOUCHING_M) & (speed_m_s > FORWARD_M_S))
+    if not len(touching):
+        return []
+    sample = int(touching[0])
+    step, t_s, place = _at(track, sample)
+    return [
+        DryRunFinding(
+            "ground_touched", f"The flight touches the ground at {step or 'its start'}.", step, t_s, place
+        )
+    ]
 
 
 def _near(

@@ -1,11 +1,14 @@
-"""Inputs of a dry run: vehicle, wind and other conditions, obstacles."""
+"""Inputs of a dry run: vehicle, wind and other conditions, ground and obstacles."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
 
 from missions.errors import PlanError
 from missions.frames import Vector3
@@ -117,3 +120,40 @@ class Obstacle:
     height_m: float
     base_alt_home_m: float = 0.0
     yaw_ned_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundGrid:
+    """Heights of the ground on a square grid. Outside the grid the values of its border apply."""
+
+    north_m: float
+    """Position of the south-west corner from home."""
+    east_m: float
+    spacing_m: float
+    heights_m: NDArray[np.float64]
+    """(rows to the north, columns to the east) height above home; at least 2 x 2."""
+
+    def height_m(self, north_m: NDArray[np.float64], east_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) heights above home at positions (N,), interpolated between four grid points."""
+        heights = self.heights_m
+        row = np.clip((north_m - self.north_m) / self.spacing_m, 0.0, heights.shape[0] - 1.0)
+        column = np.clip((east_m - self.east_m) / self.spacing_m, 0.0, heights.shape[1] - 1.0)
+        r = np.minimum(row.astype(np.intp), heights.shape[0] - 2)
+        c = np.minimum(column.astype(np.intp), heights.shape[1] - 2)
+        v, u = row - r, column - c
+        south = heights[r, c] * (1.0 - u) + heights[r, c + 1] * u
+        north = heights[r + 1, c] * (1.0 - u) + heights[r + 1, c + 1] * u
+        return south * (1.0 - v) + north * v
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """What is around the start."""
+
+    obstacles: Sequence[Obstacle] = ()
+    ground: GroundGrid | None = None
+    """None: level ground."""
+
+
+LEVEL_SITE = Site()
+"""Level ground without obstacles."""

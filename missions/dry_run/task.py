@@ -6,25 +6,34 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from missions import plan as plan_document
+from missions.dry_run.ground import ground_grid
 from missions.dry_run.monte_carlo import monte_carlo
 from missions.dry_run.monte_carlo_together import monte_carlo_together
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import Flyable, FlyablePlan
 from missions.dry_run.result import dry_run
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle, Site
 from missions.dry_run.spread import Spread
 from missions.dry_run.together import dry_run_together
 from missions.geodesy import LocalOrigin
 from missions.offboard import reader as mission_reader
+from missions.route import places
+from missions.terrain.ground import Ground
 from missions.values import HomePosition
 
 Progress = Callable[[str, float | None], None]
+FindGround = Callable[[Sequence[tuple[float, float]]], tuple[Ground | None, Sequence[str]]]
+"""Returns the ground around positions (latitude, longitude [deg]), and messages about missing data."""
 
 
-def _flyable(request: Mapping[str, Any], aircraft: Aircraft) -> Flyable:
+def _flyable(request: Mapping[str, Any], aircraft: Aircraft) -> tuple[Flyable, list[tuple[float, float]]]:
+    """The plan, and its positions (latitude, longitude [deg])."""
     if request["kind"] == "waypoint_plan":
-        return FlyablePlan.of(plan_document.read(request["plan"]), aircraft)
-    return FlyableMission.of(mission_reader.read(request["plan"]), aircraft, origin=_origin(request))
+        plan = plan_document.read(request["plan"])
+        return FlyablePlan.of(plan, aircraft), places(plan)
+    mission, origin = mission_reader.read(request["plan"]), _origin(request)
+    flyable = FlyableMission.of(mission, aircraft, origin=origin)
+    return flyable, flyable.places(origin or aircraft.origin)
 
 
 def _aircraft(request: Mapping[str, Any]) -> Aircraft:
@@ -37,18 +46,22 @@ def _origin(request: Mapping[str, Any]) -> LocalOrigin | None:
     return None if request["origin"] is None else LocalOrigin(**request["origin"])
 
 
-def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+def run(
+    request: Mapping[str, Any], progress: Progress, find_ground: FindGround | None = None
+) -> dict[str, Any]:
     """Flies a plan once, then `flights` more times with varied conditions if requested.
 
     Args:
         request: `kind` (waypoint_plan, offboard_mission), `plan` (JSON text), `origin` (of the vehicle's
-        local frame; null: its start position), `aircraft`, `conditions`, `obstacles`, `seed`, `flights` and
-            `spread` (null: one flight). For a mission of several vehicles: `roles`, with `aircraft` and
-                `origin` of each role, instead of these two (absent or null: one vehicle).
-            progress: called with a message and the completed fraction.
+            local frame; null: its start position), `aircraft`, `conditions`, `obstacles`, `seed`, `flights`
+            and `spread` (null: one flight). For a mission of several vehicles: `roles`, with `aircraft` and
+            `origin` of each role, instead of these two (absent or null: one vehicle).
+        progress: called with a message and the completed fraction.
+        find_ground: reads elevation data; None: there are none, and the ground is level.
 
     Returns:
-        `nominal`, `monte_carlo` (null: one flight) and `together` (null: one vehicle).
+        `nominal`, `monte_carlo` (null: one flight), `together` (null: one vehicle), and `assumed`: sentences
+        about the ground.
 
     Raises:
         PlanError: the plan cannot be flown.
@@ -58,9 +71,10 @@ def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     conditions = Conditions(**conditions_fields)
     obstacles = [Obstacle(**each) for each in request["obstacles"]]
     if request.get("roles") is not None:
-        return _together(request, conditions, obstacles, progress)
+        return _together(request, conditions, obstacles, progress, find_ground)
     aircraft = _aircraft(request)
-    flyable = _flyable(request, aircraft)
+    flyable, positions = _flyable(request, aircraft)
+    site, assumed = _site(obstacles, aircraft.origin, positions, find_ground)
     flights = request["flights"]
 
     def report(now_s: float, ended: int) -> None:
@@ -72,18 +86,22 @@ def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 
     seed = request["seed"]
     if flights is None:
-        one = dry_run(flyable, aircraft, conditions, seed=seed, obstacles=obstacles, report=report)
-        return {"nominal": one.document(), "monte_carlo": None, "together": None}
+        one = dry_run(flyable, aircraft, conditions, seed=seed, site=site, report=report)
+        return {"nominal": one.document(), "monte_carlo": None, "together": None, "assumed": assumed}
     many = monte_carlo(
         flyable, aircraft, conditions, Spread(**request["spread"]), flights=flights, seed=seed,
-        obstacles=obstacles, report=report,
+        site=site, report=report,
     )  # fmt: skip
     document = many.document()
-    return {"nominal": document.pop("nominal"), "monte_carlo": document, "together": None}
+    return {"nominal": document.pop("nominal"), "monte_carlo": document, "together": None, "assumed": assumed}
 
 
 def _together(
-    request: Mapping[str, Any], conditions: Conditions, obstacles: Sequence[Obstacle], progress: Progress
+    request: Mapping[str, Any],
+    conditions: Conditions,
+    obstacles: Sequence[Obstacle],
+    progress: Progress,
+    find_ground: FindGround | None,
 ) -> dict[str, Any]:
     """Flies all roles; `nominal` and `monte_carlo` have the path and the corridor of the first role, and the
     findings and chances of all."""
@@ -91,6 +109,12 @@ def _together(
     roles, flights = request["roles"], request["flights"]
     aircraft = {role: _aircraft(given) for role, given in roles.items()}
     origins = {role: origin for role, given in roles.items() if (origin := _origin(given)) is not None}
+    positions: list[tuple[float, float]] = []
+    for role, vehicle in aircraft.items():
+        flyable = FlyableMission.of(mission, vehicle, origin=origins.get(role), role=role)
+        positions += flyable.places(origins.get(role) or vehicle.origin)
+    first_origin = next(iter(aircraft.values())).origin
+    site, assumed = _site(obstacles, first_origin, positions, find_ground)
     count = len(roles) * (1 if flights is None else flights + 1)
 
     def report(now_s: float, ended: int) -> None:
@@ -99,19 +123,37 @@ def _together(
     seed, many = request["seed"], None
     if flights is None:
         flown = dry_run_together(
-            mission, aircraft, conditions, origins=origins, seed=seed, obstacles=obstacles, report=report
+            mission, aircraft, conditions, origins=origins, seed=seed, site=site, report=report
         ).document()
     else:
         found = monte_carlo_together(
             mission, aircraft, conditions, Spread(**request["spread"]), flights=flights, origins=origins,
-            seed=seed, obstacles=obstacles, report=report,
+            seed=seed, site=site, report=report,
         )  # fmt: skip
         flown, many = found.nominal.document(), found.document()
     nominal = dict(next(iter(flown["roles"].values())))
     nominal["findings"] = [*flown.pop("findings"), *findings_of(flown["roles"])]
     nominal["finished"] = all(run["finished"] for run in flown["roles"].values())
     first = None if many is None else {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
-    return {"nominal": nominal, "monte_carlo": first, "together": {**flown, "monte_carlo": many}}
+    together = {**flown, "monte_carlo": many}
+    return {"nominal": nominal, "monte_carlo": first, "together": together, "assumed": assumed}
+
+
+def _site(
+    obstacles: Sequence[Obstacle],
+    origin: LocalOrigin,
+    positions: Sequence[tuple[float, float]],
+    find_ground: FindGround | None,
+) -> tuple[Site, list[str]]:
+    """The site around the start, and sentences about its ground."""
+    if find_ground is None:
+        return Site(obstacles), []
+    around = [(origin.lat_deg, origin.lon_deg), *positions]
+    ground, messages = find_ground(around)
+    if ground is None:
+        return Site(obstacles), list(messages)
+    grid, assumed = ground_grid(ground, origin, around)
+    return Site(obstacles, grid), assumed
 
 
 def findings_of(roles: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

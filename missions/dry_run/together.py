@@ -22,7 +22,7 @@ from missions.dry_run.offboard import LOOK_EVERY_TICKS, OffboardPilot
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import longest_s
 from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import EVERY_S, Recorder, Track
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
@@ -118,7 +118,7 @@ def dry_run_together(
     *,
     origins: Mapping[str, LocalOrigin] | None = None,
     seed: int = 0,
-    obstacles: Sequence[Obstacle] = (),
+    site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> DryRunTogether:
     """Flies all roles of a mission once, together.
@@ -129,7 +129,7 @@ def dry_run_together(
         conditions: for all vehicles; None: no wind, nominal vehicles.
         origins: by role: the origin of the vehicle's local frame; missing: its start position.
         seed: seed of noise and gusts.
-        obstacles: obstacles around the first role's home.
+        site: ground and obstacles around the first role's home.
         report: called with the progress; an exception from it ends the dry run.
 
     Raises:
@@ -137,7 +137,7 @@ def dry_run_together(
     """
     of_all = [conditions or Conditions()] * len(mission.roles)
     (flown,), _ = fly_together(
-        mission, aircraft, [of_all], origins=origins, seed=seed, obstacles=obstacles, report=report
+        mission, aircraft, [of_all], origins=origins, seed=seed, site=site, report=report
     )
     return flown
 
@@ -149,7 +149,7 @@ def fly_together(
     *,
     origins: Mapping[str, LocalOrigin] | None = None,
     seed: int = 0,
-    obstacles: Sequence[Obstacle] = (),
+    site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> tuple[list[DryRunTogether], float]:
     """Flies all roles of a mission several times at once.
@@ -160,7 +160,7 @@ def fly_together(
         conditions: for each flight: the conditions of each role's vehicle.
         origins: by role: the origin of the vehicle's local frame; missing: its start position.
         seed: seed of noise and gusts.
-        obstacles: obstacles around the first role's home.
+        site: ground and obstacles around the first role's home.
         report: called with the progress; an exception from it ends the dry run.
 
     Returns:
@@ -180,9 +180,7 @@ def fly_together(
     }
     began_s = time.perf_counter()
     of_each = [each for flight in conditions for each in flight]
-    fleet = Fleet(
-        [aircraft[role] for role in roles] * len(conditions), of_each, seed=seed, obstacles=obstacles
-    )
+    fleet = Fleet([aircraft[role] for role in roles] * len(conditions), of_each, seed=seed, site=site)
     vehicles = iter(fleet.vehicles)
     groups = [{role: flyable[role].pilot(next(vehicles), alone=False) for role in roles} for _ in conditions]
     pilots = [pilot for group in groups for pilot in group.values()]
@@ -202,10 +200,7 @@ def fly_together(
     ended = iter(flights)
     flown = [
         _evaluated(
-            {
-                role: evaluate(next(ended), flyable[role], from_home[role], obstacles, spent_s)
-                for role in roles
-            },
+            {role: evaluate(next(ended), flyable[role], from_home[role], site, spent_s) for role in roles},
             mission.separation_m,
         )
         for _ in conditions

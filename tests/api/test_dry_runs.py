@@ -46,7 +46,8 @@ request = json.loads(sys.stdin.readline())
 print(json.dumps({"text": "half", "progress": 0.5}), flush=True)
 names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
 nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "asked": request}
-print(json.dumps({"result": {"nominal": nominal, "monte_carlo": None, "together": None}}), flush=True)
+result = {"nominal": nominal, "monte_carlo": None, "together": None, "assumed": []}
+print(json.dumps({"result": result}), flush=True)
 """
 """A stand-in for the worker process that returns the request it received."""
 

@@ -15,7 +15,7 @@ from missions.dry_run.flight import Flight
 from missions.dry_run.monte_carlo import MAX_FLIGHTS, MonteCarlo, monte_carlo
 from missions.dry_run.pilot import Step
 from missions.dry_run.result import DryRun, dry_run, evaluate
-from missions.dry_run.setup import Conditions, Obstacle
+from missions.dry_run.setup import Conditions, Obstacle, Site
 from missions.dry_run.track import Track
 from missions.errors import PlanError
 from missions.items import Takeoff
@@ -31,12 +31,12 @@ POST = Obstacle("post", 8.0, 6.0, 1.0, 1.0, 10.0)
 
 @pytest.fixture(scope="module")
 def flown() -> DryRun:
-    return dry_run(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, seed=4, obstacles=[POST])
+    return dry_run(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, seed=4, site=Site([POST]))
 
 
 @pytest.fixture(scope="module")
 def many() -> MonteCarlo:
-    return monte_carlo(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, flights=3, seed=4, obstacles=[POST])
+    return monte_carlo(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, flights=3, seed=4, site=Site([POST]))
 
 
 def test_a_plan_is_flown_to_its_end_and_each_step_has_its_time(flown):
@@ -133,7 +133,7 @@ def judged(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=
     steps = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
     track = Track(t_s, place, battery, step, steps)
     flight = Flight(Conditions(), track, True, False, True, ())
-    return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, obstacles, 1.0)
+    return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, Site(obstacles), 1.0)
 
 
 def test_a_flight_outside_the_fence_is_a_finding_with_step_position_and_depth():

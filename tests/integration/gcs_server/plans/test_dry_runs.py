@@ -11,6 +11,7 @@ from gcs_server.plans import dry_runs
 from gcs_server.plans.dry_runs import AT_ONCE, MAX_KEPT, DryRuns
 from missions import plan as plan_document
 from tests.support.dry_runs import HOME, QUICK, hop
+from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
 
 pytestmark = pytest.mark.flight
 
@@ -36,6 +37,7 @@ def request(plan, **changes):
         "seed": 1,
         "flights": None,
         "spread": None,
+        "elevation": [],
         **changes,
     }
 
@@ -60,6 +62,31 @@ def test_a_plan_is_flown_in_its_process_and_the_result_is_as_the_api_describes_i
     assert view.nominal.path.step_places == ["item 1", "item 2", "item 3"]
     assert told[0][0].startswith("1 s are simulated; 0 of 2 flights")
     assert [share for _, share in told] == sorted(share for _, share in told)
+
+
+def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
+    """A plan 8 m above the start, into a hill to the north."""
+    south = {"lat_deg": LAT_DEG - 0.006, "lon_deg": LON_DEG}
+    north = {"lat_deg": LAT_DEG, "lon_deg": LON_DEG}
+    low = {"altitude": {"value_m": 8, "reference": "home"}}
+    items = [{"kind": "takeoff", **south, **low}, {"kind": "waypoint", **north, **low}]
+    plan = plan_document.read(json.dumps({"items": items}))
+    wanted = request(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
+    wanted["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
+
+    async def story():
+        runs = DryRuns()
+        await runs.run("1", wanted, {**ABOUT, "assumed": ["No wind."]}, lambda *_: None)
+        return runs.get("1")
+
+    found = asyncio.run(story())
+    assert found["assumed"][0] == "No wind."
+    assert found["assumed"][1].startswith(
+        "The dry run flies over the ground of the elevation files, on a grid"
+    )
+    (touched,) = [each for each in found["nominal"]["findings"] if each["code"] == "ground_touched"]
+    assert touched["text"] == "The flight touches the ground at item 2."
+    assert 100.0 < touched["position_ned_m"][0] < 667.0
 
 
 HOPS = """
@@ -133,7 +160,8 @@ def test_the_newest_results_are_kept(monkeypatch):
     nominal = dict.fromkeys(
         ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m"), 1
     )
-    said = json.dumps({"result": {"nominal": {**nominal, "findings": []}, "monte_carlo": None}})
+    result = {"nominal": {**nominal, "findings": []}, "monte_carlo": None, "assumed": []}
+    said = json.dumps({"result": result})
     monkeypatch.setattr(dry_runs, "COMMAND", ("echo", said))
 
     async def story():
