@@ -268,7 +268,7 @@ def _begin(
     station: Station, vehicle: Vehicle, kind: str, work: Any, subject: str | None, by: tuple[str, str]
 ) -> Operation:
     """Starts a transfer; refused if the vehicle already has one."""
-    vehicle.require_commandable()
+    vehicle.require("mission_transfer")
     if vehicle.mission.doing is not None or any(
         each.state == "running" and each.vehicle == vehicle.id and each.kind.startswith("mission/")
         for each in station.operations.all()

@@ -126,7 +126,7 @@ async def refresh_params(
     files, once per firmware.
     """
     request = body or RefreshRequest()
-    vehicle.require_commandable()
+    vehicle.require("parameters")
     params = vehicle.params
 
     async def read(report: ReportProgress) -> dict[str, object]:

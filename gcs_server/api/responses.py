@@ -27,6 +27,7 @@ from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.mode_cause import ModeCause
+from gcs_server.vehicle.reach import Reach
 from gcs_server.vehicle.samples import (
     TOPICS,
     BatteryReading,
@@ -52,6 +53,7 @@ _SEVERAL: dict[str, dict[str, Any]] = {
 TOPIC_MODELS = {name: model_of(kind, **_SEVERAL.get(name, {})) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
 ComponentModel = model_of(Component)
+ReachModel = model_of(Reach)
 StatusModel = TOPIC_MODELS["status"]
 RoiModel = model_of(Roi)
 GimbalLimitedModel = model_of(GimbalLimited)
@@ -133,6 +135,7 @@ _vehicle_fields: dict[str, Any] = {
         list[str],
         Field(description="Names of the links over which the vehicle is connected, most recent first."),
     ),
+    "reach": (ReachModel, Field(description="Over which protocols the vehicle is reached.")),
     "topics": (TopicsModel, Field(description="Newest sample of each topic.")),
     "control": (ControlModel | None, Field(description="State of control; null for a recording.")),  # type: ignore[operator]
     "offboard": (OffboardModel | None, Field(description="The vehicle's setpoint stream.")),  # type: ignore[operator]
@@ -336,6 +339,7 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
         "components": vehicle.components.all(),
         "status": vehicle.status,
         "links": vehicle.links,
+        "reach": vehicle.reach,
         "topics": {name: sample for name, sample in topics.items() if sample is not None},
         "control": None if recorded or not vehicle.control else part("control", vehicle.control.status),
         "offboard": part("offboard", vehicle.offboard.status) if vehicle.offboard is not None else None,

@@ -51,6 +51,7 @@ PERIODS_S = {
     "offboard_mission": OFFBOARD_PERIOD_S,
     "identity": IDENTITY_PERIOD_S,
     "components": IDENTITY_PERIOD_S,
+    "reach": CONTROL_PERIOD_S,
     "control": CONTROL_PERIOD_S,
 }
 """Topics of the server, and the period at which each is checked for a change [s]. Only a change creates a new
@@ -159,6 +160,8 @@ class Encoded:
             return vehicle.identity
         if topic == "components":
             return vehicle.components.all()
+        if topic == "reach":
+            return vehicle.reach
         if topic == "control":
             return None if vehicle.identity.replayed or not vehicle.control else vehicle.control.status()
         if topic == "offboard_mission":

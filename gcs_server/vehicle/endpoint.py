@@ -121,11 +121,6 @@ class Endpoint:
         return self.version.uid if self.version is not None and self.version.unique else None
 
 
-def carries_mavlink(endpoints: Sequence[Endpoint]) -> bool:
-    """Whether a link of the vehicle carries MAVLink, and with it parameters, missions and files."""
-    return any(endpoint.connection.protocol == MAVLINK for endpoint in endpoints)
-
-
 def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint]:
     """The endpoints of this protocol that are heard; all endpoints if there are none.
 
@@ -139,10 +134,11 @@ def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint
     return [e for e in those if newest_s - e.received_s < HEARD_WITHIN_S] or endpoints
 
 
-def setpoint_protocol(endpoints: Sequence[Endpoint]) -> str:
-    """Protocol that the vehicle's setpoints take now."""
-    first = next(iter(preferred(endpoints, ROS2)), None)
-    return MAVLINK if first is None else first.connection.protocol
+def protocol_in_use(endpoints: Sequence[Endpoint], wanted: str) -> str:
+    """Protocol that data take now which prefer one protocol: `MAVLINK` for telemetry and commands, `ROS2` for
+    setpoints. MAVLink for a vehicle without endpoints."""
+    newest = max(preferred(endpoints, wanted), key=lambda endpoint: endpoint.received_s, default=None)
+    return MAVLINK if newest is None else newest.connection.protocol
 
 
 def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:

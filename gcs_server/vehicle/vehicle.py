@@ -24,6 +24,7 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
 from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
+from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
 from gcs_server.vehicle.services.camera import CameraService
@@ -151,6 +152,11 @@ class Vehicle:
         return self._endpoints
 
     @property
+    def reach(self) -> Reach:
+        """Over which protocols it is reached, and what its links do not carry."""
+        return reach_of(self._endpoints)
+
+    @property
     def known_links(self) -> frozenset[str]:
         """Names of all links over which the vehicle was ever connected."""
         return frozenset(self._known_links)
@@ -200,6 +206,11 @@ class Vehicle:
                 f"Vehicle {self.id} is not connected: {self._state.silence()}.",
                 remedy="Check its link; nothing was sent.",
             )
+
+    def require(self, feature: Feature) -> None:
+        """Raises as `require_commandable`, and Refused if none of its links carries the feature."""
+        self.require_commandable()
+        require_feature(self.id, self._endpoints, feature)
 
     def send(self, message: MAVLink_message, *, until_s: float | None = None) -> bool:
         """Packs and sends a message on the vehicle's best link, from any thread; False if nothing was sent.

@@ -9,7 +9,6 @@ from gcs_server.errors import GcsError, NoReply
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.failsafe import Failsafe
 from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
-from gcs_server.vehicle.endpoint import carries_mavlink
 from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -42,7 +41,7 @@ class OffboardConfiguration:
         ROS 2 carries no parameters: without a MAVLink link nothing is requested.
         """
         values: dict[str, float] = {}
-        if self._vehicle.endpoints and not carries_mavlink(self._vehicle.endpoints):
+        if "parameters" in self._vehicle.reach.missing:
             self._read_s = self._clock.monotonic_s()
             return self._failsafe_of(self.parameters())
 

@@ -28,7 +28,7 @@ from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
-from gcs_server.vehicle.endpoint import setpoint_protocol
+from gcs_server.vehicle.endpoint import ROS2, protocol_in_use
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
@@ -326,7 +326,7 @@ class OffboardControl:
     # --- inside -------------------------------------------------------------------------------------
 
     def _protocol(self) -> str:
-        return setpoint_protocol(self.vehicle.endpoints)
+        return protocol_in_use(self.vehicle.endpoints, ROS2)
 
     def check(self, request: StreamRequest) -> None:
         """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""

@@ -14,7 +14,7 @@ from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
-from gcs_server.vehicle.endpoint import ROS2, setpoint_protocol
+from gcs_server.vehicle.endpoint import ROS2, protocol_in_use
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Follow
 
@@ -60,7 +60,7 @@ class VehicleSnapshots:
         return self._estimates.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
             bounds=self._current_bounds(),
-            local_only=setpoint_protocol(self._vehicle.endpoints) == ROS2,
+            local_only=protocol_in_use(self._vehicle.endpoints, ROS2) == ROS2,
             hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
             leader=self.leader(request.setpoint)
             if request and isinstance(request.setpoint, Follow)

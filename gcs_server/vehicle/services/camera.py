@@ -36,7 +36,7 @@ class CameraService:
             NoReply: no camera answers.
         """
         vehicle = self._vehicle
-        vehicle.require_commandable()
+        vehicle.require("camera")
         camera = vehicle.components.camera(component)
         if camera is None and component is not None:
             raise InvalidRequest(

@@ -66,13 +66,13 @@ class FtpService:
             FtpFailed: the vehicle refused, or sends an endless list.
             NoReply: the vehicle stopped answering.
         """
-        self._vehicle.require_commandable()
+        self._vehicle.require("files")
         async with self._lock, _within(LIST_TIMEOUT_S, path, "Listing"):
             return await self._list(path)
 
     async def crc32(self, path: str) -> int:
         """Has the vehicle compute MAVLink's checksum of a file; raises as `list`."""
-        self._vehicle.require_commandable()
+        self._vehicle.require("files")
         async with self._lock:
             answer = await self._ask(codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking")
         if len(answer.data) < 4:
@@ -94,7 +94,7 @@ class FtpService:
                 slowly, or from another offset than requested.
             NoReply: the vehicle stopped answering.
         """
-        self._vehicle.require_commandable()
+        self._vehicle.require("files")
         async with self._lock:
             opened = await self._open(path)
             gone = False

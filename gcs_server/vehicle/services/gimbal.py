@@ -76,7 +76,7 @@ class GimbalService:
 
     async def take_control(self) -> None:
         """Takes primary control; returns once the manager's status shows it."""
-        self._vehicle.require_commandable()
+        self._vehicle.require("gimbal")
         own_ids = self._vehicle.own_ids
         await self._configure(
             float(own_ids[0]), float(own_ids[1]), "take control of the gimbal", lambda c: c == own_ids
@@ -84,7 +84,7 @@ class GimbalService:
 
     async def release_control(self) -> None:
         """Releases control if this server has it."""
-        self._vehicle.require_commandable()
+        self._vehicle.require("gimbal")
         own_ids = self._vehicle.own_ids
         if await self._control() != own_ids:
             return
@@ -108,7 +108,7 @@ class GimbalService:
         number("yaw_deg", yaw_deg, -360.0, 360.0)
         if roll_deg is not None:
             number("roll_deg", roll_deg, -180.0, 180.0)
-        self._vehicle.require_commandable()
+        self._vehicle.require("gimbal")
         self._check_limits(pitch_deg, yaw_deg, yaw_lock)
         await self._require_control()
         yaw_deg = math.degrees(wrap_pi(math.radians(yaw_deg)))
@@ -156,7 +156,7 @@ class GimbalService:
         setting."""
         number("pitch_rate_deg_s", pitch_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
         number("yaw_rate_deg_s", yaw_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
-        self._vehicle.require_commandable()
+        self._vehicle.require("gimbal")
         await self._require_control()
         if yaw_lock is None:
             gimbal = self.reading()
@@ -176,7 +176,7 @@ class GimbalService:
         number("lat_deg", lat_deg, -90.0, 90.0)
         number("lon_deg", lon_deg, -180.0, 180.0)
         number("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
-        self._vehicle.require_commandable()
+        self._vehicle.require("gimbal")
         request = Request(
             d.MAV_CMD_DO_SET_ROI_LOCATION,
             (self._device(), 0, 0, 0, lat_deg, lon_deg, alt_amsl_m),
@@ -187,7 +187,7 @@ class GimbalService:
 
     async def clear_roi(self) -> None:
         """Stops pointing at a location."""
-        self._vehicle.require_commandable()
+        self._vehicle.require("gimbal")
         await self._acknowledged(
             Request(d.MAV_CMD_DO_SET_ROI_NONE, (self._device(), 0, 0, 0, 0, 0, 0)),
             "stop pointing at the location",

@@ -148,7 +148,7 @@ class HealthService:
             NoReply: no report was received.
         """
         vehicle = self._vehicle
-        vehicle.require_commandable()
+        vehicle.require("arming_report")
         before, deadline_s = self._reports, vehicle.clock.monotonic_s() + CHECK_DEADLINE_S
         with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_EVENT) as waiter:
             while (left_s := deadline_s - vehicle.clock.monotonic_s()) > 0:

@@ -95,7 +95,7 @@ class MetadataService:
         return await self._load(EVENTS)
 
     async def _load(self, kind: int) -> Document[Any, Any]:
-        self._vehicle.require_commandable()
+        self._vehicle.require("files")
         async with self._lock:
             general = await self._general()
             entry = next((e for e in general if e.kind == kind), None)

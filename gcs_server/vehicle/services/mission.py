@@ -163,7 +163,7 @@ class MissionService:
             NoReply: it does not report it; PX4 does not answer for items that do not exist.
         """
         vehicle = self._vehicle
-        vehicle.require_commandable()
+        vehicle.require("mission_transfer")
         identity = vehicle.identity
         request = d.MAVLink_mission_set_current_message(identity.system_id, identity.component_id, seq)
         reached = await self._ask_current(lambda m: m.seq == seq, SET_CURRENT_S, request)
@@ -180,7 +180,7 @@ class MissionService:
     @contextmanager
     def _transfer(self, what: str) -> Generator[None]:
         """Ensures that only one transfer runs at a time."""
-        self._vehicle.require_commandable()
+        self._vehicle.require("mission_transfer")
         if self._doing is not None:
             raise Refused(
                 f"Vehicle {self._vehicle.id} is busy with {self._doing}; only one can run at a time.",

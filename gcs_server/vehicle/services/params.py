@@ -144,7 +144,7 @@ class ParamService:
         async with self._reading:
             self._state, self._problem = "reading", None
             try:
-                self._vehicle.require_commandable()
+                self._vehicle.require("parameters")
                 await self._read_all(ignore_cache, lambda: progress(self.list))
             except GcsError as error:
                 self._state, self._problem = "failed", str(error)
@@ -249,7 +249,7 @@ class ParamService:
             NoReply: no answer; PX4 does not answer for unknown names either.
         """
         raw = _name(name)
-        self._vehicle.require_commandable()
+        self._vehicle.require("parameters")
         identity = self._vehicle.identity
         request = d.MAVLink_param_request_read_message(identity.system_id, identity.component_id, raw, -1)
         return await self._exchange(name, request.id, encode_payload(request), lambda _: True)
@@ -269,7 +269,7 @@ class ParamService:
         raw = _name(name)
         if not math.isfinite(value):
             raise InvalidRequest("value", f"value must be a number, not {value}.")
-        self._vehicle.require_commandable()
+        self._vehicle.require("parameters")
         if name not in self._is_integer:
             await self.get(name)
         is_integer = self._is_integer[name]

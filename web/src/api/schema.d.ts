@@ -10125,6 +10125,37 @@ export interface components {
             readonly thrust: number;
         };
         /**
+         * Reach
+         * @description Over which protocols a vehicle is reached, and which of them its data take.
+         */
+        readonly Reach: {
+            /**
+             * Protocols
+             * @description Protocols over which the vehicle is heard now: MAVLink, ROS 2.
+             */
+            readonly protocols: readonly string[];
+            /**
+             * Telemetry
+             * @description Protocol of the shown telemetry; null if the vehicle is not connected.
+             */
+            readonly telemetry: string | null;
+            /**
+             * Commands
+             * @description Protocol that commands take.
+             */
+            readonly commands: string | null;
+            /**
+             * Setpoints
+             * @description Protocol that setpoints take.
+             */
+            readonly setpoints: string | null;
+            /**
+             * Missing
+             * @description What the vehicle's links do not carry; requests for it are refused at once. Empty over MAVLink.
+             */
+            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report")[];
+        };
+        /**
          * ReadinessCause
          * @description One failed check, as the API shows it.
          */
@@ -12071,6 +12102,8 @@ export interface components {
              * @description Names of the links over which the vehicle is connected, most recent first.
              */
             readonly links: readonly string[];
+            /** @description Over which protocols the vehicle is reached. */
+            readonly reach: components["schemas"]["Reach"];
             /** @description Newest sample of each topic. */
             readonly topics: components["schemas"]["Topics"];
             /** @description State of control; null for a recording. */

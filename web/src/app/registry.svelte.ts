@@ -7,6 +7,7 @@
 import type { Component } from 'svelte';
 import type { IconName } from '../ui/icons';
 import type { VehicleFacts } from '../vehicle/facts';
+import { carries, type Feature } from '../vehicle/reach';
 
 export interface VehicleProps {
   facts: VehicleFacts;
@@ -48,9 +49,16 @@ export interface Panel extends Part {
   place: 'side' | 'over';
   /** Its button on the rail; missing if another part of the page opens it. */
   rail?: { title: string; icon: IconName; hint: string };
+  /** The panel is offered only while the selected vehicle's links carry this. */
+  needs?: Feature;
   isOpen: () => boolean;
   toggle: () => void;
   close: () => void;
+}
+
+/** Whether a panel is offered for the selected vehicle. */
+export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
+  return panel.needs === undefined || facts === null || carries(facts, panel.needs);
 }
 
 /**
@@ -136,6 +144,14 @@ class Registry {
 
   slot(name: SlotName): readonly SlotPart[] {
     return this.slots.get(name) ?? [];
+  }
+
+  /** Opens or closes a panel by its key. @returns false if it is not offered for this vehicle. */
+  toggle(id: string, facts: VehicleFacts | null): boolean {
+    const panel = this.panel(id);
+    if (panel === null || !isOffered(panel, facts)) return false;
+    panel.toggle();
+    return true;
   }
 
   panel(id: string): Panel | null {

@@ -42,6 +42,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
     inAir: true,
     fromHome_m: null,
     components: [],
+    reach: null,
     ...none,
   };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };

@@ -62,6 +62,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'control',
   'identity',
   'components',
+  'reach',
 ];
 
 /** Topics of a large fleet for list and map. */

@@ -6,6 +6,7 @@ import type { Attitude, Battery, Component, Gimbal, GlobalPosition, Gps, Health,
 import type { Reading, VehicleState } from '../live/vehicle-state';
 import { readControl, type Control } from './control';
 import { vehicleName } from './names';
+import type { Reach } from './reach';
 
 export interface VehicleFacts {
   id: string;
@@ -35,6 +36,8 @@ export interface VehicleFacts {
   fromHome_m: number | null;
   /** Components that have sent a heartbeat: autopilot, gimbals, cameras, companion computers. */
   components: readonly Component[];
+  /** Over which protocols it is reached; null before the server has sent it. */
+  reach: Reach | null;
 }
 
 /** @param connected whether the page is connected to the server. */
@@ -67,6 +70,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
     control: readControl(vehicle.raw('control')?.value),
     components: vehicle.readAs<readonly Component[]>('components', now_unix_s)?.value ?? [],
+    reach: vehicle.readAs<Reach>('reach', now_unix_s)?.value ?? null,
     fromHome_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
   };
 }

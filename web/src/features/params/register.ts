@@ -7,9 +7,10 @@ registry.addPanel({
   order: 30,
   place: 'side',
   ofVehicle: ParamPanel,
+  needs: 'parameters',
   rail: { title: 'Params', icon: 'sliders', hint: 'Parameters (I)' },
   isOpen: () => params.open,
   toggle: () => params.toggle(),
   close: () => params.close(),
 });
-registry.addKeys([{ order: 160, keys: 'I', what: 'Parameters: search, read, set', inScene: true, on: { i: () => params.toggle() } }]);
+registry.addKeys([{ order: 160, keys: 'I', what: 'Parameters: search, read, set', inScene: true, on: { i: (facts) => registry.toggle('params', facts) } }]);

@@ -7,8 +7,11 @@ registry.addPanel({
   order: 20,
   place: 'side',
   ofVehicle: ReadinessPanel,
+  needs: 'arming_report',
   isOpen: () => readiness.open,
   toggle: () => readiness.toggle(),
   close: () => readiness.close(),
 });
-registry.addKeys([{ order: 150, keys: 'Y', what: 'Why the vehicle cannot arm or fly a mode', inScene: true, on: { y: () => readiness.toggle() } }]);
+registry.addKeys([
+  { order: 150, keys: 'Y', what: 'Why the vehicle cannot arm or fly a mode', inScene: true, on: { y: (facts) => registry.toggle('readiness', facts) } },
+]);

@@ -14,6 +14,7 @@ from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.reach import reach_of
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import ModeCommand
 from missions.setpoints import Position
@@ -31,7 +32,8 @@ class Vehicle:
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
         self.isolation = Isolation(clock, logging.getLogger("test"), "Vehicle 1")
-        self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink")),)
+        self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink"), received_s=0.0),)
+        self.reach = reach_of(self.endpoints)
         self.clock = clock
         self.command = self.params = self
         self.offboard = None

@@ -1,0 +1,79 @@
+"""Over which protocols a vehicle is reached, which of them its data take, and what its links do not carry.
+
+ROS 2 carries what PX4 bridges by default: telemetry, commands and setpoints. Everything in `NEEDS_MAVLINK`
+is a MAVLink protocol without a ROS 2 topic. This is the only place that decides what a vehicle's links carry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+from gcs_server.errors import Refused
+from gcs_server.vehicle.endpoint import MAVLINK, ROS2, SILENT_AFTER_S, Endpoint, protocol_in_use
+
+Feature = Literal["parameters", "mission_transfer", "files", "gimbal", "camera", "arming_report"]
+"""What only MAVLink carries."""
+NEEDS_MAVLINK: Final[dict[Feature, str]] = {
+    "parameters": "parameters",
+    "mission_transfer": "missions, geofences and rally points",
+    "files": "files",
+    "gimbal": "gimbal commands",
+    "camera": "camera commands",
+    "arming_report": "reports of the arming checks",
+}
+"""Each feature as the object of "ROS 2 carries no …"."""
+FEATURES: Final[tuple[Feature, ...]] = get_args(Feature)
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Over which protocols a vehicle is reached, and which of them its data take."""
+
+    protocols: tuple[str, ...]
+    """Protocols over which the vehicle is heard now: MAVLink, ROS 2."""
+    telemetry: str | None
+    """Protocol of the shown telemetry; null if the vehicle is not connected."""
+    commands: str | None
+    """Protocol that commands take."""
+    setpoints: str | None
+    """Protocol that setpoints take."""
+    missing: tuple[Feature, ...]
+    """What the vehicle's links do not carry; requests for it are refused at once. Empty over MAVLink."""
+
+
+def reach_of(endpoints: Sequence[Endpoint]) -> Reach:
+    """How a vehicle with these endpoints is reached now."""
+    newest_s = max((endpoint.received_s for endpoint in endpoints), default=0.0)
+    heard = {e.connection.protocol for e in endpoints if newest_s - e.received_s < SILENT_AFTER_S}
+    commands = protocol_in_use(endpoints, MAVLINK) if endpoints else None
+    return Reach(
+        protocols=tuple(sorted(heard)),
+        telemetry=commands,
+        commands=commands,
+        setpoints=protocol_in_use(endpoints, ROS2) if endpoints else None,
+        missing=FEATURES if heard and MAVLINK not in heard else (),
+    )
+
+
+def require_feature(vehicle_id: str, endpoints: Sequence[Endpoint], feature: Feature) -> None:
+    """Checks that the vehicle's links carry a feature.
+
+    Raises:
+        Refused: the feature needs a MAVLink link on which the vehicle is heard.
+    """
+    if feature not in reach_of(endpoints).missing:
+        return
+    silent = sorted({e.connection.name for e in endpoints if e.connection.protocol == MAVLINK})
+    if silent:
+        raise Refused(
+            f"ROS 2 carries no {NEEDS_MAVLINK[feature]}, and vehicle {vehicle_id} is silent on its MAVLink "
+            f"link {', '.join(silent)}. Nothing was sent.",
+            remedy="Restore the MAVLink link, then try again.",
+        )
+    raise Refused(
+        f"Vehicle {vehicle_id} is reached over ROS 2 only, which carries no {NEEDS_MAVLINK[feature]}. "
+        "Nothing was sent.",
+        remedy="This needs a MAVLink link: add one (POST /links, for example udpin://0.0.0.0:14550).",
+    )

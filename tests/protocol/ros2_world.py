@@ -1,0 +1,134 @@
+"""The server with simulated vehicles on ROS 2, on simulated time, without DDS."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from gcs_server.links.base import DdsAddress, Peer
+from gcs_server.links.memory import MemoryLink
+from gcs_server.ros2.topics import SUBSCRIPTIONS
+from gcs_server.ros2.vehicle_link import VehicleLink
+from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.vehicle.endpoint import ROS2
+from gcs_server.vehicle.vehicle import Vehicle
+from tests.loop_streams import LoopStreams
+from tests.protocol.memory_world import World
+from tests.protocol.simulated_world import TICK_S, until
+from vehicle_sim.fleet import VehicleSim
+
+PARAMETERS = {"UXRCE_DDS_SYNCT": 0}
+"""Without time synchronization the vehicle is on ROS 2 1.3 s after its boot instead of 6.4 s."""
+
+
+class Topics:
+    """The topics of one vehicle, in both directions; fast topics are read as often as from DDS."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, bytes]] = []
+        """Every message to the vehicle."""
+        self._to_vehicle: list[tuple[str, bytes]] = []
+        self._waiting = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
+        self._next_s = dict.fromkeys(self._waiting, 0.0)
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Called by the vehicle."""
+        if topic in self._waiting:
+            self._waiting[topic].append(data)
+
+    def take(self) -> Iterable[tuple[str, bytes]]:
+        """Called by the vehicle: the messages for it."""
+        taken, self._to_vehicle = self._to_vehicle, []
+        return taken
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Called by the server."""
+        self.sent.append((topic, data))
+        self._to_vehicle.append((topic, data))
+
+    def received(self, now_s: float) -> list[tuple[str, bytes]]:
+        """The vehicle's messages that the server reads now."""
+        read: list[tuple[str, bytes]] = []
+        for each in SUBSCRIPTIONS:
+            if now_s >= self._next_s[each.name]:
+                self._next_s[each.name] = now_s + each.every_s * 0.9
+                waiting = self._waiting[each.name]
+                read += [(each.name, waiting.popleft()) for _ in range(len(waiting))]
+        return read
+
+
+class Ros2Streams(LoopStreams):
+    """Sends over the topics of the vehicles that are reached over ROS 2."""
+
+    def __init__(self, clock: Any, topics_at: Callable[[DdsAddress], Topics]) -> None:
+        super().__init__(clock)
+        self._topics_at = topics_at
+
+    def attach(self, vehicle_id: str, sender: Any, target: tuple[int, int], *_: Any) -> None:
+        def topics() -> Topics | None:
+            path = sender.send_path()
+            return None if path is None or path.peer.dds is None else self._topics_at(path.peer.dds)
+
+        super().attach(vehicle_id, sender, target, 0, topics)
+
+
+class Ros2World(World):
+    """Vehicles "1", "2", … in a row to the east, 3 m apart, on one `ros2://` link.
+
+    Args:
+        count: number of vehicles.
+        mavlink: whether vehicle 1 has a MAVLink link, too.
+    """
+
+    def __init__(self, count: int = 1, *, mavlink: bool = False) -> None:
+        super().__init__()
+        links = (("gcs", "gcs"),) if mavlink else ()
+        self.sim = VehicleSim(count, links=links, parameters=PARAMETERS, seed=3)
+        self.topics = [Topics() for _ in range(count)]
+        self._ros2 = MemoryLink("ros2", outgoing=self._command)
+        self._ros2.protocol = ROS2
+        self._vehicles = [VehicleLink(f"px4_{row}", topics, 255) for row, topics in enumerate(self.topics)]
+        for row, topics in enumerate(self.topics):
+            self.sim.open_ros2(row, topics, lambda _: None)
+        self.router.add(self._ros2)
+        self.mavlink = MemoryLink("mavlink", outgoing=lambda data, _: self.sim.feed(0, "gcs", data))
+        self.mavlink_on = mavlink
+        """Whether frames of the MAVLink link arrive."""
+        if mavlink:
+            self.router.add(self.mavlink)
+        streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])
+        self.streamer = Streamer(self.clock, streams)
+        self.fleet.on_vehicle_added(self.streamer.attach)
+        self.supervisor.start("offboard-beat", self.streamer._beat)
+        self.supervisor.start("simulator", self._simulate)
+
+    def _command(self, data: bytes, peer: Peer) -> None:
+        assert peer.dds is not None
+        row = int(peer.dds.namespace.removeprefix("px4_"))
+        self._vehicles[row].sent(data, int(self.clock.unix_s() * 1e6))
+
+    async def _simulate(self) -> None:
+        while True:
+            self.sim.step(TICK_S)
+            now_s = self.clock.monotonic_s()
+            for row, vehicle in enumerate(self._vehicles):
+                if data := vehicle.received(self.topics[row].received(now_s), now_s):
+                    self._ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
+            if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
+                self.mavlink.inject(data, "vehicle")
+            self.streamer._streams.step()
+            await self.clock.sleep(TICK_S)
+
+    async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
+        """The vehicle, once it can be armed."""
+        vehicle = await self.ready(vehicle_id, patience_s=40)
+        await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
+        return vehicle
+
+    async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
+        """The vehicle after take-off, in Hold."""
+        vehicle = await self.ready_to_arm(vehicle_id)
+        await vehicle.command.takeoff(height_m)
+        await until(lambda: vehicle.status.mode == "hold", 40)
+        return vehicle

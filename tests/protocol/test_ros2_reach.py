@@ -1,0 +1,103 @@
+"""What a vehicle's links carry: over ROS 2 alone, over MAVLink, and over both."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from gcs_server.api import mission_models, param_routes, responses
+from gcs_server.api.mission_routes import download, upload
+from gcs_server.control.principal import Principal
+from gcs_server.errors import GcsError, Refused
+from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
+from missions.plan import Plan, write
+from tests.protocol.api_calls import station_of, view
+from tests.protocol.ros2_world import Ros2World
+from tests.protocol.simulated_world import until
+
+ANNA = Principal.of("anna", "anna's tab")
+REQUESTS: dict[str, Callable[[Any], Any]] = {
+    "parameters": lambda v: v.params.get("MPC_XY_VEL_MAX"),
+    "mission_transfer": lambda v: v.mission.clear(),
+    "files": lambda v: v.ftp.list("/"),
+    "gimbal": lambda v: v.gimbal.take_control(),
+    "camera": lambda v: v.camera.take_picture(),
+    "arming_report": lambda v: v.health.check(),
+}
+
+
+def test_each_feature_has_a_request_that_is_refused() -> None:
+    assert set(REQUESTS) == set(FEATURES) == set(NEEDS_MAVLINK)
+
+
+def test_over_ros_2_alone_a_request_that_needs_mavlink_is_refused_at_once(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World()
+        vehicle = await world.ready_to_arm()
+        assert vehicle.reach.missing == FEATURES
+        sent = len(world.topics[0].sent)
+        for feature, request in REQUESTS.items():
+            began_s = world.loop.time()
+            with pytest.raises(Refused, match=f"carries no {NEEDS_MAVLINK[feature]}") as refused:
+                await request(vehicle)
+            assert "needs a MAVLink link" in (refused.value.remedy or "")
+            assert world.loop.time() == began_s
+        assert len(world.topics[0].sent) == sent
+        await world.close()
+
+    jump(run)
+
+
+def test_routes_refuse_before_they_start_an_operation(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World()
+        vehicle = await world.ready_to_arm()
+        station = station_of(world)
+        plan = mission_models.UploadRequest.model_validate({"plan": json.loads(write(Plan()))})
+        for call in (
+            lambda: upload("1", plan, station, ANNA),
+            lambda: download(vehicle, station, ANNA),
+            lambda: param_routes.refresh_params(vehicle, station, ANNA),
+            lambda: param_routes.set_param("1", "A", param_routes.ParamRequest(value=1), station, ANNA),
+            lambda: vehicle.offboard.set_failsafe("hold", None),
+        ):
+            with pytest.raises(Refused, match="reached over ROS 2 only"):
+                await call()
+        assert station.operations.all() == []
+        assert view(responses.answer(responses.vehicle_view(vehicle)))["reach"] == {
+            "protocols": ["ROS 2"],
+            "telemetry": "ROS 2",
+            "commands": "ROS 2",
+            "setpoints": "ROS 2",
+            "missing": list(FEATURES),
+        }
+        await world.close()
+
+    jump(run)
+
+
+def test_over_both_protocols_commands_take_mavlink_and_setpoints_ros_2(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World(mavlink=True)
+        vehicle = await world.ready_to_arm()
+        await until(lambda: len(vehicle.reach.protocols) == 2, 10)
+        reach = vehicle.reach
+        assert (reach.telemetry, reach.commands, reach.setpoints) == ("MAVLink", "MAVLink", "ROS 2")
+        assert reach.missing == ()
+        await vehicle.params.get("MPC_XY_VEL_MAX")
+
+        world.mavlink_on = False
+        await asyncio.sleep(4.0)
+        assert (vehicle.reach.protocols, vehicle.reach.commands) == (("ROS 2",), "ROS 2")
+        with pytest.raises(GcsError, match="vehicle 1 is silent on its MAVLink link mavlink"):
+            await vehicle.params.get("MPC_XY_VEL_MAX")
+
+        world.mavlink_on = True
+        await until(lambda: not vehicle.reach.missing, 5)
+        await world.close()
+
+    jump(run)

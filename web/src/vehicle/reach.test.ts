@@ -1,0 +1,37 @@
+import { describe, expect, it } from 'vitest';
+import { isOffered, type Panel } from '../app/registry.svelte';
+import type { VehicleFacts } from './facts';
+import { carries, reachLines, type Reach } from './reach';
+
+const BOTH: Reach = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
+const ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };
+const facts = (reach: Reach | null): VehicleFacts => ({ reach }) as VehicleFacts;
+
+describe('the protocols of a vehicle', () => {
+  it('over ROS 2 alone carry nothing that needs MAVLink', () => {
+    expect(carries(facts(ROS_2), 'parameters')).toBe(false);
+    expect(carries(facts(ROS_2), 'gimbal')).toBe(true);
+    expect(carries(facts(BOTH), 'parameters')).toBe(true);
+    expect(carries(facts(null), 'parameters')).toBe(true);
+  });
+  it('are named with the way of telemetry, commands and setpoints where these differ', () => {
+    expect(reachLines(null)).toEqual([]);
+    expect(reachLines(BOTH)).toEqual([
+      ['Protocol', 'MAVLink and ROS 2'],
+      ['Telemetry', 'MAVLink'],
+      ['Commands', 'MAVLink'],
+      ['Setpoints', 'ROS 2'],
+    ]);
+    expect(reachLines(ROS_2)).toEqual([
+      ['Protocol', 'ROS 2'],
+      ['Needs MAVLink', 'parameters, files'],
+    ]);
+  });
+  it('decide which panels are offered', () => {
+    const panel = { needs: 'parameters' } as Panel;
+    expect(isOffered(panel, facts(ROS_2))).toBe(false);
+    expect(isOffered(panel, facts(BOTH))).toBe(true);
+    expect(isOffered(panel, null)).toBe(true);
+    expect(isOffered({} as Panel, facts(ROS_2))).toBe(true);
+  });
+});
