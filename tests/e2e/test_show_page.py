@@ -1,0 +1,96 @@
+"""A mission for several vehicles on the page: loaded, flown in simulation and flown to its end, by clicks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, opened
+from tests.e2e.fast_station import FAST, Station
+from tests.e2e.plan_page import EXAMPLES, dry_run, plan_room
+from tests.station import free_port, server, vehicle, wait_until
+from tools import build_page
+
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+VEHICLES = {"lead": "101", "left": "104"}
+"""Simulated vehicles start 3 m apart; the show needs 7 m."""
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    """One Chromium; builds the page first if its sources are newer."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture
+def station() -> Iterator[Station]:
+    """A server and four vehicles that are ready to arm."""
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, instances=4, more=FAST),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in VEHICLES.values()]
+        yield Station(url, gcs, drones[0])
+
+
+def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
+    browser: Browser, station: Station
+) -> None:
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        page.get_by_label("File to import").set_input_files(EXAMPLES / "two_vehicle_show.yaml")
+        expect(room.get_by_label("Name of the plan")).to_have_value("Two-vehicle show")
+        expect(room.get_by_role("region", name="Findings")).to_contain_text("no findings")
+        for role, vehicle_id in VEHICLES.items():
+            room.get_by_label(f"Vehicle of {role}").select_option(vehicle_id)
+
+        simulated = room.get_by_role("region", name="Dry run")
+        simulated.get_by_role("button", name="Conditions").click()
+        simulated.get_by_label("Flights (wind, mass and battery vary)").fill("2")
+        simulated.get_by_role("button", name="Conditions").click()
+        dry_run(page, room, longest_s=400)
+        for role in VEHICLES:
+            expect(simulated).to_contain_text(re.compile(rf"{role}, 2 flights: 95 % within \d+\.\d m"))
+        expect(simulated).to_contain_text(
+            re.compile(r"lead and left in all flights: at least \d+\.\d m apart")
+        )
+
+        room.get_by_role("button", name="ly…").click()  # "Save, check and fly…"
+        expect(page.get_by_role("alertdialog")).to_contain_text("Fly “Two-vehicle show” with")
+        hold_space(page)
+
+        reach(station, "flying", 180)
+        assert all(each["dry_run"] is not None for each in missions(station)), "each has its corridor"
+        assert [each["role"] for each in missions(station)] == list(VEHICLES)
+        page.keyboard.press("w")
+        card = page.get_by_role("region", name="Offboard mission")
+        expect(card).to_contain_text("Two-vehicle show")
+        expect(card.get_by_role("button", name="Skip step…")).to_have_count(0)
+        reach(station, "done", 400)
+        expect(card.get_by_role("status").first).to_have_text("Done")
+    for vehicle_id in VEHICLES.values():
+        assert not station.gcs.vehicle(vehicle_id).status()["armed"]
+
+
+def missions(station: Station) -> list[dict[str, Any]]:
+    """The status of each vehicle's mission."""
+    vehicles = [station.gcs.vehicle(each) for each in VEHICLES.values()]
+    return [each.request("GET", "/offboard_mission")["mission"] or {} for each in vehicles]
+
+
+def reach(station: Station, state: str, within_s: float) -> None:
+    """Waits until the missions of both vehicles are in this state."""
+    try:
+        wait_until(lambda: [each.get("state") for each in missions(station)] == [state] * 2, state, within_s)
+    except TimeoutError:
+        raise AssertionError(missions(station)) from None
