@@ -87,6 +87,7 @@ class Arrivals:
 MISSION_VEHICLE = 101
 MISSION = {
     "name": "bench",
+    "actions": {"control_lost": "continue"},
     "steps": [
         {"step": "take_off", "height_m": 5},
         {
