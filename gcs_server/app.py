@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -40,6 +41,7 @@ from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
+from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.ros2.url import ros2_link
 from gcs_server.scene.clicks import SceneClick
 from gcs_server.scene.gizmo import SceneGizmo
@@ -143,6 +145,7 @@ class Server:
             plans=plans,
             plan_work=PlanWork(folder.elevation),
             dry_runs=dry_runs,
+            topic_inspectors=TopicInspectors(),
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
@@ -150,6 +153,7 @@ class Server:
             simulator=self._simulator is not None,
         )
         self.station.hub.watch_replays(replays.all)
+        self.station.hub.watch_ros2_topics(self.station.topic_inspectors.look)
         self.streamer.groups.on_change = self._publish_group
         self.fleet.subscribe(self._watch_for_losses)
         self._links = (*settings.links, *more_links)
@@ -202,6 +206,7 @@ class Server:
         await self.fleet.close()
         await self.supervisor.close()
         self.station.replays.stop()
+        await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()
         self.station.journal.flush()
         if self._simulator is not None:

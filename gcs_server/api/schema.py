@@ -31,6 +31,7 @@ from gcs_server.api import (
     readiness_routes,
     recording_routes,
     reference_page,
+    ros2_routes,
     station_routes,
     vehicle_routes,
 )
@@ -55,6 +56,7 @@ def api_router() -> APIRouter:
         camera_routes,
         param_routes,
         readiness_routes,
+        ros2_routes,
         map_routes,
         recording_routes,
         operation_routes,

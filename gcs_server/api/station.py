@@ -21,6 +21,7 @@ from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
+from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.groups.groups import Groups
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.offboard.control import OffboardControl
@@ -47,6 +48,7 @@ class Station:
     plans: PlanStore
     plan_work: PlanWork
     dry_runs: DryRuns
+    topic_inspectors: TopicInspectors
     started_s: float
     own_ids: tuple[int, int]
     maps: Path

@@ -261,6 +261,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/mission",
         "GET /vehicles/{v}/mission/plan",
         "GET /vehicles/{v}/readiness",
+        "GET /vehicles/{v}/ros2/topics",
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
         "GET /groups",

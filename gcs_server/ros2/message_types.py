@@ -122,5 +122,8 @@ def parse(text: str) -> dict[str, MessageType]:
     return types
 
 
-MESSAGES: Final = parse((Path(__file__).parent / "px4_msgs.txt").read_text(encoding="utf-8"))
-"""Types by name."""
+_FOLDER = Path(__file__).parent
+MESSAGES: Final = parse((_FOLDER / "px4_msgs.txt").read_text(encoding="utf-8"))
+"""Types that the server uses, by name."""
+SHOWN: Final = parse((_FOLDER / "shown_msgs.txt").read_text(encoding="utf-8")) | MESSAGES
+"""All known types by name: also those that the server only shows."""

@@ -8,7 +8,8 @@ is left out; all others are sent.
 
 A vehicle's topic is sent after each of its messages, even if it has not changed, because the time of the
 newest message shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a
-subscription and when it changes; it is valid until the next change.
+subscription and when it changes; it is valid until the next change. The topics of `ON_REQUEST` cost much, so
+only a subscription that names them gets them.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ ERRORS_KEPT = 10
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
+ROS2_TOPICS_PERIOD_S = 0.5
 PERIODS_S = {
     "offboard": OFFBOARD_PERIOD_S,
     "offboard_mission": OFFBOARD_PERIOD_S,
@@ -53,11 +55,14 @@ PERIODS_S = {
     "components": IDENTITY_PERIOD_S,
     "reach": CONTROL_PERIOD_S,
     "control": CONTROL_PERIOD_S,
+    "ros2_topics": ROS2_TOPICS_PERIOD_S,
 }
 """Topics of the server, and the period at which each is checked for a change [s]. Only a change creates a new
 sample."""
 SERVER_TOPICS = frozenset(PERIODS_S) | {"readiness"}
 ALL_TOPICS = frozenset(TOPICS) | SERVER_TOPICS
+ON_REQUEST = frozenset({"ros2_topics"})
+"""Topics that `"topics": "*"` does not include."""
 CLOSE_TOO_SLOW = 1013
 
 
@@ -81,6 +86,8 @@ class Encoded:
         """Time of the last check and value of the server's topics."""
         self.replays: Callable[[], Sequence[object]] = tuple
         """Returns the open replays; set by the replay service."""
+        self.inspect: Callable[[Vehicle], object | None] = lambda _vehicle: None
+        """Returns the ROS 2 topics of a vehicle; set by the inspector."""
 
     def replays_text(self) -> str | None:
         """A frame with the open replays; None if there are none."""
@@ -154,8 +161,9 @@ class Encoded:
         all_held[topic] = fresh
         return fresh
 
-    @staticmethod
-    def _own(vehicle: Vehicle, topic: str) -> object | None:
+    def _own(self, vehicle: Vehicle, topic: str) -> object | None:
+        if topic == "ros2_topics":
+            return self.inspect(vehicle)
         if topic == "identity":
             return vehicle.identity
         if topic == "components":
@@ -212,7 +220,8 @@ class Subscriber:
     def subscribe(self, request: Subscribe) -> None:
         """Applies a subscription immediately; all its values are sent again."""
         self._wants = request
-        self._topics = tuple(sorted(ALL_TOPICS if isinstance(request.topics, str) else set(request.topics)))
+        every = ALL_TOPICS - ON_REQUEST
+        self._topics = tuple(sorted(every if isinstance(request.topics, str) else set(request.topics)))
         self._seen.clear()
         self._seen_replays = None
         self._wake.set()
@@ -279,6 +288,10 @@ class Hub:
     def watch_replays(self, replays: Callable[[], Sequence[object]]) -> None:
         """Sets the function that returns the open replays."""
         self._encoded.replays = replays
+
+    def watch_ros2_topics(self, inspect: Callable[[Vehicle], object | None]) -> None:
+        """Sets the function that returns the ROS 2 topics of a vehicle, or None if it has no ROS 2 link."""
+        self._encoded.inspect = inspect
 
     def publish(self, event: Event) -> None:
         """Passes an event on to all clients, encoded once."""

@@ -1146,6 +1146,30 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/ros2/topics": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Ros2 Topics
+         * @description The ROS 2 topics of the vehicle, and those of its DDS domain that belong to no vehicle: type,
+         *     publishers, rate, age and last message.
+         *
+         *     The server reads them only while somebody looks, so the first answer takes about 1.5 s. For continuous
+         *     values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no ROS 2 link.
+         */
+        readonly get: operations["ros2_topics_api_v1_vehicles__v__ros2_topics_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/maps": {
         readonly parameters: {
             readonly query?: never;
@@ -10734,6 +10758,107 @@ export interface components {
             readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
+         * Ros2Topic
+         * @description One ROS 2 topic of a vehicle's domain.
+         */
+        readonly Ros2Topic: {
+            /**
+             * Name
+             * @description Name as in ROS 2; a DDS topic outside of ROS 2 has its DDS name.
+             */
+            readonly name: string;
+            /**
+             * Type
+             * @description Type as in ROS 2, for example px4_msgs/msg/VehicleStatus.
+             */
+            readonly type: string;
+            /**
+             * Publishers
+             * @description Programs that publish it, this server included.
+             */
+            readonly publishers: number;
+            /**
+             * Subscribers
+             * @description Programs that subscribe to it, without this inspector.
+             */
+            readonly subscribers: number;
+            /**
+             * Type Known
+             * @description Whether the server knows the type; rate, age and value of other types are not known.
+             */
+            readonly type_known: boolean;
+            /**
+             * Rate Hz
+             * @description Messages per second, over the last 10 s; null before the second message.
+             */
+            readonly rate_hz: number | null;
+            /**
+             * Rate Is Minimum
+             * @description True: more messages arrive than the inspector reads, so the rate is a lower limit.
+             */
+            readonly rate_is_minimum: boolean;
+            /**
+             * Age S
+             * @description Time since the last message; null: none since the inspector was opened.
+             */
+            readonly age_s: number | null;
+            /**
+             * Size Bytes
+             * @description Size of the last message, with its header.
+             */
+            readonly size_bytes: number | null;
+            /**
+             * Value
+             * @description Fields of the last message by name; a number that is NaN or infinite is null. Fields of nested types
+             *     are called `outer.inner`.
+             */
+            readonly value: {
+                readonly [key: string]: unknown;
+            } | null;
+            /**
+             * Problem
+             * @description Why the last message, or the topic, cannot be shown.
+             */
+            readonly problem: string | null;
+        };
+        /**
+         * Ros2Topics
+         * @description The ROS 2 topics of a vehicle's domain: its own, and those of no vehicle.
+         */
+        readonly Ros2Topics: {
+            /**
+             * Domain Id
+             * @description DDS domain.
+             */
+            readonly domain_id: number;
+            /**
+             * Namespace
+             * @description Namespace of the vehicle; empty: it has none.
+             */
+            readonly namespace: string;
+            /**
+             * State
+             * @description starting: the inspector has just been opened; open; failed: see `problem`.
+             * @enum {string}
+             */
+            readonly state: "starting" | "open" | "failed";
+            /**
+             * Problem
+             * @description Why the topics cannot be shown.
+             */
+            readonly problem: string | null;
+            /**
+             * Topics
+             * @description By name, the vehicle's own first.
+             */
+            readonly topics: readonly components["schemas"]["Ros2Topic"][];
+            /**
+             * Left Out
+             * @description Number of topics that are not shown because there are too many.
+             */
+            readonly left_out: number;
+        };
+        /**
          * ServerHealth
          * @description The server is running.
          */
@@ -16554,6 +16679,65 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["VehicleReadiness"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly ros2_topics_api_v1_vehicles__v__ros2_topics_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Ros2Topics"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -14,26 +14,18 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Policy, Qos
-from cyclonedds.topic import Topic
-
 from gcs_server.links.base import Peer
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.tables import NAMES
 from gcs_server.ros2.dds import DdsPort, DdsUnavailable, configuration, open_domain
-from gcs_server.ros2.dds_types import idl_type
 from gcs_server.ros2.link import Ros2Link
-from gcs_server.ros2.message_types import HEADER, MESSAGES
-from gcs_server.ros2.topics import wire_name
+from gcs_server.ros2.message_types import HEADER, MESSAGES, SHOWN
+from tests.support.dds_publisher import STATUS, Publisher, status
 from tests.support.dds_samples import recorded
 
 DOMAIN = 49
 NAMESPACE = f"link_{os.getpid()}"
 """Tests that run at the same time share the machine's loopback."""
-STATUS = "/fmu/out/vehicle_status_v1"
-TRANSIENT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
 
 
 def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
@@ -48,23 +40,6 @@ def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..
 
 def _ignore(*_arguments: object) -> None:
     """For callbacks whose calls a test does not read."""
-
-
-class Publisher:
-    """A participant that publishes as a vehicle does."""
-
-    def __init__(self, namespace: str = NAMESPACE) -> None:
-        self._namespace = namespace
-        self._participant = DomainParticipant(DOMAIN)
-        self._writers: dict[str, tuple[type, Any]] = {}
-
-    def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:
-        if topic not in self._writers:
-            kind = idl_type(MESSAGES[message])
-            where = Topic(self._participant, wire_name(topic, self._namespace), kind)
-            self._writers[topic] = kind, DataWriter(self._participant, where, qos=TRANSIENT)
-        kind, writer = self._writers[topic]
-        writer.write(kind.of(data))
 
 
 class Received:
@@ -92,11 +67,6 @@ class Received:
             await asyncio.sleep(0.02)
 
 
-def _status(**changes: object) -> bytes:
-    message = MESSAGES["VehicleStatus"]
-    return message.encode(message.decode(recorded()[STATUS]) | changes)
-
-
 @pytest.fixture(autouse=True)
 def _domain() -> Iterator[None]:
     shared = open_domain(DOMAIN, None)
@@ -106,10 +76,10 @@ def _domain() -> Iterator[None]:
 
 @in_event_loop
 async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames() -> None:
-    received, vehicle = Received(), Publisher()
+    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
 
     def publish() -> None:
-        vehicle.send(STATUS, _status(system_id=7))
+        vehicle.send(STATUS, status(system_id=7))
         topic = "/fmu/out/vehicle_land_detected"
         vehicle.send(topic, recorded()[topic], "VehicleLandDetected")
 
@@ -124,11 +94,11 @@ async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames()
 @in_event_loop
 async def test_every_vehicle_of_the_domain_is_a_peer_of_its_own() -> None:
     others = [f"{NAMESPACE}_a", f"{NAMESPACE}_b"]
-    received, vehicles = Received(None), [Publisher(name) for name in others]
+    received, vehicles = Received(None), [Publisher(DOMAIN, name) for name in others]
 
     def publish() -> None:
         for number, vehicle in enumerate(vehicles, 1):
-            vehicle.send(STATUS, _status(system_id=number))
+            vehicle.send(STATUS, status(system_id=number))
 
     await received.until(lambda: set(others) <= received.frames.keys(), publish)
     for number, name in enumerate(others, 1):
@@ -139,12 +109,12 @@ async def test_every_vehicle_of_the_domain_is_a_peer_of_its_own() -> None:
 @in_event_loop
 async def test_malformed_and_flooding_samples_cost_only_their_vehicle() -> None:
     bad, good = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
-    received, flooding, vehicle = Received(None), Publisher(bad), Publisher(good)
+    received, flooding, vehicle = Received(None), Publisher(DOMAIN, bad), Publisher(DOMAIN, good)
 
     def publish() -> None:
         for _ in range(200):
-            flooding.send(STATUS, _status(system_id=0))
-        vehicle.send(STATUS, _status())
+            flooding.send(STATUS, status(system_id=0))
+        vehicle.send(STATUS, status())
 
     def reported() -> bool:
         return f"/{bad}{STATUS} cannot be used" in received.link.info().detail
@@ -159,8 +129,8 @@ async def test_malformed_and_flooding_samples_cost_only_their_vehicle() -> None:
 async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.5)
     other = replace(MESSAGES["VehicleStatus"], fields=MESSAGES["VehicleStatus"].fields[:3])
-    monkeypatch.setitem(MESSAGES, "Other", other)
-    received, vehicle = Received(), Publisher()
+    monkeypatch.setitem(SHOWN, "Other", other)
+    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
 
     def reported() -> bool:
         return "sends no message of PX4 v1.16's type" in received.link.info().detail
@@ -172,14 +142,14 @@ async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch
 
 @in_event_loop
 async def test_of_two_vehicles_without_a_namespace_of_their_own_only_the_first_is_read() -> None:
-    received, first, second = Received(), Publisher(), Publisher()
+    received, first, second = Received(), Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
     await received.until(
-        lambda: "HEARTBEAT" in received.names(), lambda: first.send(STATUS, _status(system_id=1))
+        lambda: "HEARTBEAT" in received.names(), lambda: first.send(STATUS, status(system_id=1))
     )
 
     def publish() -> None:
-        first.send(STATUS, _status(system_id=1))
-        second.send(STATUS, _status(system_id=2))
+        first.send(STATUS, status(system_id=1))
+        second.send(STATUS, status(system_id=2))
 
     await received.until(lambda: "Several vehicles publish" in received.link.info().detail, publish)
     assert {system for system, _ in received.frames[NAMESPACE]} == {1}
@@ -198,7 +168,7 @@ async def test_of_two_vehicles_without_a_namespace_of_their_own_only_the_first_i
 async def test_an_unknown_version_or_type_is_reported_and_not_read(
     topic: str, message: str, text: str
 ) -> None:
-    received, vehicle = Received(), Publisher()
+    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
     await received.until(
         lambda: text in received.link.info().detail, lambda: vehicle.send(topic, bytes(100), message)
     )

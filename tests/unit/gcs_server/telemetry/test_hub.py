@@ -281,3 +281,18 @@ def test_a_too_long_request_is_explained_briefly(ask):
         assert socket.closed is None
 
     told(story)
+
+
+def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
+    async def story(fleet, socket, hub):
+        looks = []
+        hub.watch_ros2_topics(lambda vehicle: looks.append(vehicle.id) or {"topics": len(looks)})
+        await socket.asks.put(json.dumps({"type": "subscribe", "rate_hz": 10}))
+        await asyncio.sleep(5)
+        assert looks == []
+        await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["ros2_topics"], "rate_hz": 10}))
+        await asyncio.sleep(5)
+        assert 9 <= len(looks) <= 11, "twice a second, whatever rate the client wants"
+        assert socket.told("ros2_topics")[-1] == {"topics": len(looks)}
+
+    told(story)

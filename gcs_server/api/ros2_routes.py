@@ -1,0 +1,42 @@
+"""The ROS 2 topics of a vehicle's DDS domain."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from fastapi import APIRouter, Response
+
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.reflect import model_of
+from gcs_server.api.responses import answer
+from gcs_server.api.station import StationDep, VehicleDep
+from gcs_server.errors import Refused
+from gcs_server.ros2.inspection import Inspection, TopicView
+
+router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
+
+Ros2TopicModel = model_of(TopicView, "Ros2Topic")
+Ros2TopicsModel = model_of(Inspection, "Ros2Topics", topics=tuple[Ros2TopicModel, ...])
+
+LOOK_EVERY_S: Final = 0.1
+LONGEST_START_S: Final = 4.0
+"""The answer does not wait longer for the inspector's start."""
+
+
+@router.get("/{v}/ros2/topics", response_model=Ros2TopicsModel)
+async def ros2_topics(vehicle: VehicleDep, station: StationDep) -> Response:
+    """The ROS 2 topics of the vehicle, and those of its DDS domain that belong to no vehicle: type,
+    publishers, rate, age and last message.
+
+    The server reads them only while somebody looks, so the first answer takes about 1.5 s. For continuous
+    values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no ROS 2 link.
+    """
+    until_s = station.clock.monotonic_s() + LONGEST_START_S
+    while (inspection := station.topic_inspectors.look(vehicle)) is not None:
+        if inspection.state != "starting" or station.clock.monotonic_s() >= until_s:
+            return answer(inspection)
+        await station.clock.sleep(LOOK_EVERY_S)
+    raise Refused(
+        f"Vehicle {vehicle.id} has no ROS 2 link, so it has no topics to show.",
+        remedy="Add one (POST /links, for example ros2://0).",
+    )

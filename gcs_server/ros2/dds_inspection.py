@@ -1,0 +1,91 @@
+"""The inspector's participant in a DDS domain: discovers all writers and readers, and reads chosen topics."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
+from cyclonedds.core import DDSException
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from gcs_server.ros2.dds import DdsUnavailable, open_domain
+from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.inspection import Announcement, TopicKey
+from gcs_server.ros2.message_types import MessageType
+
+MAX_ANNOUNCEMENTS: Final = 500
+"""Most announcements of writers, and of readers, read at once."""
+DEPTH: Final = 128
+"""Messages of a topic that wait for the next reading."""
+QOS: Final = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH))
+"""Every writer's messages can be received with these."""
+
+
+class InspectionPort:
+    """A participant that only listens.
+
+    Raises:
+        DdsUnavailable: DDS cannot create it.
+    """
+
+    def __init__(self, domain_id: int, interface: str | None) -> None:
+        self._domain = open_domain(domain_id, interface)
+        try:
+            self._participant = DomainParticipant(domain_id)
+            self._own = str(self._participant.get_guid())
+            self._builtin = (
+                (True, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
+                (False, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),
+            )
+        except DDSException as problem:
+            raise DdsUnavailable(
+                f"DDS domain {domain_id} cannot be inspected ({problem.msg}). Check that no more than a "
+                "hundred programs use the domain."
+            ) from None
+        self._readers: dict[TopicKey, Any] = {}
+
+    def announcements(self) -> list[Announcement]:
+        """Writers and readers of other participants that appeared or ended, a bounded number."""
+        found: list[Announcement] = []
+        for publishes, reader in self._builtin:
+            try:
+                samples = reader.take(MAX_ANNOUNCEMENTS)
+            except DDSException:
+                continue
+            for each in samples:
+                topic = TopicKey(each.topic_name, each.type_name) if each.sample_info.valid_data else None
+                if str(each.participant_key) != self._own:
+                    found.append(Announcement(str(each.key), publishes, topic))
+        return found
+
+    def open(self, key: TopicKey, message: MessageType) -> str | None:
+        """Begins to read a topic; returns why it cannot be read, or None."""
+        try:
+            topic = Topic(self._participant, key.name, idl_type(message))
+            self._readers[key] = DataReader(self._participant, topic, qos=QOS)
+        except DDSException as problem:
+            return f"DDS cannot read this topic ({problem.msg})."
+        return None
+
+    def close(self, key: TopicKey) -> None:
+        """Stops reading a topic."""
+        self._readers.pop(key, None)
+
+    def take(self, key: TopicKey) -> tuple[list[bytes], bool]:
+        """Messages since the last call, oldest first, and whether there may have been more."""
+        reader = self._readers.get(key)
+        if reader is None:
+            return [], False
+        try:
+            samples = reader.take(DEPTH)
+        except DDSException:
+            return [], False
+        # When a writer ends, Cyclone delivers an `InvalidSample`.
+        return [each.cdr for each in samples if isinstance(each, Sample)], len(samples) == DEPTH

@@ -1,0 +1,245 @@
+"""The topics of a DDS domain with rate, age and last value: what the inspector shows. No DDS and no clock.
+
+Everything here comes from other programs, so the number of endpoints and topics is limited.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, NamedTuple
+
+from gcs_server.ros2.message_types import SHOWN, MalformedMessage, MessageType
+from gcs_server.ros2.topics import vehicle_of, wire_type
+
+MAX_ENDPOINTS: Final = 4000
+"""Writers and readers that are remembered; further ones are ignored."""
+MAX_TOPICS: Final = 200
+"""Topics shown for one vehicle; the others are counted."""
+MAX_NAME: Final = 256
+"""Longest name of a topic or type [characters]; endpoints with longer ones are ignored."""
+RATE_WINDOW_S: Final = 10.0
+"""Rates are those of this time."""
+HIDDEN_TYPES: Final = "org::eclipse::cyclonedds::builtin::"
+"""Begin of the types of Cyclone's own topics."""
+_ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
+_TYPES: Final[Mapping[str, MessageType]] = {wire_type(message): message for message in SHOWN.values()}
+State = Literal["starting", "open", "failed"]
+
+
+class TopicKey(NamedTuple):
+    """A topic as DDS identifies it. Topics of one name and two types are two topics."""
+
+    name: str
+    type: str
+
+
+@dataclass(frozen=True, slots=True)
+class Announcement:
+    """A writer or reader that DDS has discovered, or that has ended."""
+
+    key: str
+    """Identifies the endpoint."""
+    publishes: bool
+    topic: TopicKey | None
+    """None: the endpoint has ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicView:
+    """One ROS 2 topic of a vehicle's domain."""
+
+    name: str
+    """Name as in ROS 2; a DDS topic outside of ROS 2 has its DDS name."""
+    type: str
+    """Type as in ROS 2, for example px4_msgs/msg/VehicleStatus."""
+    publishers: int
+    """Programs that publish it, this server included."""
+    subscribers: int
+    """Programs that subscribe to it, without this inspector."""
+    type_known: bool
+    """Whether the server knows the type; rate, age and value of other types are not known."""
+    rate_hz: float | None
+    """Messages per second, over the last 10 s; null before the second message."""
+    rate_is_minimum: bool
+    """True: more messages arrive than the inspector reads, so the rate is a lower limit."""
+    age_s: float | None
+    """Time since the last message; null: none since the inspector was opened."""
+    size_bytes: int | None
+    """Size of the last message, with its header."""
+    value: dict[str, Any] | None
+    """Fields of the last message by name; a number that is NaN or infinite is null. Fields of nested types
+    are called `outer.inner`."""
+    problem: str | None
+    """Why the last message, or the topic, cannot be shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """The ROS 2 topics of a vehicle's domain: its own, and those of no vehicle."""
+
+    domain_id: int
+    """DDS domain."""
+    namespace: str
+    """Namespace of the vehicle; empty: it has none."""
+    state: State
+    """starting: the inspector has just been opened; open; failed: see `problem`."""
+    problem: str | None
+    """Why the topics cannot be shown."""
+    topics: tuple[TopicView, ...]
+    """By name, the vehicle's own first."""
+    left_out: int
+    """Number of topics that are not shown because there are too many."""
+
+
+def ros_name(name: str) -> str:
+    """A topic's name in ROS 2, without `rt`; other DDS topics keep their name."""
+    return name[2:] if name.startswith("rt/") else name
+
+
+def ros_type(name: str) -> str:
+    """A type's name in ROS 2; other DDS types keep their name."""
+    found = _ROS_TYPE.fullmatch(name)
+    return "/".join(found.groups()) if found else name
+
+
+class MessageRate:
+    """Rate of a topic from the number of messages at each reading."""
+
+    def __init__(self) -> None:
+        self._readings: deque[tuple[float, int]] = deque()
+
+    def add(self, messages: int, now_s: float) -> None:
+        """Counts messages that have arrived since the last reading."""
+        self._readings.append((now_s, messages))
+
+    def hz(self, now_s: float) -> float | None:
+        """Rate now; None if fewer than two readings of the last `RATE_WINDOW_S` had messages."""
+        readings = self._readings
+        while readings and readings[0][0] < now_s - RATE_WINDOW_S:
+            readings.popleft()
+        if len(readings) < 2:
+            return None
+        first_s, last_s = readings[0][0], readings[-1][0]
+        count = sum(number for _, number in readings) - readings[0][1]
+        period_s = (last_s - first_s) / count
+        end_s = now_s if now_s - last_s > 2 * period_s else last_s
+        return count / (end_s - first_s)
+
+
+class TopicRecord:
+    """What is known of one topic whose type is known."""
+
+    def __init__(self, message: MessageType) -> None:
+        self._message = message
+        self._rate = MessageRate()
+        self._last: tuple[bytes, float] | None = None
+        self._overflowed = False
+        self.problem: str | None = None
+        """Why the topic cannot be read."""
+
+    def take(self, messages: list[bytes], overflowed: bool, now_s: float) -> None:
+        """Stores messages read now.
+
+        Args:
+            messages: with their headers, oldest first.
+            overflowed: whether older ones may have been dropped before this reading.
+            now_s: time of the reading [s, monotonic].
+        """
+        if messages:
+            self._rate.add(len(messages), now_s)
+            self._last = messages[-1], now_s
+            self._overflowed = overflowed
+
+    def view(self, key: TopicKey, publishers: int, subscribers: int, now_s: float) -> TopicView:
+        """The topic now; decodes its last message."""
+        value, problem = None, self.problem
+        if self._last is not None:
+            try:
+                value = self._message.decode(self._last[0])
+            except MalformedMessage as error:
+                problem = f"The last message is malformed: {error}."
+        rate_hz = self._rate.hz(now_s)
+        return TopicView(
+            name=ros_name(key.name),
+            type=ros_type(key.type),
+            publishers=publishers,
+            subscribers=subscribers,
+            type_known=True,
+            rate_hz=None if rate_hz is None else round(rate_hz, 2),
+            rate_is_minimum=self._overflowed,
+            age_s=None if self._last is None else round(now_s - self._last[1], 2),
+            size_bytes=None if self._last is None else len(self._last[0]),
+            value=value,
+            problem=problem,
+        )
+
+
+class DomainTopics:
+    """The topics of a domain, from the announcements of their writers and readers."""
+
+    def __init__(self) -> None:
+        self._endpoints: dict[str, tuple[bool, TopicKey]] = {}
+        self._counts: dict[TopicKey, list[int]] = {}
+        """[readers, writers] of each topic."""
+        self._namespaces: dict[str, int] = {}
+        """Namespaces of vehicles, with the number of their writers of `vehicle_status`."""
+
+    def apply(self, announcements: Iterable[Announcement]) -> None:
+        """Adds and removes writers and readers."""
+        for each in announcements:
+            self._remove(each.key)
+            topic = each.topic
+            if topic is None or len(self._endpoints) >= MAX_ENDPOINTS:
+                continue
+            if max(map(len, topic)) > MAX_NAME or topic.type.startswith(HIDDEN_TYPES):
+                continue
+            self._endpoints[each.key] = each.publishes, topic
+            self._count(each.publishes, topic, 1)
+
+    def of(self, namespace: str) -> list[TopicKey]:
+        """The topics of a vehicle, then those of no vehicle, each by name."""
+        named = [(self._owner(key), key) for key in self._counts]
+        shown = [(owner != namespace, key) for owner, key in named if owner in (namespace, None)]
+        return [key for _, key in sorted(shown)]
+
+    def count(self, key: TopicKey) -> tuple[int, int]:
+        """(publishers, subscribers) of a topic."""
+        subscribers, publishers = self._counts.get(key, (0, 0))
+        return publishers, subscribers
+
+    def _owner(self, key: TopicKey) -> str | None:
+        """Namespace of the vehicle to which a topic belongs; the longest one if several match."""
+        name = ros_name(key.name)
+        found = [n for n in self._namespaces if name.startswith(f"/{n}/" if n else "/fmu/")]
+        return max(found, key=len, default=None)
+
+    def _remove(self, key: str) -> None:
+        known = self._endpoints.pop(key, None)
+        if known is not None:
+            self._count(*known, -1)
+
+    def _count(self, publishes: bool, key: TopicKey, change: int) -> None:
+        counts = self._counts.setdefault(key, [0, 0])
+        counts[publishes] += change
+        if counts == [0, 0]:
+            del self._counts[key]
+        vehicle = vehicle_of(key.name)
+        if publishes and vehicle is not None:
+            number = self._namespaces.get(vehicle[0], 0) + change
+            self._namespaces[vehicle[0]] = number
+            if number == 0:
+                del self._namespaces[vehicle[0]]
+
+
+def known_type(key: TopicKey) -> MessageType | None:
+    """The layout of a topic's type; None if the server does not know it."""
+    return _TYPES.get(key.type)
+
+
+def unknown_view(key: TopicKey, publishers: int, subscribers: int) -> TopicView:
+    """A topic whose type the server does not know."""
+    name, kind = ros_name(key.name), ros_type(key.type)
+    return TopicView(name, kind, publishers, subscribers, False, None, False, None, None, None, None)

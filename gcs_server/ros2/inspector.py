@@ -1,0 +1,207 @@
+"""Inspects the ROS 2 topics of vehicles while somebody looks at them.
+
+Each domain has a thread and a DDS participant of its own, which exist only while somebody looks. A flood on
+an inspected topic does not delay the thread of the link.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.inspection import (
+    MAX_TOPICS,
+    Announcement,
+    DomainTopics,
+    Inspection,
+    State,
+    TopicKey,
+    TopicRecord,
+    TopicView,
+    known_type,
+    unknown_view,
+)
+from gcs_server.ros2.message_types import MessageType
+from gcs_server.vehicle.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
+
+READ_EVERY_S: Final = 0.1
+SHOW_EVERY_S: Final = 0.5
+DISCOVERY_S: Final = 1.0
+"""Time in which a new participant has discovered the others."""
+RETRY_S: Final = 5.0
+LOOKED_S: Final = 12.0
+"""A vehicle's topics are read for this time after the last look; the slowest subscription looks every 10 s.
+"""
+
+
+class Port(Protocol):
+    """What the inspector needs of DDS (`dds_inspection.InspectionPort`)."""
+
+    def announcements(self) -> list[Announcement]: ...
+    def open(self, key: TopicKey, message: MessageType) -> str | None: ...
+    def close(self, key: TopicKey) -> None: ...
+    def take(self, key: TopicKey) -> tuple[list[bytes], bool]: ...
+
+
+OpenPort = Callable[[int, "str | None"], Port]
+
+
+class Session:
+    """One use of a port, from the first look to the last. No clock and no thread of its own."""
+
+    def __init__(self, port: Port, domain_id: int, now_s: float) -> None:
+        self._port, self._domain_id, self._began_s = port, domain_id, now_s
+        self._domain = DomainTopics()
+        self._records: dict[TopicKey, TopicRecord] = {}
+
+    def read(self, namespaces: set[str], now_s: float) -> None:
+        """Reads the topics of these vehicles, and no others."""
+        self._domain.apply(self._port.announcements())
+        wanted = {key for namespace in namespaces for key in self._domain.of(namespace)[:MAX_TOPICS]}
+        for key in self._records.keys() - wanted:
+            self._port.close(key)
+            del self._records[key]
+        for key in wanted - self._records.keys():
+            message = known_type(key)
+            if message is not None:
+                self._records[key] = record = TopicRecord(message)
+                record.problem = self._port.open(key, message)
+        for key, record in self._records.items():
+            record.take(*self._port.take(key), now_s)
+
+    def inspection(self, namespace: str, now_s: float) -> Inspection:
+        """The topics of a vehicle."""
+        keys = self._domain.of(namespace)
+        return Inspection(
+            domain_id=self._domain_id,
+            namespace=namespace,
+            state="starting" if now_s - self._began_s < DISCOVERY_S else "open",
+            problem=None,
+            topics=tuple(self._view(key, now_s) for key in keys[:MAX_TOPICS]),
+            left_out=max(0, len(keys) - MAX_TOPICS),
+        )
+
+    def _view(self, key: TopicKey, now_s: float) -> TopicView:
+        record, counts = self._records.get(key), self._domain.count(key)
+        return unknown_view(key, *counts) if record is None else record.view(key, *counts, now_s)
+
+
+class DomainInspector:
+    """The inspector of one domain; its methods may be called from any thread.
+
+    Args:
+        domain_id: the DDS domain.
+        interface: network interface; None: loopback.
+        open_port: opens DDS.
+    """
+
+    def __init__(self, domain_id: int, interface: str | None, open_port: OpenPort) -> None:
+        self._domain_id, self._interface, self._open_port = domain_id, interface, open_port
+        self._lock = threading.Lock()
+        self._looked_s: dict[str, float] = {}
+        """By namespace: when somebody looked last."""
+        self._shown: dict[str, Inspection] = {}
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def look(self, namespace: str) -> Inspection:
+        """The topics of a vehicle as of at most half a second ago; the first look begins to read them."""
+        with self._lock:
+            self._looked_s[namespace] = time.monotonic()
+            if self._thread is None and not self._stop.is_set():
+                name = f"inspector of DDS domain {self._domain_id}"
+                self._thread = threading.Thread(target=self._main, name=name, daemon=True)
+                self._thread.start()
+            return self._shown.get(namespace) or self._empty(namespace, "starting")
+
+    def close(self) -> None:
+        """Ends the thread; returns when DDS has released its sockets."""
+        self._stop.set()
+        with self._lock:
+            thread = self._thread
+        if thread is not None:
+            thread.join(5.0)
+
+    @property
+    def running(self) -> bool:
+        """Whether topics are being read."""
+        return self._thread is not None
+
+    def _main(self) -> None:
+        while self._watched():
+            try:
+                self._serve()
+            except Exception as problem:
+                log.warning("DDS domain %d cannot be inspected: %s", self._domain_id, problem)
+                with self._lock:
+                    self._shown = {name: self._empty(name, "failed", str(problem)) for name in self._looked_s}
+                self._stop.wait(RETRY_S)
+
+    def _serve(self) -> None:
+        """Reads topics until nobody looks. Cyclone's entities end with it."""
+        now_s = time.monotonic()
+        session = Session(self._open_port(self._domain_id, self._interface), self._domain_id, now_s)
+        show_s = now_s
+        while not self._stop.wait(READ_EVERY_S) and (namespaces := self._watched()):
+            now_s = time.monotonic()
+            session.read(namespaces, now_s)
+            if now_s >= show_s:
+                show_s = now_s + SHOW_EVERY_S
+                shown = {name: session.inspection(name, now_s) for name in namespaces}
+                with self._lock:
+                    self._shown = shown
+
+    def _watched(self) -> set[str]:
+        """Namespaces at which somebody looks. If there are none, the thread must end."""
+        since_s = time.monotonic() - LOOKED_S
+        with self._lock:
+            self._looked_s = {name: at_s for name, at_s in self._looked_s.items() if at_s > since_s}
+            if self._looked_s and not self._stop.is_set():
+                return set(self._looked_s)
+            self._thread = None
+            self._shown = {}
+            return set()
+
+    def _empty(self, namespace: str, state: State, problem: str | None = None) -> Inspection:
+        return Inspection(self._domain_id, namespace, state, problem, (), 0)
+
+
+class TopicInspectors:
+    """The inspectors of all domains."""
+
+    def __init__(self, open_port: OpenPort | None = None) -> None:
+        self._open_port = open_port or _open_port
+        self._inspectors: dict[tuple[int, str | None], DomainInspector] = {}
+
+    def look(self, vehicle: Vehicle) -> Inspection | None:
+        """The ROS 2 topics of a vehicle; None if it has no ROS 2 link."""
+        address = dds_address(vehicle)
+        if address is None:
+            return None
+        where = address.domain_id, address.interface
+        inspector = self._inspectors.get(where)
+        if inspector is None:
+            inspector = self._inspectors[where] = DomainInspector(*where, self._open_port)
+        return inspector.look(address.namespace)
+
+    def close(self) -> None:
+        """Ends all inspectors; returns when DDS has released their sockets."""
+        for inspector in self._inspectors.values():
+            inspector.close()
+
+
+def dds_address(vehicle: Vehicle) -> DdsAddress | None:
+    """Where the vehicle's ROS 2 topics are; None if it has no ROS 2 link."""
+    return next((e.peer.dds for e in vehicle.endpoints if e.peer.dds is not None), None)
+
+
+def _open_port(domain_id: int, interface: str | None) -> Port:
+    from gcs_server.ros2.dds_inspection import InspectionPort
+
+    return InspectionPort(domain_id, interface)

@@ -1,0 +1,119 @@
+"""The inspector of ROS 2 topics on real DDS."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from gcs_server.ros2.dds import DdsUnavailable, open_domain
+from gcs_server.ros2.dds_inspection import InspectionPort
+from gcs_server.ros2.inspection import Inspection, TopicView
+from gcs_server.ros2.inspector import DomainInspector
+from gcs_server.ros2.message_types import SHOWN
+from tests.support.dds_publisher import STATUS, Publisher, status
+
+DOMAIN = 53
+NAMESPACE = f"inspect_{os.getpid()}"
+SENSORS = "/fmu/out/sensor_combined"
+
+
+@pytest.fixture(autouse=True)
+def _domain() -> Iterator[None]:
+    shared = open_domain(DOMAIN, None)
+    yield
+    assert shared
+
+
+@pytest.fixture
+def inspector() -> Iterator[DomainInspector]:
+    opened = DomainInspector(DOMAIN, None, InspectionPort)
+    yield opened
+    opened.close()
+    assert not opened.running
+
+
+def until(reached: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+    end_s = time.monotonic() + 15.0
+    while not reached():
+        assert time.monotonic() < end_s
+        act()
+        time.sleep(0.02)
+
+
+def topics(inspection: Inspection) -> dict[str, TopicView]:
+    own = f"/{NAMESPACE}"
+    return {each.name.removeprefix(own): each for each in inspection.topics if each.name.startswith(own)}
+
+
+def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: DomainInspector) -> None:
+    vehicles = [Publisher(DOMAIN, NAMESPACE)]
+    values = {"accelerometer_m_s2": (0.0, 0.5, -9.75)}
+
+    def publish() -> None:
+        vehicles[0].send(STATUS, status(system_id=7))
+        vehicles[0].send(SENSORS, SHOWN["SensorCombined"].encode(values), "SensorCombined")
+
+    def shown() -> bool:
+        found = topics(inspector.look(NAMESPACE))
+        return all(name in found and found[name].rate_hz is not None for name in (STATUS, SENSORS))
+
+    until(shown, publish)
+    found = topics(inspector.look(NAMESPACE))
+    assert found[STATUS].value is not None
+    assert found[STATUS].value["system_id"] == 7
+    sensors = found[SENSORS]
+    assert sensors.value is not None
+    assert sensors.value["accelerometer_m_s2"] == values["accelerometer_m_s2"]
+    assert (sensors.type, sensors.publishers, sensors.subscribers) == ("px4_msgs/msg/SensorCombined", 1, 0)
+    vehicles.clear()
+    until(lambda: SENSORS not in topics(inspector.look(NAMESPACE)))
+
+
+def test_a_flood_is_shown_as_such_and_other_topics_are_read(inspector: DomainInspector) -> None:
+    vehicle, flood = Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
+
+    def publish() -> None:
+        vehicle.send(STATUS, status())
+        for _ in range(200):
+            flood.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
+
+    def shown() -> bool:
+        found = topics(inspector.look(NAMESPACE))
+        both = {STATUS, SENSORS} <= found.keys()
+        return both and found[SENSORS].rate_is_minimum and found[STATUS].rate_hz is not None
+
+    until(shown, publish)
+
+
+def test_nothing_is_read_before_the_first_look_and_after_the_last(
+    inspector: DomainInspector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert not inspector.running
+    assert inspector.look(NAMESPACE).state == "starting"
+    assert inspector.running
+    monkeypatch.setattr("gcs_server.ros2.inspector.LOOKED_S", 0.2)
+    until(lambda: not inspector.running)
+    assert inspector.look(NAMESPACE).state == "starting"
+    assert inspector.running
+
+
+def test_a_domain_that_cannot_be_opened_says_why_and_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_server.ros2.inspector.RETRY_S", 0.1)
+    refused = ["DDS domain 53 cannot be inspected (Out of resources)."]
+
+    def open_port(domain_id: int, interface: str | None) -> InspectionPort:
+        if refused:
+            raise DdsUnavailable(refused[0])
+        return InspectionPort(domain_id, interface)
+
+    inspector = DomainInspector(DOMAIN, None, open_port)
+    until(lambda: inspector.look(NAMESPACE).problem == refused[0])
+    assert inspector.look(NAMESPACE).state == "failed"
+    refused.clear()
+    until(lambda: inspector.look(NAMESPACE).state == "open")
+    inspector.close()

@@ -1,0 +1,228 @@
+"""The server on real DDS: vehicles that send nothing usable do not affect the others, and are named."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_frame, encode_payload
+from gcs_server.ros2.dds import open_domain
+from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.message_types import SHOWN
+from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, wire_name
+from gcs_server.settings import Settings
+from tests.station import free_port
+from tests.support.dds_publisher import STATUS, Publisher, status
+from tests.support.dds_samples import recorded
+
+DOMAIN = 100 + os.getpid() % 100
+"""The link reads every vehicle of its domain: no other test may use the same one."""
+ATTITUDE = "/fmu/out/vehicle_attitude"
+MESSAGES_OF_TOPICS = {
+    "/fmu/out/timesync_status": "TimesyncStatus",
+    "/fmu/out/vehicle_land_detected": "VehicleLandDetected",
+    ATTITUDE: "VehicleAttitude",
+    "/fmu/out/vehicle_local_position": "VehicleLocalPosition",
+}
+ARM = 400
+
+
+class AnsweringVehicle:
+    """A vehicle that publishes recorded messages at 20 Hz and arms when it is commanded to."""
+
+    def __init__(self, namespace: str, system_id: int) -> None:
+        self._publisher, self._system_id = Publisher(DOMAIN, namespace), system_id
+        command = SHOWN["VehicleCommand"]
+        topic = Topic(self._publisher.participant, wire_name(COMMAND, namespace), idl_type(command))
+        qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(8))
+        self._commands = DataReader(self._publisher.participant, topic, qos=qos)
+        self._armed = False
+
+    def step(self) -> None:
+        for sample in self._commands.take(8):
+            if isinstance(sample, Sample):
+                self._answer(SHOWN["VehicleCommand"].decode(sample.cdr))
+        state = status(system_id=self._system_id, arming_state=2 if self._armed else 1)
+        self._publisher.send(STATUS, state)
+        for topic, message in MESSAGES_OF_TOPICS.items():
+            self._publisher.send(topic, recorded()[topic], message)
+
+    def _answer(self, command: dict[str, Any]) -> None:
+        self._armed = command["command"] == ARM and command["param1"] == 1.0
+        ack = {"command": command["command"], "result": 0}
+        ack |= {f"target_{part}": command[f"source_{part}"] for part in ("system", "component")}
+        self._publisher.send(COMMAND_ACK, SHOWN["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
+
+
+class Background:
+    """Calls functions 20 times a second in a thread of its own."""
+
+    def __init__(self) -> None:
+        self.steps: list[Callable[[], None]] = []
+        self.failed: list[Exception] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._main)
+        self._thread.start()
+
+    def _main(self) -> None:
+        while not self._stop.wait(0.05):
+            try:
+                for step in list(self.steps):
+                    step()
+            except Exception as error:
+                self.failed.append(error)
+                return
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(10.0)
+        assert not self.failed
+
+
+@pytest.fixture
+def background() -> Iterator[Background]:
+    shared, made = open_domain(DOMAIN, None), Background()
+    yield made
+    made.close()
+    assert shared
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[TestClient]:
+    settings = Settings(port=0, links=(f"ros2://{DOMAIN}",), sim=0, data=tmp_path, scene=False, record=False)
+    headers = {"X-Client": "test"}
+    with TestClient(create_app(settings), base_url="http://localhost/api/v1/", headers=headers) as client:
+        yield client
+
+
+def until(reached: Callable[[], object], within_s: float = 20.0) -> None:
+    end_s = time.monotonic() + within_s
+    while not reached():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+
+
+def connected(client: TestClient, vehicle: str) -> bool:
+    answer = client.get(f"vehicles/{vehicle}")
+    return answer.status_code == 200 and not answer.json()["status"]["link_lost"]
+
+
+def attitude_unix_s(client: TestClient, vehicle: str) -> float:
+    sample = client.get(f"vehicles/{vehicle}").json()["topics"].get("attitude")
+    return 0.0 if sample is None else sample["received_unix_s"]
+
+
+def warned(client: TestClient) -> str:
+    return " ".join(each["text"] for each in client.get("warnings").json()["warnings"])
+
+
+def invalid_values(publisher: Publisher) -> None:
+    publisher.send(STATUS, status(system_id=0))
+
+
+def wrong_type(publisher: Publisher) -> None:
+    publisher.send(STATUS, bytes(100), "HomePosition")
+
+
+def unknown_version(publisher: Publisher) -> None:
+    publisher.send("/fmu/out/vehicle_status_v7", status())
+
+
+def silent(publisher: Publisher) -> None:
+    publisher.prepare(STATUS)
+
+
+def flooding(publisher: Publisher) -> None:
+    for _ in range(200):
+        publisher.send(STATUS, status(system_id=7))
+        publisher.send(ATTITUDE, recorded()[ATTITUDE], "VehicleAttitude")
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        (invalid_values, "A message on /bad/fmu/out/vehicle_status_v1 cannot be used"),
+        (wrong_type, "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
+        (unknown_version, "/bad/fmu/out/vehicle_status_v7 is of another version of PX4"),
+        (silent, "bad has a writer of /fmu/out/vehicle_status_v1, but sends no message"),
+        (flooding, None),
+    ],
+)
+def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
+    fault: Callable[[Publisher], None],
+    text: str | None,
+    background: Background,
+    client: TestClient,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 1.0)
+    good, bad = AnsweringVehicle("good", 1), Publisher(DOMAIN, "bad")
+    background.steps += [lambda: fault(bad), good.step]
+    until(lambda: connected(client, "1"))
+    until(lambda: text is None or text in warned(client))
+    armed = client.post("vehicles/1/arm", json={})
+    assert armed.status_code == 200, armed.text
+    assert client.get("vehicles/1").json()["status"]["armed"]
+    shown_unix_s = attitude_unix_s(client, "1")
+    until(lambda: attitude_unix_s(client, "1") > shown_unix_s, 2.0)
+
+
+def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_names_them(
+    background: Background, client: TestClient
+) -> None:
+    good = AnsweringVehicle("good", 1)
+    background.steps.append(good.step)
+    until(lambda: connected(client, "1"))
+    answer = client.get("vehicles/1/ros2/topics").json()
+    assert (answer["state"], answer["domain_id"], answer["namespace"]) == ("open", DOMAIN, "good")
+    assert {f"/good{topic}" for topic in (STATUS, COMMAND, *MESSAGES_OF_TOPICS)} <= {
+        topic["name"] for topic in answer["topics"]
+    }
+    with client.websocket_connect("ws://localhost/api/v1/telemetry") as telemetry:
+        wanted = {"type": "subscribe", "vehicles": ["1"], "topics": ["ros2_topics"], "rate_hz": 5}
+        telemetry.send_text(json.dumps(wanted))
+        value: dict[str, Any] = {}
+        while not any(topic["rate_hz"] for topic in value.get("topics", ())):
+            for sample in json.loads(telemetry.receive_text()).get("samples", ()):
+                assert (sample["vehicle"], sample["topic"]) == ("1", "ros2_topics")
+                value = sample["value"]
+    shown = {topic["name"]: topic for topic in value["topics"]}
+    attitude = shown[f"/good{ATTITUDE}"]
+    expected = SHOWN["VehicleAttitude"].decode(recorded()[ATTITUDE])
+    assert attitude["value"]["q"] == pytest.approx(list(expected["q"]))
+    assert attitude["rate_hz"] == pytest.approx(20.0, rel=0.5)
+    assert shown[f"/good{COMMAND}"]["publishers"] == 1
+
+
+def test_a_vehicle_without_a_ros_2_link_has_no_topics_to_show(client: TestClient) -> None:
+    port = free_port()
+    client.post("links", json={"url": f"udpin://127.0.0.1:{port}"}).raise_for_status()
+    heartbeat = d.MAVLink_heartbeat_message(d.MAV_TYPE_QUADROTOR, d.MAV_AUTOPILOT_PX4, 0, 0, 3, 3)
+    frame = encode_frame(d.MAVLINK_MSG_ID_HEARTBEAT, encode_payload(heartbeat), 0, 9, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+
+        def connected_now() -> bool:
+            sender.sendto(frame, ("127.0.0.1", port))
+            return connected(client, "9")
+
+        until(connected_now)
+        answer = client.get("vehicles/9/ros2/topics")
+    assert (answer.status_code, answer.json()["code"]) == (409, "refused")
+    assert answer.json()["detail"] == "Vehicle 9 has no ROS 2 link, so it has no topics to show."

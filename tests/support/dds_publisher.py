@@ -1,0 +1,46 @@
+"""Publishes ROS 2 topics on real DDS as a vehicle does. Needs `cyclonedds`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.topic import Topic
+
+from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.message_types import SHOWN
+from gcs_server.ros2.topics import wire_name
+from tests.support.dds_samples import recorded
+
+STATUS = "/fmu/out/vehicle_status_v1"
+TRANSIENT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+
+
+def status(**changes: object) -> bytes:
+    """A recorded vehicle status with these fields changed."""
+    message = SHOWN["VehicleStatus"]
+    return message.encode(message.decode(recorded()[STATUS]) | changes)
+
+
+class Publisher:
+    """A participant that publishes as a vehicle does."""
+
+    def __init__(self, domain_id: int, namespace: str) -> None:
+        self._namespace = namespace
+        self.participant = DomainParticipant(domain_id)
+        self._writers: dict[str, tuple[type[Sample], Any]] = {}
+
+    def prepare(self, topic: str, message: str = "VehicleStatus") -> tuple[type[Sample], Any]:
+        """The type and the writer of a topic; made when it is first used."""
+        if topic not in self._writers:
+            kind = idl_type(SHOWN[message])
+            where = Topic(self.participant, wire_name(topic, self._namespace), kind)
+            self._writers[topic] = kind, DataWriter(self.participant, where, qos=TRANSIENT)
+        return self._writers[topic]
+
+    def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:
+        """Sends the bytes of a message."""
+        kind, writer = self.prepare(topic, message)
+        writer.write(kind.of(data))

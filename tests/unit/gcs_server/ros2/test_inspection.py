@@ -1,0 +1,190 @@
+"""The inspector of ROS 2 topics, without DDS and on a clock that the test sets."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_server.ros2 import inspection
+from gcs_server.ros2.inspection import Announcement, DomainTopics, MessageRate, TopicKey, TopicView
+from gcs_server.ros2.inspector import READ_EVERY_S, Session
+from gcs_server.ros2.message_types import HEADER, MessageType
+from tests.support.dds_samples import recorded
+
+STATUS = "/fmu/out/vehicle_status_v1"
+STATUS_TYPE = "px4_msgs::msg::dds_::VehicleStatus_"
+
+
+def status_key(namespace: str = "px4_1") -> TopicKey:
+    return TopicKey(f"rt/{namespace}{STATUS}" if namespace else f"rt{STATUS}", STATUS_TYPE)
+
+
+class FakePort:
+    """A domain whose announcements and messages the test gives."""
+
+    def __init__(self) -> None:
+        self.announced: list[Announcement] = []
+        self.messages: dict[TopicKey, list[bytes]] = {}
+        self.overflowed = False
+        self.refused: str | None = None
+        self.read: set[TopicKey] = set()
+
+    def announce(self, *keys: TopicKey, publishes: bool = True) -> None:
+        for key in keys:
+            self.announced.append(Announcement(f"{key} {publishes}", publishes, key))
+
+    def announcements(self) -> list[Announcement]:
+        found, self.announced = self.announced, []
+        return found
+
+    def open(self, key: TopicKey, message: MessageType) -> str | None:
+        self.read.add(key)
+        return self.refused
+
+    def close(self, key: TopicKey) -> None:
+        self.read.discard(key)
+
+    def take(self, key: TopicKey) -> tuple[list[bytes], bool]:
+        return self.messages.pop(key, []), self.overflowed
+
+
+class Inspected:
+    """A session with its port and time."""
+
+    def __init__(self) -> None:
+        self.port, self.now_s = FakePort(), 100.0
+        self.session = Session(self.port, 0, self.now_s)
+
+    def read(self, *namespaces: str, messages: dict[TopicKey, list[bytes]] | None = None) -> None:
+        self.now_s += READ_EVERY_S
+        self.port.messages |= messages or {}
+        self.session.read(set(namespaces), self.now_s)
+
+    def topics(self, namespace: str = "px4_1") -> dict[str, TopicView]:
+        found = self.session.inspection(namespace, self.now_s).topics
+        return {topic.name: topic for topic in found}
+
+
+@pytest.fixture
+def inspected() -> Inspected:
+    return Inspected()
+
+
+def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(inspected: Inspected) -> None:
+    key = status_key()
+    inspected.port.announce(key)
+    inspected.port.announce(key, publishes=False)
+    for _ in range(50):
+        inspected.read("px4_1", messages={key: [recorded()[STATUS]] * 2})
+    inspected.read("px4_1")
+    topic = inspected.topics()[f"/px4_1{STATUS}"]
+    assert (topic.type, topic.publishers, topic.subscribers) == ("px4_msgs/msg/VehicleStatus", 1, 1)
+    assert topic.rate_hz == pytest.approx(20.0, rel=0.02)
+    assert topic.age_s == pytest.approx(READ_EVERY_S)
+    assert topic.value is not None
+    assert topic.value["system_id"] == 1
+    assert topic.size_bytes == len(recorded()[STATUS])
+    assert topic.problem is None
+
+
+def test_a_topic_of_unknown_type_is_listed_without_being_read(inspected: Inspected) -> None:
+    key = TopicKey("rt/camera/image", "sensor_msgs::msg::dds_::Image_")
+    inspected.port.announce(key)
+    inspected.read("px4_1")
+    topic = inspected.topics()["/camera/image"]
+    assert (topic.type, topic.type_known, topic.rate_hz) == ("sensor_msgs/msg/Image", False, None)
+    assert inspected.port.read == set()
+
+
+def test_one_topic_with_two_types_is_shown_twice(inspected: Inspected) -> None:
+    wrong = TopicKey(status_key().name, "px4_msgs::msg::dds_::VehicleAttitude_")
+    inspected.port.announce(status_key(), wrong)
+    inspected.read("px4_1")
+    shown = inspected.session.inspection("px4_1", inspected.now_s).topics
+    assert [topic.type for topic in shown] == ["px4_msgs/msg/VehicleAttitude", "px4_msgs/msg/VehicleStatus"]
+
+
+def test_a_malformed_message_is_named_and_a_good_one_clears_it(inspected: Inspected) -> None:
+    key = status_key()
+    inspected.port.announce(key)
+    inspected.read("px4_1", messages={key: [HEADER + bytes(5)]})
+    topic = inspected.topics()[f"/px4_1{STATUS}"]
+    assert topic.value is None
+    assert topic.problem == "The last message is malformed: 9 bytes instead of the 84 of VehicleStatus."
+    inspected.read("px4_1", messages={key: [recorded()[STATUS]]})
+    assert inspected.topics()[f"/px4_1{STATUS}"].problem is None
+
+
+def test_topics_of_other_vehicles_are_neither_read_nor_shown(inspected: Inspected) -> None:
+    own, other, nobodys = status_key(), status_key("px4_2"), TopicKey("rt/clock", "x::msg::dds_::Clock_")
+    inspected.port.announce(other, own, nobodys)
+    inspected.read("px4_1")
+    assert list(inspected.topics()) == [f"/px4_1{STATUS}", "/clock"]
+    assert inspected.port.read == {own}
+
+
+def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(inspected: Inspected) -> None:
+    inspected.port.announce(status_key(""), status_key("px4_1"), TopicKey("rt/fmu/in/x", "x"))
+    inspected.read("")
+    assert list(inspected.topics("")) == ["/fmu/in/x", STATUS]
+    assert list(inspected.topics("px4_1")) == [f"/px4_1{STATUS}"]
+
+
+def test_reading_ends_when_nobody_looks_or_the_topic_ends(inspected: Inspected) -> None:
+    first, second = status_key(), status_key("px4_2")
+    inspected.port.announce(first, second)
+    inspected.read("px4_1", "px4_2")
+    assert inspected.port.read == {first, second}
+    inspected.read("px4_2")
+    assert inspected.port.read == {second}
+    inspected.port.announced = [Announcement(f"{second} True", True, None)]
+    inspected.read("px4_2")
+    assert inspected.port.read == set()
+    assert inspected.topics("px4_2") == {}
+
+
+def test_a_topic_that_dds_cannot_read_says_why(inspected: Inspected) -> None:
+    inspected.port.refused = "DDS cannot read this topic (out of resources)."
+    inspected.port.announce(status_key())
+    inspected.read("px4_1")
+    assert inspected.topics()[f"/px4_1{STATUS}"].problem == "DDS cannot read this topic (out of resources)."
+
+
+def test_a_flood_gives_a_lower_limit_of_the_rate(inspected: Inspected) -> None:
+    key = status_key()
+    inspected.port.announce(key)
+    inspected.port.overflowed = True
+    for _ in range(5):
+        inspected.read("px4_1", messages={key: [recorded()[STATUS]] * 128})
+    topic = inspected.topics()[f"/px4_1{STATUS}"]
+    assert topic.rate_is_minimum
+    assert topic.rate_hz == pytest.approx(1280, rel=0.05)
+
+
+def test_endpoints_topics_and_names_are_limited(
+    monkeypatch: pytest.MonkeyPatch, inspected: Inspected
+) -> None:
+    monkeypatch.setattr(inspection, "MAX_ENDPOINTS", 300)
+    inspected.port.announce(TopicKey("rt/" + "x" * 300, "y"))
+    inspected.port.announce(*(TopicKey(f"rt/hostile_{n:03}", STATUS_TYPE) for n in range(400)))
+    inspected.read("px4_1")
+    shown = inspected.session.inspection("px4_1", inspected.now_s)
+    assert (len(shown.topics), shown.left_out) == (200, 100)
+    assert len(inspected.port.read) == 200
+
+
+def test_the_rate_falls_when_a_topic_stops() -> None:
+    rate = MessageRate()
+    assert rate.hz(0.0) is None
+    for n in range(11):
+        rate.add(1, n * 0.5)
+    assert rate.hz(5.0) == pytest.approx(2.0)
+    assert rate.hz(9.0) == pytest.approx(10 / 9.0)
+    assert rate.hz(30.0) is None
+
+
+def test_counts_follow_writers_and_readers() -> None:
+    domain, key = DomainTopics(), status_key()
+    domain.apply([Announcement("a", True, key), Announcement("b", False, key), Announcement("a", True, key)])
+    assert domain.count(key) == (1, 1)
+    domain.apply([Announcement("a", True, None), Announcement("unknown", True, None)])
+    assert domain.count(key) == (0, 1)
