@@ -51,6 +51,8 @@ export interface Panel extends Part {
   rail?: { title: string; icon: IconName; hint: string };
   /** The panel is offered only while the selected vehicle's links carry this. */
   needs?: Feature;
+  /** The panel is offered only while the selected vehicle is heard over this protocol. */
+  protocol?: 'MAVLink' | 'ROS 2';
   isOpen: () => boolean;
   toggle: () => void;
   close: () => void;
@@ -58,6 +60,7 @@ export interface Panel extends Part {
 
 /** Whether a panel is offered for the selected vehicle. */
 export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
+  if (panel.protocol !== undefined && facts?.reach?.protocols.includes(panel.protocol) !== true) return false;
   return panel.needs === undefined || facts === null || carries(facts, panel.needs);
 }
 

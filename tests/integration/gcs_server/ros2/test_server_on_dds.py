@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,85 +14,22 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from cyclonedds.qos import Policy, Qos
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
 from fastapi.testclient import TestClient
 
 from gcs_server.app import create_app
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload
 from gcs_server.ros2.dds import open_domain
-from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.message_types import SHOWN
-from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, wire_name
+from gcs_server.ros2.topics import COMMAND
 from gcs_server.settings import Settings
 from tests.station import free_port
 from tests.support.dds_publisher import STATUS, Publisher, status
 from tests.support.dds_samples import recorded
+from tests.support.dds_vehicle import ATTITUDE, MESSAGES_OF_TOPICS, AnsweringVehicle, Background
 
 DOMAIN = 100 + os.getpid() % 100
 """The link reads every vehicle of its domain: no other test may use the same one."""
-ATTITUDE = "/fmu/out/vehicle_attitude"
-MESSAGES_OF_TOPICS = {
-    "/fmu/out/timesync_status": "TimesyncStatus",
-    "/fmu/out/vehicle_land_detected": "VehicleLandDetected",
-    ATTITUDE: "VehicleAttitude",
-    "/fmu/out/vehicle_local_position": "VehicleLocalPosition",
-}
-ARM = 400
-
-
-class AnsweringVehicle:
-    """A vehicle that publishes recorded messages at 20 Hz and arms when it is commanded to."""
-
-    def __init__(self, namespace: str, system_id: int) -> None:
-        self._publisher, self._system_id = Publisher(DOMAIN, namespace), system_id
-        command = SHOWN["VehicleCommand"]
-        topic = Topic(self._publisher.participant, wire_name(COMMAND, namespace), idl_type(command))
-        qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(8))
-        self._commands = DataReader(self._publisher.participant, topic, qos=qos)
-        self._armed = False
-
-    def step(self) -> None:
-        for sample in self._commands.take(8):
-            if isinstance(sample, Sample):
-                self._answer(SHOWN["VehicleCommand"].decode(sample.cdr))
-        state = status(system_id=self._system_id, arming_state=2 if self._armed else 1)
-        self._publisher.send(STATUS, state)
-        for topic, message in MESSAGES_OF_TOPICS.items():
-            self._publisher.send(topic, recorded()[topic], message)
-
-    def _answer(self, command: dict[str, Any]) -> None:
-        self._armed = command["command"] == ARM and command["param1"] == 1.0
-        ack = {"command": command["command"], "result": 0}
-        ack |= {f"target_{part}": command[f"source_{part}"] for part in ("system", "component")}
-        self._publisher.send(COMMAND_ACK, SHOWN["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
-
-
-class Background:
-    """Calls functions 20 times a second in a thread of its own."""
-
-    def __init__(self) -> None:
-        self.steps: list[Callable[[], None]] = []
-        self.failed: list[Exception] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._main)
-        self._thread.start()
-
-    def _main(self) -> None:
-        while not self._stop.wait(0.05):
-            try:
-                for step in list(self.steps):
-                    step()
-            except Exception as error:
-                self.failed.append(error)
-                return
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join(10.0)
-        assert not self.failed
 
 
 @pytest.fixture
@@ -173,7 +109,7 @@ def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 1.0)
-    good, bad = AnsweringVehicle("good", 1), Publisher(DOMAIN, "bad")
+    good, bad = AnsweringVehicle(DOMAIN, "good", 1), Publisher(DOMAIN, "bad")
     background.steps += [lambda: fault(bad), good.step]
     until(lambda: connected(client, "1"))
     until(lambda: text is None or text in warned(client))
@@ -187,7 +123,7 @@ def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
 def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_names_them(
     background: Background, client: TestClient
 ) -> None:
-    good = AnsweringVehicle("good", 1)
+    good = AnsweringVehicle(DOMAIN, "good", 1)
     background.steps.append(good.step)
     until(lambda: connected(client, "1"))
     answer = client.get("vehicles/1/ros2/topics").json()

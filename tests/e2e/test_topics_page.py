@@ -1,0 +1,60 @@
+"""The panel of ROS 2 topics in a browser: a server process, and a vehicle of this process on real DDS."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from playwright.sync_api import Browser, expect
+
+from gcs_server.ros2.dds import open_domain
+from tests import station
+from tests.e2e.browser import REPOSITORY, chromium, in_both_themes, opened
+from tests.support.dds_vehicle import ATTITUDE, AnsweringVehicle, Background
+from tools import build_page
+
+pytestmark = pytest.mark.browser
+
+DOMAIN = 57
+NAMESPACE = f"panel_{os.getpid()}"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium; builds the page first if its sources are newer."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: Browser) -> None:
+    domain, background = open_domain(DOMAIN, None), Background()
+    vehicle = AnsweringVehicle(DOMAIN, NAMESPACE, 1)
+    background.steps.append(vehicle.step)
+    try:
+        with (
+            station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+            opened(browser, url, scene=False) as page,
+        ):
+            rail = page.get_by_role("navigation", name="Rooms")
+            expect(rail.get_by_role("button", name="Topics")).to_be_visible()
+            page.keyboard.press("x")
+            panel = page.get_by_role("region", name="ROS 2 topics")
+            panel.get_by_label("Search topics").fill("attitude")
+            row = panel.get_by_role("button", name=f"/{NAMESPACE}{ATTITUDE}")
+            expect(row).to_contain_text("Hz")
+            expect(row).to_contain_text("px4_msgs/msg/VehicleAttitude")
+            row.click()
+            expect(panel.get_by_role("definition")).not_to_have_count(0)
+            expect(panel.get_by_text("timestamp_sample")).to_be_visible()
+            expect(panel.get_by_text("1 publisher, 1 subscriber")).to_be_visible()
+            assert in_both_themes(page) == []
+            page.keyboard.press("Escape")
+            expect(panel).to_have_count(0)
+    finally:
+        background.close()
+    assert domain

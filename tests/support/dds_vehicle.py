@@ -1,0 +1,78 @@
+"""A vehicle on real DDS that publishes recorded messages and answers commands. Needs `cyclonedds`."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.message_types import SHOWN
+from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, wire_name
+from tests.support.dds_publisher import STATUS, Publisher, status
+from tests.support.dds_samples import recorded
+
+ATTITUDE = "/fmu/out/vehicle_attitude"
+MESSAGES_OF_TOPICS = {
+    "/fmu/out/timesync_status": "TimesyncStatus",
+    "/fmu/out/vehicle_land_detected": "VehicleLandDetected",
+    ATTITUDE: "VehicleAttitude",
+    "/fmu/out/vehicle_local_position": "VehicleLocalPosition",
+}
+ARM = 400
+
+
+class AnsweringVehicle:
+    """A vehicle that publishes recorded messages at 20 Hz and arms when it is commanded to."""
+
+    def __init__(self, domain_id: int, namespace: str, system_id: int) -> None:
+        self._publisher, self._system_id = Publisher(domain_id, namespace), system_id
+        command = SHOWN["VehicleCommand"]
+        topic = Topic(self._publisher.participant, wire_name(COMMAND, namespace), idl_type(command))
+        qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(8))
+        self._commands = DataReader(self._publisher.participant, topic, qos=qos)
+        self._armed = False
+
+    def step(self) -> None:
+        for sample in self._commands.take(8):
+            if isinstance(sample, Sample):
+                self._answer(SHOWN["VehicleCommand"].decode(sample.cdr))
+        state = status(system_id=self._system_id, arming_state=2 if self._armed else 1)
+        self._publisher.send(STATUS, state)
+        for topic, message in MESSAGES_OF_TOPICS.items():
+            self._publisher.send(topic, recorded()[topic], message)
+
+    def _answer(self, command: dict[str, Any]) -> None:
+        self._armed = command["command"] == ARM and command["param1"] == 1.0
+        ack = {"command": command["command"], "result": 0}
+        ack |= {f"target_{part}": command[f"source_{part}"] for part in ("system", "component")}
+        self._publisher.send(COMMAND_ACK, SHOWN["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
+
+
+class Background:
+    """Calls functions 20 times a second in a thread of its own."""
+
+    def __init__(self) -> None:
+        self.steps: list[Callable[[], None]] = []
+        self.failed: list[Exception] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._main)
+        self._thread.start()
+
+    def _main(self) -> None:
+        while not self._stop.wait(0.05):
+            try:
+                for step in list(self.steps):
+                    step()
+            except Exception as error:
+                self.failed.append(error)
+                return
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(10.0)
+        assert not self.failed

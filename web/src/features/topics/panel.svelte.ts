@@ -1,0 +1,54 @@
+/** State of the panel of ROS 2 topics. Its own telemetry socket exists only while it is open. */
+
+import { TelemetrySocket } from '../../live/socket';
+import type { Frame } from '../../live/wire';
+import { NO_FILTER, readInspection, type Filter, type Inspection } from './topics';
+
+const TOPIC = 'ros2_topics';
+const RATE_HZ = 2;
+
+class TopicPanel {
+  open = $state(false);
+  filter = $state.raw<Filter>(NO_FILTER);
+  /** Name and type of the topic whose last message is shown. */
+  chosen = $state<string | null>(null);
+  content = $state.raw<Inspection | null>(null);
+  /** When `content` was received [ms]. */
+  received_ms = $state(0);
+
+  toggle(): void {
+    this.open = !this.open;
+  }
+
+  close(): void {
+    this.open = false;
+  }
+
+  /** Receives the topics of a vehicle until the returned function is called. */
+  watch(vehicle: string, url: string, open = (socket: TelemetrySocket): void => socket.start()): () => void {
+    this.content = null;
+    this.chosen = null;
+    const subscription = { vehicles: [vehicle], topics: [TOPIC], rate_hz: RATE_HZ };
+    const socket = new TelemetrySocket(
+      url,
+      () => subscription,
+      (frame) => this.take(frame, vehicle),
+      () => undefined,
+      () => true,
+    );
+    open(socket);
+    return () => socket.stop();
+  }
+
+  take(frame: Frame, vehicle: string): void {
+    if (frame.type !== 'samples') return;
+    for (const sample of frame.samples) {
+      const content = sample.topic === TOPIC && sample.vehicle === vehicle ? readInspection(sample.value) : null;
+      if (content === null) continue;
+      this.content = content;
+      this.received_ms = performance.now();
+    }
+  }
+}
+
+export const topics = new TopicPanel();

@@ -1,0 +1,18 @@
+import { registry } from '../../app/registry.svelte';
+import { topics } from './panel.svelte';
+import TopicPanel from './TopicPanel.svelte';
+
+registry.addPanel({
+  id: 'topics',
+  order: 35,
+  place: 'side',
+  ofVehicle: TopicPanel,
+  protocol: 'ROS 2',
+  rail: { title: 'Topics', icon: 'list', hint: 'ROS 2 topics (X)' },
+  isOpen: () => topics.open,
+  toggle: () => topics.toggle(),
+  close: () => topics.close(),
+});
+registry.addKeys([
+  { order: 165, keys: 'X', what: 'ROS 2 topics: rate, age and last message', inScene: true, on: { x: (facts) => registry.toggle('topics', facts) } },
+]);

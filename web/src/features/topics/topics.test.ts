@@ -1,0 +1,89 @@
+import { describe, expect, it } from 'vitest';
+import { isOffered, type Panel } from '../../app/registry.svelte';
+import type { TelemetrySocket } from '../../live/socket';
+import type { VehicleFacts } from '../../vehicle/facts';
+import { topics as panel } from './panel.svelte';
+import { filtered, lastText, NO_FILTER, programsText, rateText, readInspection, stateText, valueText, type Inspection, type Topic } from './topics';
+
+const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
+  name,
+  type: 'px4_msgs/msg/VehicleStatus',
+  publishers: 1,
+  subscribers: 2,
+  type_known: true,
+  rate_hz: 2,
+  rate_is_minimum: false,
+  age_s: 0.2,
+  size_bytes: 88,
+  value: {},
+  problem: null,
+  ...more,
+});
+
+const inspection = (topics: Topic[], more: Partial<Inspection> = {}): Inspection => ({
+  domain_id: 7,
+  namespace: 'px4_1',
+  state: 'open',
+  problem: null,
+  topics,
+  left_out: 0,
+  ...more,
+});
+
+describe('the list of topics', () => {
+  it('is filtered by words of name and type, and by messages', () => {
+    const all = [topic('/px4_1/fmu/out/vehicle_status_v1'), topic('/camera/image', { type: 'sensor_msgs/msg/Image', age_s: null })];
+    expect(filtered(all, NO_FILTER)).toHaveLength(2);
+    expect(filtered(all, { text: 'OUT status', withMessages: false })).toEqual([all[0]]);
+    expect(filtered(all, { text: 'sensor_msgs', withMessages: false })).toEqual([all[1]]);
+    expect(filtered(all, { text: '', withMessages: true })).toEqual([all[0]]);
+  });
+
+  it('shows rate, age and programs', () => {
+    expect(rateText(topic('a', { rate_hz: 1.96 }))).toBe('2.0 Hz');
+    expect(rateText(topic('a', { rate_hz: 1253.7, rate_is_minimum: true }))).toBe('≥ 1254 Hz');
+    expect(rateText(topic('a', { rate_hz: null }))).toBe('');
+    expect(lastText(topic('a', { age_s: 0.5 }), 1)).toBe('1.5 s ago');
+    expect(lastText(topic('a', { age_s: null }), 1)).toBe('no message');
+    expect(lastText(topic('a', { age_s: null, publishers: 0 }), 1)).toBe('not published');
+    expect(lastText(topic('a', { age_s: null, type_known: false }), 1)).toBe('unknown type');
+    expect(programsText(topic('a'))).toBe('1 publisher, 2 subscribers');
+  });
+
+  it('shows values as numbers, and null as NaN', () => {
+    expect(valueText(0.1 + 0.2)).toBe('0.3');
+    expect(valueText(1795478891930667)).toBe('1795478891930667');
+    expect(valueText([1.5, null, true])).toBe('1.5, NaN, true');
+  });
+
+  it('says how far the discovery is', () => {
+    expect(stateText(null)).toBe('discovering topics …');
+    expect(stateText(inspection([], { state: 'starting' }))).toBe('discovering topics …');
+    expect(stateText(inspection([topic('a')], { left_out: 3 }))).toBe('DDS domain 7 · 4 topics');
+    expect(stateText(inspection([], { state: 'failed', problem: 'x' }))).toBe('DDS domain 7');
+    expect(readInspection({ topics: 1 })).toBeNull();
+  });
+});
+
+it('is offered only for a vehicle that is heard over ROS 2', () => {
+  const offered = (protocols: string[] | null): boolean => {
+    const reach = protocols === null ? null : { protocols, telemetry: null, commands: null, setpoints: null, missing: [] };
+    return isOffered({ protocol: 'ROS 2' } as Panel, { reach } as unknown as VehicleFacts);
+  };
+  expect([offered(null), offered(['MAVLink']), offered(['MAVLink', 'ROS 2'])]).toEqual([false, false, true]);
+});
+
+it('takes only the topics of the vehicle that is shown, and forgets them for another one', () => {
+  let stopped = 0;
+  const open = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
+  const end = panel.watch('1', 'ws://x', open);
+  const sample = { vehicle: '1', topic: 'ros2_topics', vehicle_time_boot_s: null, received_unix_s: 1, value: inspection([topic('a')]) };
+  panel.take({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
+  expect(panel.content).toBeNull();
+  panel.take({ type: 'samples', samples: [sample] }, '1');
+  expect(panel.content?.topics).toHaveLength(1);
+  end();
+  expect(stopped).toBe(1);
+  panel.watch('2', 'ws://x', open);
+  expect(panel.content).toBeNull();
+});

@@ -1,0 +1,66 @@
+/** The inspector of ROS 2 topics: filter and texts. Pure. */
+
+import type { components } from '../../api/schema';
+import { ageText } from '../../live/age';
+
+export type Topic = components['schemas']['Ros2Topic'];
+export type Inspection = components['schemas']['Ros2Topics'];
+
+export interface Filter {
+  text: string;
+  /** Only topics with a message. */
+  withMessages: boolean;
+}
+
+export const NO_FILTER: Filter = { text: '', withMessages: false };
+/** Without an update for this long the values are shown as old [s]. */
+export const OLD_S = 3;
+
+/** The inspection of a telemetry value; null if it is not one. */
+export function readInspection(value: unknown): Inspection | null {
+  return typeof value === 'object' && value !== null && Array.isArray((value as Inspection).topics) ? (value as Inspection) : null;
+}
+
+/** Topics whose name or type contains each word of the filter. */
+export function filtered(topics: readonly Topic[], filter: Filter): Topic[] {
+  const words = filter.text.toLowerCase().split(/\s+/).filter(Boolean);
+  return topics.filter((topic) => {
+    const text = `${topic.name} ${topic.type}`.toLowerCase();
+    return words.every((word) => text.includes(word)) && (!filter.withMessages || topic.age_s !== null);
+  });
+}
+
+export function rateText(topic: Topic): string {
+  if (topic.rate_hz === null) return '';
+  const rate = topic.rate_hz < 10 ? topic.rate_hz.toFixed(1) : topic.rate_hz.toFixed(0);
+  return `${topic.rate_is_minimum ? '≥ ' : ''}${rate} Hz`;
+}
+
+/** Age of the last message. @param since_s time since the inspection was received. */
+export function lastText(topic: Topic, since_s: number): string {
+  if (topic.age_s !== null) return `${ageText(topic.age_s + since_s)} ago`;
+  if (topic.publishers === 0) return 'not published';
+  return topic.type_known ? 'no message' : 'unknown type';
+}
+
+/** Number of publishers and subscribers. */
+export function programsText(topic: Topic): string {
+  const count = (n: number, word: string): string => `${n} ${word}${n === 1 ? '' : 's'}`;
+  return `${count(topic.publishers, 'publisher')}, ${count(topic.subscribers, 'subscriber')}`;
+}
+
+/** A field's value; null is NaN or infinite. */
+export function valueText(value: unknown): string {
+  if (Array.isArray(value)) return value.map(valueText).join(', ');
+  if (value === null) return 'NaN';
+  if (typeof value === 'number') return String(Number.isInteger(value) ? value : Number(value.toPrecision(7)));
+  return String(value);
+}
+
+/** The line below the title. */
+export function stateText(inspection: Inspection | null): string {
+  if (inspection === null || inspection.state === 'starting') return 'discovering topics …';
+  const place = `DDS domain ${inspection.domain_id}`;
+  const count = inspection.topics.length + inspection.left_out;
+  return inspection.state === 'failed' ? place : `${place} · ${count} ${count === 1 ? 'topic' : 'topics'}`;
+}
