@@ -15,6 +15,7 @@ from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
+from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.missions.missions import OffboardMissions
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
@@ -44,6 +45,7 @@ def station_of(world):
         plan_work=PlanWork(Path("no elevation")),
         dry_runs=DryRuns(),
         own_ids=(255, 190),
+        topic_inspectors=TopicInspectors(),
         maps=Path("no maps"),
     )
 
