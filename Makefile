@@ -61,6 +61,9 @@ $(VENV)/.clients: $(VENV)/.tested
 	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[clients]'
 	@# MAVSDK 4 is another package of the same name: in a folder of its own, which its test alone looks into.
 	@$(BIN)/pip install --quiet --disable-pip-version-check --upgrade --no-deps --target $(VENV)/mavsdk4 'mavsdk>=4,<5'
+	@# An independent DDS, for the test that two implementations understand each other.
+	@test -d /usr/include/fastdds || { apt-get update -qq && apt-get install -qq --no-install-recommends libfastrtps-dev g++; } \
+	  >/dev/null 2>&1 || echo "without Fast DDS its test is skipped: sudo apt-get install libfastrtps-dev g++"
 	@touch $@
 
 # Browser tests: Debian's chromium where there is one, else Playwright's own.

@@ -1,0 +1,67 @@
+"""Wire interoperation with an independent DDS: programs with eProsima Fast DDS and Fast CDR. PX4's agent and
+the default middleware of ROS 2 use them, too. They need Debian's `libfastrtps-dev` and `g++`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests import station
+
+pytest.importorskip("cyclonedds")
+
+SOURCES = Path(__file__).parent / "fast_dds"
+HEADER = Path("/usr/include/fastdds/dds/domain/DomainParticipant.hpp")
+DOMAIN = str(60 + os.getpid() % 10)
+NAMESPACE = f"fast_{os.getpid()}"
+STEPS = ["ready", "offboard", "armed", "airborne", "landing", "landed"]
+Build = Callable[[str], str]
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Compiles a program of `fast_dds/`; returns its path."""
+    if not HEADER.is_file() or shutil.which("g++") is None:
+        pytest.skip("Fast DDS is not installed: sudo apt-get install libfastrtps-dev g++")
+    folder = tmp_path_factory.mktemp("fast_dds")
+
+    def compiled(name: str) -> str:
+        command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", str(SOURCES / f"{name}.cpp")]
+        program = str(folder / name)
+        subprocess.run([*command, "-o", program, "-lfastrtps", "-lfastcdr"], check=True, timeout=300)
+        return program
+
+    return compiled
+
+
+def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
+    program = build("offboard")
+    command = [sys.executable, "-m", "vehicle_sim", "--ros2", DOMAIN, "--ros2-namespace", NAMESPACE]
+    command += ["--gcs-remote-port", "0", "--no-api", "--no-log", "--tcp-port", str(station.free_port())]
+    with station.running(command):
+        done = subprocess.run(
+            [program, DOMAIN, NAMESPACE], capture_output=True, text=True, timeout=240, check=False
+        )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == STEPS
+
+
+def test_the_server_names_a_fast_dds_program_that_sends_malformed_messages(build: Build) -> None:
+    program = build("malformed")
+    with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, server):
+
+        def reported() -> bool:
+            (link,) = httpx.get(f"{url}/api/v1/links").json()["links"]
+            return f"{NAMESPACE} has a writer of /fmu/out/vehicle_status_v1, but sends no" in link["detail"]
+
+        with station.running([program, DOMAIN, NAMESPACE]):
+            station.wait_until(reported, "the report of the malformed messages")
+        assert server.poll() is None
+        assert httpx.get(f"{url}/api/v1/vehicles").json() == []
