@@ -5,6 +5,7 @@ depends on the height.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from tests.contract.ros2_dialogues import Scene, compare, load, scenes
 from tests.contract.ros2_flight_dialogues import FlightPlayer, landed_s
 
 GROUPS = ("component_lost_in_flight", "executor", "overrides", "mode_replacement", "mode_flight")
+ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
+"""Boots of PX4 that `make test` repeats, one of each group; `make test-clients` repeats all of them."""
 IGNORED = frozenset({"pre_flight_checks_pass"})
 """In flight PX4 reports the checks of the failed mode for one cycle of 12 ms, until it has left it."""
 LOW_RETURN = "The return lands earlier here and is disarmed before the next mode is selected."
@@ -23,6 +26,10 @@ EXPLAINED = {
     "no_auto_disarm": "PX4 was in Hold before the landing of a failsafe; here that landing has begun.",
 }
 
+WHOLE = os.environ.get("ALL_DIALOGUES") == "1"
+DIALOGUES = [each for each in load(GROUPS) if WHOLE or each["session"] in ONE_OF_EACH]
+"""Whole boots, because each dialogue begins in the state that the previous one left."""
+
 pytestmark = pytest.mark.flight
 
 
@@ -31,7 +38,7 @@ def player() -> FlightPlayer:
     return FlightPlayer()
 
 
-@pytest.mark.parametrize("scene", scenes(load(GROUPS)), ids=lambda scene: scene.dialogue["id"])
+@pytest.mark.parametrize("scene", scenes(DIALOGUES), ids=lambda scene: scene.dialogue["id"])
 def test_a_recorded_dialogue_in_flight_goes_the_same_way(player: FlightPlayer, scene: Scene) -> None:
     player.play(scene)
     found = compare(player, scene.dialogue, until_s=landed_s(scene.dialogue), ignored=IGNORED)
@@ -44,3 +51,9 @@ def test_a_recorded_dialogue_in_flight_goes_the_same_way(player: FlightPlayer, s
 def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
     assert shared
     assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load(GROUPS)}
+
+
+def test_each_group_has_a_boot_that_is_always_repeated(shared: Path) -> None:
+    assert shared
+    for group in GROUPS:
+        assert ONE_OF_EACH & {dialogue["session"] for dialogue in load((group,))}, group

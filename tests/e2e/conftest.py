@@ -6,14 +6,28 @@ import os
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Browser
 
 from gcs_server.client import SyncGcs
+from tests.e2e.browser import REPOSITORY, chromium
 from tests.e2e.fast_station import FAST, Station
 from tests.station import free_port, server, vehicle
+from tools import build_page
 
 os.environ["GCS_CLIENT_ID"] = "e2e"
 """All programs and pages of a test are one client, which controls its vehicle, unless a test sets another
 id."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium for the tests of a module; builds the page first if its sources are newer.
+
+    Playwright's event loop runs until it is closed, so that tests of other modules could not start theirs.
+    """
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import base64
 import json
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,10 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncVehicle
-from tests.e2e.browser import REPOSITORY, chromium, opened, scene, serious_violations, slide
+from tests.e2e.browser import opened, scene, serious_violations, slide
 from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
-from tools import build_page
 
 pytestmark = pytest.mark.browser
 
@@ -44,14 +42,6 @@ FREE = """
 }
 """
 """The centre of the area that panels leave free: a followed vehicle is there on the large map."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium for all tests; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 def large_map(page: Page, *, beside_scene: bool = False) -> None:

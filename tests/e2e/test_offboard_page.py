@@ -12,8 +12,6 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
-    REPOSITORY,
-    chromium,
     hold_space,
     in_both_themes,
     number,
@@ -24,7 +22,6 @@ from tests.e2e.browser import (
 )
 from tests.e2e.fast_station import FAST, Station
 from tests.station import free_port, server, vehicle, wait_until
-from tools import build_page
 
 pytestmark = pytest.mark.browser
 
@@ -76,14 +73,6 @@ PANELS = """
 () => [...document.querySelectorAll('main .panel, main .cameras, .dock')]
   .map((panel) => panel.getBoundingClientRect()).map((box) => [box.left, box.top, box.right, box.bottom])
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium for all tests; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,6 @@ from playwright.sync_api import Browser, Page, Request, expect
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
     READ_CANVAS,
-    REPOSITORY,
-    chromium,
     hold_space,
     in_both_themes,
     number,
@@ -27,19 +25,10 @@ from tests.e2e.browser import (
 )
 from tests.e2e.fast_station import FAST, Station
 from tests.station import answers, end, free_port, running, server, server_command, vehicle, wait_until
-from tools import build_page
 
 pytestmark = pytest.mark.browser
 
 FLIGHT_MS = 40_000
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium for all tests; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 @pytest.fixture(scope="module")

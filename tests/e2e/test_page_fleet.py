@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened, slide
+from tests.e2e.browser import hold_space, in_both_themes, opened, slide
 from tests.e2e.fast_station import FAST
 from tests.station import free_port, server, vehicle, wait_until
-from tools import build_page
 
 pytestmark = pytest.mark.browser
 
 SECOND = ["--first-instance", "101", *FAST]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 @pytest.mark.realtime

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
+from tests.e2e.browser import hold_space, in_both_themes, opened
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     EXAMPLES,
@@ -22,17 +21,8 @@ from tests.e2e.plan_page import (
     uploaded,
 )
 from tests.station import wait_until
-from tools import build_page
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:

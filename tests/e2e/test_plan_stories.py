@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import REPOSITORY, choose, chromium, hold_space, opened, press, tab_to
+from tests.e2e.browser import choose, hold_space, opened, press, tab_to
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     dry_run,
@@ -26,7 +25,6 @@ from tests.e2e.plan_page import (
     uploaded,
 )
 from tests.station import wait_until
-from tools import build_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
@@ -41,14 +39,6 @@ DROP = """
 }
 """
 MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its position, plus and minus zoom."
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station: Station) -> None:

@@ -16,23 +16,14 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
-from tests.e2e.browser import REPOSITORY, chromium, number, opened, serious_violations, shown
+from tests.e2e.browser import number, opened, serious_violations, shown
 from tests.station import answers, free_port, running, server_command, wait_until
-from tools import build_page
 from vehicle_sim.mavlink import generated_dialect as sim
 
 pytestmark = pytest.mark.browser
 
 FLIGHT = "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
 MODES = {(4, 2): "Take off", (4, 3): "Hold", (3, 1): "Orbit", (4, 5): "Return", (4, 6): "Land"}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 @pytest.fixture

@@ -10,24 +10,15 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, opened
+from tests.e2e.browser import hold_space, opened
 from tests.e2e.fast_station import FAST, Station
 from tests.e2e.plan_page import EXAMPLES, dry_run, plan_room
 from tests.station import free_port, server, vehicle, wait_until
-from tools import build_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 VEHICLES = {"lead": "101", "left": "104"}
 """Simulated vehicles start 3 m apart; the show needs 7 m."""
-
-
-@pytest.fixture
-def browser() -> Iterator[Browser]:
-    """One Chromium; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 @pytest.fixture

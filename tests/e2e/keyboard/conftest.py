@@ -5,21 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import REPOSITORY, chromium
 from tests.e2e.fast_station import FAST, Station
 from tests.station import free_port, server, vehicle
-from tools import build_page
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One Chromium for all tests; builds the page first if its sources are newer."""
-    build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
 
 
 @pytest.fixture(scope="module")
