@@ -84,7 +84,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class CheckLimits:
     """The operator's limits; None: no limit."""
 
     altitude_home_max_m: float | None = 120.0
@@ -100,7 +100,7 @@ class Context:
     """A plan with values derived from it that several checks need."""
 
     plan: Plan
-    limits: Limits
+    limits: CheckLimits
     items: tuple[tuple[int, SimpleItem], ...]
     """Row and item, as uploaded."""
     route: Route
@@ -109,7 +109,7 @@ class Context:
     """Origin of the local frame: home, otherwise the first position; None: the plan has no position."""
 
     @classmethod
-    def of(cls, plan: Plan, limits: Limits) -> Context:
+    def of(cls, plan: Plan, limits: CheckLimits) -> Context:
         """The context of one plan."""
         items = tuple(plan.simple_items())
         route = follow(plan)

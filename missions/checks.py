@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from missions import check_items, check_space
-from missions.check_context import CODES, Context, Finding, Limits
+from missions.check_context import CODES, CheckLimits, Context, Finding
 from missions.estimates import estimate
 from missions.plan import Plan
 
-__all__ = ["CODES", "Finding", "Limits", "check"]
+__all__ = ["CODES", "CheckLimits", "Finding", "check"]
 
 Rule = Callable[[Context], Iterator[Finding]]
 """One kind of check."""
 
 
-def check(plan: Plan, limits: Limits | None = None) -> tuple[Finding, ...]:
+def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
     """All findings about a plan, in the order of the rules."""
-    limits = limits or Limits()
+    limits = limits or CheckLimits()
     rules: tuple[Rule, ...] = (*check_items.RULES, *check_space.RULES, _totals)
     findings: list[Finding] = []
     try:

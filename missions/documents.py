@@ -14,12 +14,12 @@ from missions.offboard.steps import Branch, MissionStep, Repeat
 from missions.plan import Plan
 
 Document = Plan | OffboardMission
-Kind = Literal["waypoint_plan", "offboard_mission"]
+PlanKind = Literal["waypoint_plan", "offboard_mission"]
 MISSION_FORMAT = "offboard-gcs-mission"
 """The `format` of an offboard mission; without one a document is a waypoint plan."""
 
 
-def kind_of(document: Document) -> Kind:
+def kind_of(document: Document) -> PlanKind:
     """The kind of a document."""
     return "offboard_mission" if isinstance(document, OffboardMission) else "waypoint_plan"
 
@@ -69,7 +69,7 @@ def _steps(steps: tuple[MissionStep, ...]) -> int:
     return total
 
 
-def schema(kind: Kind) -> dict[str, Any]:
+def schema(kind: PlanKind) -> dict[str, Any]:
     """The JSON Schema of one kind of document."""
     if kind == "offboard_mission":
         return mission_document.schema()

@@ -19,7 +19,7 @@ from vehicle_sim.payload.camera import Camera
 from vehicle_sim.ros2.bridge import Bridge, Port
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.shell.commands import Shell
-from vehicle_sim.simulation import STEP_S, ControlLevel, Home, Simulation
+from vehicle_sim.simulation import STEP_S, ControlLevel, Simulation, SimulationOrigin
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
 from vehicle_sim.topics.states import States
@@ -69,7 +69,7 @@ class VehicleSim:
         links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
         seed: int = 0,
         first_noise: int | None = None,
-        home: Home | None = None,
+        home: SimulationOrigin | None = None,
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
         start_ned_m: NDArray[np.float64] | None = None,

@@ -12,7 +12,7 @@ from pathlib import Path
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.script import Script, load_script
 from vehicle_sim.server import Ports
-from vehicle_sim.simulation import Home
+from vehicle_sim.simulation import SimulationOrigin
 from vehicle_sim.world.files import load_world, shipped
 from vehicle_sim.world.world import World
 from vehicle_sim.yaml_fields import FileProblem
@@ -39,7 +39,7 @@ examples:
 """
 
 
-def _home(text: str) -> Home:
+def _home(text: str) -> SimulationOrigin:
     parts = text.split(",")
     try:
         lat_deg, lon_deg, alt_amsl_m = (float(part) for part in parts)
@@ -51,7 +51,7 @@ def _home(text: str) -> Home:
         raise argparse.ArgumentTypeError(
             f"{text!r}: latitude must lie within ±89, longitude within ±180 degrees, altitude be a number"
         )
-    return Home(lat_deg, lon_deg, alt_amsl_m)
+    return SimulationOrigin(lat_deg, lon_deg, alt_amsl_m)
 
 
 def _parameter(text: str) -> tuple[str, ParameterValue]:

@@ -29,8 +29,8 @@ from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.state import (
     BatteryState,
     EstimateState,
-    Home,
     SensorState,
+    SimulationOrigin,
     TargetState,
     TruthState,
     VehicleEstimate,
@@ -44,10 +44,10 @@ __all__ = [
     "BatteryState",
     "ControlLevel",
     "EstimateState",
-    "Home",
     "SensorState",
     "Setpoints",
     "Simulation",
+    "SimulationOrigin",
     "TargetState",
     "TruthState",
 ]
@@ -87,7 +87,7 @@ class Simulation:
         parameters: Sequence[Parameters] | None = None,
         seed: int = 0,
         first_vehicle: int = 0,
-        home: Home | None = None,
+        home: SimulationOrigin | None = None,
         start_ned_m: FloatArray | None = None,
         yaw_ned_rad: FloatArray | None = None,
         wind_ned_m_s: FloatArray | None = None,
@@ -101,7 +101,7 @@ class Simulation:
             raise ValueError(f"{len(stores)} parameter stores for {count} vehicles; give one each")
         self.count = count
         self.dt_s = STEP_S
-        self.home = home or Home()
+        self.home = home or SimulationOrigin()
         self.parameters: tuple[Parameters, ...] = tuple(stores)
         self.setpoints = Setpoints.idle(count)
         self.steps = 0

@@ -26,8 +26,8 @@ ROTOR_COUNT = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Home:
-    """Global position of local NED (0, 0, 0) of the physics."""
+class SimulationOrigin:
+    """Global position of the origin of the true local NED frame."""
 
     lat_deg: float = 47.3977432
     lon_deg: float = 8.54559422
@@ -39,7 +39,7 @@ class TruthState:
     """The true state; only physics, sensors and tests read it."""
 
     position_ned_m: FloatArray
-    """(N, 3) from `Home`."""
+    """(N, 3) from `SimulationOrigin`."""
     velocity_ned_m_s: FloatArray
     """(N, 3)."""
     acceleration_ned_m_s2: FloatArray

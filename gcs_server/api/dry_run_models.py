@@ -11,7 +11,7 @@ from gcs_server.api.offboard_mission_models import Role
 from gcs_server.api.plan_models import DocumentBody, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import AnswerBody, StrictBody
-from missions.documents import Kind
+from missions.documents import PlanKind
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles
 from missions.offboard.document import MAX_ROLES
 
@@ -305,7 +305,7 @@ class DryRunView(AnswerBody):
     """Result of a dry run."""
 
     id: str = Field(description="Id of the dry run, as in the operation's `result`.")
-    kind: Kind = Field(description="Kind of the flown plan.")
+    kind: PlanKind = Field(description="Kind of the flown plan.")
     name: str | None = Field(description="Name of the stored plan.")
     plan_id: str | None = Field(description="Id of the stored plan.")
     version: int | None = Field(description="Version of the stored plan.")

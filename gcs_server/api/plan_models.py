@@ -17,7 +17,7 @@ from gcs_server.plans.files import PlanVersion
 from missions import documents
 from missions import plan as plan_document
 from missions.checks import CODES
-from missions.documents import Document, Kind
+from missions.documents import Document, PlanKind
 from missions.errors import PlanError
 from missions.estimates import Estimate
 from missions.formats.any_format import FormatName
@@ -202,7 +202,7 @@ class OffboardFlight(AnswerBody):
 class PlanCheck(AnswerBody):
     """Findings and estimates of a plan."""
 
-    kind: Kind = Field(description="Which kind of plan it is.")
+    kind: PlanKind = Field(description="Which kind of plan it is.")
     findings: list[FindingModel] = Field(
         description="Findings in the order of the checks; empty: no problem was found."
     )
@@ -231,7 +231,7 @@ class ImportedPlan(AnswerBody):
     """A plan from a file; nothing is saved."""
 
     format: FormatName = Field(description="Format of the file.")
-    kind: Kind = Field(description="Which kind of plan it is.")
+    kind: PlanKind = Field(description="Which kind of plan it is.")
     plan: AnyDocument = Field(description="The plan's document.")
     areas: list[ImportedArea] = Field(description="Areas in the file that are not part of the plan.")
     notes: list[str] = Field(description="Notes on what was imported and what was not; sentences.")

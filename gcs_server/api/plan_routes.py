@@ -19,7 +19,7 @@ from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.plans.files import PlanVersion
 from missions import documents
-from missions.documents import Kind
+from missions.documents import PlanKind
 from missions.formats.any_format import FormatName
 from missions.patterns.document import OrbitPattern, PerimeterPattern
 from missions.values import Altitude, Reference
@@ -98,7 +98,7 @@ async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Resp
 
 
 @router.get("/schema/{kind}", response_model=dict[str, Any])
-async def plan_schema(kind: Kind) -> Response:
+async def plan_schema(kind: PlanKind) -> Response:
     """The JSON Schema of the documents of a kind."""
     return answer(documents.schema(kind))
 

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from missions.documents import Kind
+from missions.documents import PlanKind
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_HEAD_BYTES = 4096
@@ -42,7 +42,7 @@ class PlanVersion:
     item_count: int
     """Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
     ones."""
-    kind: Kind = "waypoint_plan"
+    kind: PlanKind = "waypoint_plan"
     """Waypoint plan (flown by the vehicle) or offboard mission (flown by the server's setpoints)."""
 
 
@@ -168,7 +168,7 @@ def _head(value: Any) -> PlanVersion:
         raise ValueError("its first line does not have the expected fields")
     if any(type(fields[name]) is not kind for name, kind in types.items()):
         raise ValueError("its first line has a value of another type")
-    if fields["kind"] not in get_args(Kind):
+    if fields["kind"] not in get_args(PlanKind):
         raise ValueError("its first line names a kind of plan that this server does not know")
     return PlanVersion(**fields)
 

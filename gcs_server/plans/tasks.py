@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from missions import documents
 from missions import plan as plan_document
-from missions.checks import Finding, Limits, check
+from missions.checks import CheckLimits, Finding, check
 from missions.errors import PlanError
 from missions.estimates import Estimate, estimate
 from missions.formats import any_format
@@ -26,7 +26,7 @@ from missions.values import Altitude, HomePosition
 from missions.vehicle import PowerModel, VehicleModel
 
 if TYPE_CHECKING:
-    from missions.offboard.places import Start
+    from missions.offboard.positions import Start
     from missions.offboard.samples import Leg
     from missions.offboard.state import MissionVehicle
     from missions.offboard.timeline import Timeline
@@ -55,7 +55,7 @@ def _check(arguments: Mapping[str, Any]) -> Values:
     if arguments["home"] is not None:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
-    findings = check(plan, Limits(vehicle=vehicle, power=power))
+    findings = check(plan, CheckLimits(vehicle=vehicle, power=power))
     below = PlanGround()
     if arguments["elevation"]:
         from gcs_server.plans import terrain_tasks  # GDAL, 0.3 s to import
@@ -89,7 +89,7 @@ def _check_mission(
 ) -> Values:
     """Compiles an offboard mission for a start on the ground at home, and checks it."""
     from missions.offboard import compiler, mission_checks, samples  # half a second to import
-    from missions.offboard.places import Start
+    from missions.offboard.positions import Start
     from missions.offboard.state import MissionVehicle
 
     home, origin = arguments["home"], arguments["origin"]
@@ -102,7 +102,7 @@ def _check_mission(
         frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
         start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
     vehicle = MissionVehicle.from_parameters(
-        arguments["parameters"], Limits(power=power), arguments["reported"]
+        arguments["parameters"], CheckLimits(power=power), arguments["reported"]
     )
     if mission.roles:
         return _check_roles(mission, vehicle, arguments["elevation"])
@@ -311,7 +311,7 @@ def _vehicle_of(arguments: Mapping[str, Any]) -> MissionVehicle:
 
 
 def _start_of(start: Values) -> Start:
-    from missions.offboard.places import Start
+    from missions.offboard.positions import Start
 
     north, east, down = start["position_ned_m"]
     return Start(

@@ -16,7 +16,7 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
-from vehicle_sim.simulation import Home
+from vehicle_sim.simulation import SimulationOrigin
 from vehicle_sim.world.terrain import HeightGrid, Terrain
 from vehicle_sim.world.world import Box, World
 
@@ -55,7 +55,7 @@ class Fleet:
         self.sim = VehicleSim(
             len(conditions), links=(), seed=seed, first_noise=first,
             stores=[_store(*each) for each in zip(aircraft, conditions, strict=True)],
-            home=Home(home.lat_deg, home.lon_deg, home.alt_amsl_m),
+            home=SimulationOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m),
             start_ned_m=start_ned_m,
             start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=world,
         )  # fmt: skip

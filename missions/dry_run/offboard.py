@@ -15,13 +15,13 @@ from missions.frames import Vector3
 from missions.runner.player import Player
 from missions.runner.reading import Reading, StreamPhase
 from missions.runner.requests import (
+    ChangeScript,
     Notify,
     Play,
     PointGimbal,
     ReleaseGimbal,
     Request,
     SetMode,
-    Steer,
     StopStream,
     TakeOff,
 )
@@ -207,9 +207,9 @@ class OffboardPilot:
             if self._stream == "idle":
                 self._stream, self._streaming_since_s = "starting", now_s
             self._player = Player(request.script, now_s)
-        elif isinstance(request, Steer):
+        elif isinstance(request, ChangeScript):
             if self._player is not None:
-                self._player.steer(request.steering)
+                self._player.change_script(request.change)
         elif isinstance(request, SetMode):
             self._stop_stream()
             if not commander.set_mode(MODES[request.mode]):

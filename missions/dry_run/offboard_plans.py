@@ -14,7 +14,7 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.samples import legs
 from missions.offboard.state import MissionVehicle
 from missions.offboard.timeline import Timeline

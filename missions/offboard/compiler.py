@@ -12,7 +12,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard import compile_paths, mission_checks
 from missions.offboard.document import OffboardMission
 from missions.offboard.gimbals import GimbalTrack
-from missions.offboard.places import MissingReference, Start, fence_area
+from missions.offboard.positions import MissingReference, Start, fence_area
 from missions.offboard.segments import Decision, Event, WaitKind, WaitSegment
 from missions.offboard.state import MissionVehicle, State, Work
 from missions.offboard.steps import (

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from missions.errors import PlanError
-from missions.offboard.places import Ned
+from missions.offboard.positions import Ned
 from missions.offboard.steps import MAX_STEPS, Action, Branch, Call, MissionStep, Name, Repeat, Speed
 from missions.values import FenceZone, HomePosition, Model
 

@@ -25,7 +25,7 @@ from missions.items import (
 )
 from missions.offboard import steps as s
 from missions.offboard.document import OffboardMission
-from missions.offboard.places import Place
+from missions.offboard.positions import MissionPosition
 from missions.plan import Plan, SimpleItem
 from missions.route import follow, is_flown_to
 from missions.values import Altitude
@@ -139,7 +139,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
             s.Photo(count=min(count, 10_000), interval_s=min(3600.0, max(0.1, item.interval_s or 1.0)))
         )
     elif isinstance(item, RoiLocation) or (isinstance(item, LegacyRoi) and item.mode == 3.0):
-        builder.add(s.Gimbal(track="look_at", place=Place(**_position(item, item.altitude))))
+        builder.add(s.Gimbal(track="look_at", place=MissionPosition(**_position(item, item.altitude))))
     elif isinstance(item, GimbalPitchYaw):
         pitch, yaw = _radians(item.pitch_deg or 0.0), _radians(item.yaw_deg or 0.0)
         builder.add(s.Gimbal(track="fixed", pitch_rad=pitch or 0.0, yaw_rad=yaw or 0.0))

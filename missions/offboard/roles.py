@@ -20,7 +20,7 @@ from missions.offboard import samples
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.offboard.findings import MissionFinding
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.segments import Segment, WaitSegment
 from missions.offboard.state import MissionVehicle
 from missions.offboard.timeline import Timeline

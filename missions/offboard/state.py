@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from missions.check_context import Limits
+from missions.check_context import CheckLimits
 from missions.errors import PlanError
 from missions.frames import Vector3
 from missions.offboard.document import Bounds, OffboardMission
 from missions.offboard.findings import MissionFinding
 from missions.offboard.gimbals import GimbalTrack
-from missions.offboard.places import Place, Start, to_local
+from missions.offboard.positions import MissionPosition, Start, to_local
 from missions.offboard.segments import Segment
 from missions.offboard.steps import PathStep
 from missions.setpoints import Estimate
@@ -31,7 +31,7 @@ class MissionVehicle:
     """The limits that a mission is compiled for: the vehicle's and the operator's."""
 
     motion: MotionLimits = field(default_factory=MotionLimits)
-    limits: Limits = field(default_factory=Limits)
+    limits: CheckLimits = field(default_factory=CheckLimits)
     reported: frozenset[str] | None = None
     """Names of the condition values that the vehicle reports; None: unknown."""
 
@@ -39,13 +39,13 @@ class MissionVehicle:
     def from_parameters(
         cls,
         parameters: Mapping[str, float],
-        limits: Limits | None = None,
+        limits: CheckLimits | None = None,
         reported: Iterable[str] | None = None,
     ) -> MissionVehicle:
         """Creates the limits from the vehicle's parameters and the operator's limits."""
         model = VehicleModel.from_parameters(parameters)
         return cls(
-            MotionLimits.from_parameters(parameters), replace(limits or Limits(), vehicle=model),
+            MotionLimits.from_parameters(parameters), replace(limits or CheckLimits(), vehicle=model),
             None if reported is None else frozenset(reported),
         )  # fmt: skip
 
@@ -135,7 +135,7 @@ class State:
         """Adds a finding about the current step."""
         self.work.findings[MissionFinding(code, message, self.place, fix)] = None
 
-    def locate(self, place: Place) -> Vector3:
+    def locate(self, place: MissionPosition) -> Vector3:
         """Converts a position to the local frame.
 
         Raises:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from missions.offboard.places import Place
+from missions.offboard.positions import MissionPosition
 from missions.values import Model
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -71,7 +71,7 @@ class PathStep(Step):
     """Maximum horizontal speed; None: MPC_XY_CRUISE."""
     heading: Literal["keep", "along_path"] = "keep"
     yaw_ned_rad: Angle | None = None
-    look_at: Place | None = None
+    look_at: MissionPosition | None = None
     photo_every_m: Metres | None = None
     avoidance: bool | None = None
     """Avoid obstacles that the vehicle's sensors measure; None: the mission's setting."""
@@ -84,7 +84,7 @@ class PathStep(Step):
         return self
 
 
-class FlyPoint(Place):
+class FlyPoint(MissionPosition):
     """A point to fly through."""
 
     yaw_ned_rad: Angle | None = None
@@ -116,7 +116,7 @@ class Orbit(PathStep):
     """Fly circles around a position, at its altitude."""
 
     step: Literal["orbit"] = "orbit"
-    center: Place
+    center: MissionPosition
     radius_m: Metres
     turns: Rounds = 1.0
     clockwise: bool = True
@@ -143,7 +143,7 @@ class FigureEight(PathStep):
     """Fly a figure-eight around its centre."""
 
     step: Literal["figure_eight"] = "figure_eight"
-    center: Place
+    center: MissionPosition
     length_m: Metres
     """Length of the figure from tip to tip."""
     width_m: Metres
@@ -195,7 +195,7 @@ class Gimbal(Step):
     """Pitch for the tracks fixed and along_path, and the middle pitch of a sweep; up is positive."""
     yaw_rad: Angle = 0.0
     """Yaw relative to the vehicle's nose, for the track fixed, and the middle yaw of a sweep."""
-    place: Place | None = None
+    place: MissionPosition | None = None
     """The position to look at, for look_at."""
     sweep_pitch_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
     """Amplitude of a sweep, to both sides of its middle."""

@@ -21,7 +21,7 @@ from missions.offboard.segments import (
     VelocitySegment,
     WaitSegment,
 )
-from missions.runner.script import Played, Script, Steering
+from missions.runner.script import Played, Script, ScriptChange
 from missions.runner.time_scale import TimeScale
 from missions.setpoints import Attitude, DirectSetpoint, Position, Setpoint, Trajectory, Velocity, complete
 from missions.setpoints import zeros_for_none as whole
@@ -50,7 +50,7 @@ class Player:
         self._number = script.number
         self._segments = list(script.segments)
         self._approach: Segment | None = script.approach
-        self._steering = Steering()
+        self._change = ScriptChange()
         self._index = 0
         self._t_s = script.begin_s if script.approach is None else 0.0
         self._begin_s = script.begin_s
@@ -66,10 +66,10 @@ class Player:
         self._held_back = False
         self.fence = script.fence
 
-    def steer(self, steering: Steering) -> None:
+    def change_script(self, change: ScriptChange) -> None:
         """Sets how the script is played; takes effect at the next setpoint."""
-        self._segments.extend(steering.appended)
-        self._steering = replace(steering, appended=())
+        self._segments.extend(change.appended)
+        self._change = replace(change, appended=())
 
     def restart_time(self, now_s: float) -> None:
         """Starts mission time now. Until this call, the first setpoint is held."""
@@ -105,7 +105,7 @@ class Player:
     def ahead(self, by_s: float) -> DirectSetpoint | None:
         """The planned setpoint `by_s` later, at most up to the next wait; None: unknown."""
         diverted = self._held is not None or self._braking_ned_m_s is not None
-        if self._steering.paused or diverted:
+        if self._change.paused or diverted:
             return None
         t_s, setpoint = self._t_s + by_s, None
         segments = itertools.islice(self._segments, self._index, None)
@@ -171,12 +171,12 @@ class Player:
         if isinstance(setpoint, Trajectory):
             acceleration = whole(setpoint.acceleration_ned_m_s2)
         self._held_back = self._away_m(self._position, position_ned_m) > HELD_BACK_M
-        goal = 0.0 if self._steering.paused or self._held_back else 1.0
+        goal = 0.0 if self._change.paused or self._held_back else 1.0
         self._t_s += self._scale.step(dt_s, goal, velocity, acceleration)
         while (segment := self._segment()) is not None:
             if isinstance(segment, WaitSegment):
                 self._t_s = 0.0
-                if self._index >= self._steering.go_past:
+                if self._index >= self._change.go_past:
                     return
             elif self._t_s < segment.duration_s or not self._is_back(segment, dt_s, position_ned_m):
                 return
@@ -248,7 +248,7 @@ class Player:
         if self._held is not None or self._braking_ned_m_s is not None:
             return True
         segment = self._segment()
-        if not self._steering.paused or self._returning_s is not None:
+        if not self._change.paused or self._returning_s is not None:
             return False
         if isinstance(segment, VelocitySegment):
             self._braking_ned_m_s = whole(segment.line.at(self._t_s).velocity_ned_m_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from missions.runner.script import Script, Steering
+from missions.runner.script import Script, ScriptChange
 
 Mode = Literal["hold", "land", "rtl"]
 MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
@@ -29,10 +29,10 @@ class Play:
 
 
 @dataclass(frozen=True, slots=True)
-class Steer:
+class ChangeScript:
     """Pause or resume the current script, end its waits, or append segments to it."""
 
-    steering: Steering
+    change: ScriptChange
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,4 +75,4 @@ class Notify:
     warning: bool = False
 
 
-Request = TakeOff | Play | Steer | SetMode | StopStream | Photo | PointGimbal | ReleaseGimbal | Notify
+Request = TakeOff | Play | ChangeScript | SetMode | StopStream | Photo | PointGimbal | ReleaseGimbal | Notify

@@ -46,7 +46,7 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True)
-class Steering:
+class ScriptChange:
     """Changes to a script that is being flown."""
 
     paused: bool = False

@@ -12,8 +12,8 @@ from missions.runner.parts import Failure, Part
 from missions.runner.payload import photos_due, point_gimbal
 from missions.runner.player import Player
 from missions.runner.reading import Reading
-from missions.runner.requests import Notify, Play, Request, Steer
-from missions.runner.script import Played, Steering
+from missions.runner.requests import ChangeScript, Notify, Play, Request
+from missions.runner.script import Played, ScriptChange
 
 AHEAD_S = 60.0
 """Segments are sent to the stream this long before they are flown, so that a stalled event loop does not
@@ -34,11 +34,11 @@ class SetpointPart(Part):
         self._number = 0
         self._local: Player | None = None
         """Whether the vehicle is on the ground, where nothing is streamed."""
-        self._began_s = self._steered_s = self._last_s = 0.0
+        self._began_s = self._last_change_s = self._last_s = 0.0
         self._initial_mode: str | None = None
         self._flying = False
         self._go_past = 0
-        self._steered: tuple[bool, int] = (False, 0)
+        self._last_change: tuple[bool, int] = (False, 0)
         self._stop_for: int | None = None
         """Segment with which to continue after the stop."""
         self._watch: ConditionWatch | None = None
@@ -141,7 +141,7 @@ class SetpointPart(Part):
             requests += self._wait(now_s, dt_s, reading, played)
         requests += self._report_held_back(dt_s, reading, played)
         appended = self._append(now_s, reading)
-        return [*requests, *self._steer(now_s, appended)]
+        return [*requests, *self._change_script(now_s, appended)]
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -160,7 +160,7 @@ class SetpointPart(Part):
             self.failure = Failure(self.flight.actions.failure, text)
             return []
         self._number, self._go_past, self._stop_for, self._played = script.number, 0, None, None
-        self._steered, self._steered_s = (False, 0), now_s
+        self._last_change, self._last_change_s = (False, 0), now_s
         if on_ground:
             self._local = Player(script, now_s)
             return []
@@ -267,17 +267,17 @@ class SetpointPart(Part):
             self.flight.course.choose(fulfilled)
             self._forget_wait()
 
-    def _steer(self, now_s: float, appended: tuple[Segment, ...]) -> list[Request]:
+    def _change_script(self, now_s: float, appended: tuple[Segment, ...]) -> list[Request]:
         """Sends the pause state when it changes, and periodically."""
         wanted = (self.flight.paused or self._stop_for is not None, self._go_past)
-        if not appended and wanted == self._steered and now_s - self._steered_s < RENEW_S:
+        if not appended and wanted == self._last_change and now_s - self._last_change_s < RENEW_S:
             return []
-        self._steered, self._steered_s = wanted, now_s
-        steering = Steering(wanted[0], wanted[1], appended)
+        self._last_change, self._last_change_s = wanted, now_s
+        change = ScriptChange(wanted[0], wanted[1], appended)
         if self._local is not None:
-            self._local.steer(steering)
+            self._local.change_script(change)
             return []
-        return [Steer(steering)]
+        return [ChangeScript(change)]
 
 
 def _missed(segment: WaitSegment) -> str:

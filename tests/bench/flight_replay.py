@@ -20,7 +20,7 @@ from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.simulation import Home
+from vehicle_sim.simulation import SimulationOrigin
 
 from .flight_recordings import Recording
 from .ros2_recordings import INNER
@@ -292,7 +292,7 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
         for recording in recordings
     ]
     sim = VehicleSim(
-        count, stores=stores, links=(("gcs", "gcs"),), home=Home(), sensor_noise=noise, seed=seed,
+        count, stores=stores, links=(("gcs", "gcs"),), home=SimulationOrigin(), sensor_noise=noise, seed=seed,
         start_ned_m=np.zeros((count, 3)),
     )  # fmt: skip
     for row in range(count):

@@ -13,7 +13,7 @@ from typing import Any
 
 from tests.contract.recordings import TELEMETRY, value_of
 from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
-from vehicle_sim.autopilot.health import Report, announce
+from vehicle_sim.autopilot.health import CheckResults, announce
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -68,7 +68,7 @@ class Vehicle:
         self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
         self.reports: list[list[Received]] = []
         """Valid arming reports in the form in which they are sent, the newest last."""
-        self._told: Report | None = None
+        self._told: CheckResults | None = None
         self.states: list[tuple[float, dict[str, Any]]] = []
         """Armed, mode and landed state, and the time of the change."""
         self.counts: dict[int, int] = {}
@@ -254,7 +254,7 @@ class Vehicle:
         self.run_until(lambda: self.speed_m_s < 0.3, 60)
 
 
-def _as_sent(report: Report) -> list[Received]:
+def _as_sent(report: CheckResults) -> list[Received]:
     announcer, told = Announcer(lambda: 0), list[Received]()
 
     def hear(item: StatusText | Event) -> None:

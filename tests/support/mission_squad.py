@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle

@@ -11,7 +11,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.timeline import Timeline
 from missions.runner.player import Player
 from missions.runner.reading import Reading
-from missions.runner.requests import Notify, Play, Request, SetMode, Steer, StopStream, TakeOff
+from missions.runner.requests import ChangeScript, Notify, Play, Request, SetMode, StopStream, TakeOff
 from missions.runner.runner import Runner
 from missions.runner.status import RunnerStatus
 from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
@@ -162,8 +162,8 @@ class FlownMission:
                 self.player = Player(request.script, self.now_s)
                 self._own_mode("offboard")
                 self.know(stream="flying", played=self.player.played)
-            elif isinstance(request, Steer) and self.player is not None:
-                self.player.steer(request.steering)
+            elif isinstance(request, ChangeScript) and self.player is not None:
+                self.player.change_script(request.change)
             elif isinstance(request, SetMode):
                 self.mode(request.mode, "command", "The mission")
             elif isinstance(request, StopStream):

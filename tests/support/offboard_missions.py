@@ -6,7 +6,7 @@ from typing import Any
 
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.segments import Segment
 from missions.offboard.timeline import Timeline

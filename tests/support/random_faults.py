@@ -28,7 +28,7 @@ DESCENT_M_S = 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FaultKind:
     """A kind of fault, and a real PX4's largest ratios of error to stated accuracy, 1 to 20 s after it."""
 
     strike: Callable[[Simulation, int, np.random.Generator], None]
@@ -92,18 +92,18 @@ TILTED = (0.4, 2.7)
 """The recorded flights hovered; these vehicles tilt, and a tilted faulty accelerometer also pushes
 sideways."""
 KINDS = {
-    GONE_FOR_A_WHILE: Kind(_no_fix, None, (1.0, 3.6), (0.4, 4.6)),
-    "few satellites": Kind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
-    "silent GPS": Kind(_silent(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
-    "stuck GPS": Kind(_stuck(Driver.GPS), None, *RUNS_AWAY),
-    "displaced GPS": Kind(_displaced, True, (100.0, 100.2), UPRIGHT),
-    "pressure step": Kind(_pressure_step, True, LEVEL, (0.4, 7.5)),
-    "silent barometer": Kind(_silent(Driver.BARO), True, LEVEL, UPRIGHT),
-    "stuck barometer": Kind(_stuck(Driver.BARO), True, LEVEL, UPRIGHT),
-    "field step": Kind(_field_step, True, LEVEL, UPRIGHT),
-    "silent compass": Kind(_silent(Driver.MAG), True, LEVEL, UPRIGHT),
-    "wind step": Kind(_wind_step, True, LEVEL, UPRIGHT),
-    "lifted accelerometer": Kind(_lifted_accelerometer, True, TILTED, (19.8, 20.5)),
+    GONE_FOR_A_WHILE: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6)),
+    "few satellites": FaultKind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
+    "silent GPS": FaultKind(_silent(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
+    "stuck GPS": FaultKind(_stuck(Driver.GPS), None, *RUNS_AWAY),
+    "displaced GPS": FaultKind(_displaced, True, (100.0, 100.2), UPRIGHT),
+    "pressure step": FaultKind(_pressure_step, True, LEVEL, (0.4, 7.5)),
+    "silent barometer": FaultKind(_silent(Driver.BARO), True, LEVEL, UPRIGHT),
+    "stuck barometer": FaultKind(_stuck(Driver.BARO), True, LEVEL, UPRIGHT),
+    "field step": FaultKind(_field_step, True, LEVEL, UPRIGHT),
+    "silent compass": FaultKind(_silent(Driver.MAG), True, LEVEL, UPRIGHT),
+    "wind step": FaultKind(_wind_step, True, LEVEL, UPRIGHT),
+    "lifted accelerometer": FaultKind(_lifted_accelerometer, True, TILTED, (19.8, 20.5)),
 }
 
 

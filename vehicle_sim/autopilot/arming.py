@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
-from vehicle_sim.autopilot.health import Report
+from vehicle_sim.autopilot.health import CheckResults
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES
@@ -41,7 +41,7 @@ REASONS = {
 
 
 def why_denied(
-    report: Report, mode: NavState, sticks: Sticks, *, calibrating: bool
+    report: CheckResults, mode: NavState, sticks: Sticks, *, calibrating: bool
 ) -> tuple[str, str] | None:
     """Why the vehicle may not be armed in this mode, as text and as suffix of the event name; None: it
     may."""

@@ -9,10 +9,10 @@ from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
 from vehicle_sim.autopilot.flight_numbers import ASKED_DOWN, DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.goto import Goto, GotoControl
-from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
+from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import WITH_WAYPOINT, Navigator
-from vehicle_sim.autopilot.offboard import LEVELS, Kind, Offboard, Setpoint, kind_of
+from vehicle_sim.autopilot.offboard import LEVELS, Offboard, Setpoint, SetpointKind, kind_of
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
@@ -67,7 +67,7 @@ class Autopilot:
         self._thrusts = plain(view.simulation.target.thrust)
         self._hover_thrusts = plain(view.simulation.target.hover_thrust)
         self.offboard.on_setpoint = self._take_at_once
-        self._landing_limits: Limits | None = None
+        self._landing_limits: LandingThresholds | None = None
         self.steady = False
         """Whether the next tick decides nothing (`SteadyTicks`)."""
         self.decided = True
@@ -179,7 +179,7 @@ class Autopilot:
     def flies_attitude(self) -> bool:
         """Whether the current setpoint is an attitude of SET_ATTITUDE_TARGET."""
         commander, offboard = self.commander, self.offboard
-        asked = offboard.setpoint.kind is Kind.ATTITUDE or offboard.no_attitude is not None
+        asked = offboard.setpoint.kind is SetpointKind.ATTITUDE or offboard.no_attitude is not None
         return commander.armed and commander.active is NavState.OFFBOARD and asked
 
     def _detect_landing(self) -> None:
@@ -207,10 +207,10 @@ class Autopilot:
         self.land_detector.update(self.view.time_s, motion, self._limits())
         self._row.in_air(not self.land_detector.landed)
 
-    def _limits(self) -> Limits:
+    def _limits(self) -> LandingThresholds:
         if self._landing_limits is None:
             parameter = self.view.parameter
-            self._landing_limits = Limits(
+            self._landing_limits = LandingThresholds(
                 climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
                 horizontal_max_m_s=parameter("LNDMC_XY_VEL_MAX"),
                 rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
@@ -320,9 +320,9 @@ class Autopilot:
         if streamed and level is self._control_mode.level and level is self.offboard.level:
             if level is not ControlLevel.TRAJECTORY:
                 self._steer_offboard()
-        elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES):
+        elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES):
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
-        elif setpoint.kind in (Kind.THRUST_TORQUE, Kind.ACTUATORS):
+        elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._row.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
         elif level is ControlLevel.TRAJECTORY and not streamed and not self._row.below_trajectory:
             self._write_trajectory(setpoint)
@@ -358,7 +358,7 @@ class Autopilot:
             return
         if self._control_mode.level is not ControlLevel.TRAJECTORY:
             self._steer_offboard()
-        elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES) and self.takeoff.flying:
+        elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES) and self.takeoff.flying:
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
 
     def _steer_offboard(self) -> None:
@@ -367,13 +367,13 @@ class Autopilot:
             self.navigator.descend()
         elif self.offboard.waits:
             self._hold_outputs()
-        elif setpoint.kind is Kind.ATTITUDE and setpoint.q_ned_frd is not None:
+        elif setpoint.kind is SetpointKind.ATTITUDE and setpoint.q_ned_frd is not None:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
-        elif setpoint.kind is Kind.RATES:
+        elif setpoint.kind is SetpointKind.RATES:
             self._row.rates(setpoint.rates_frd_rad_s, setpoint.thrust)
-        elif setpoint.kind is Kind.THRUST_TORQUE:
+        elif setpoint.kind is SetpointKind.THRUST_TORQUE:
             self._row.thrust_torque(setpoint.thrust, setpoint.torque_frd)
-        elif setpoint.kind is Kind.ACTUATORS:
+        elif setpoint.kind is SetpointKind.ACTUATORS:
             self._row.motors(setpoint.motors)
         else:
             self._write_trajectory(setpoint)

@@ -75,13 +75,13 @@ class Checks:
         """Parameter revision of the two values below."""
         self._now: tuple[object, ...] = ()
         self.report = self.fresh(NavState.HOLD, armed=False, terminated=False)
-        self._announced: health.Report | None = None
+        self._announced: health.CheckResults | None = None
         self._announced_at_s = -math.inf
         self._changed = True
         """Whether a change has not been reported yet."""
 
     def _look(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
-        """Values that can change in flight, in the order of `health.Facts`, for this mode."""
+        """Values that can change in flight, in the order of `health.CheckInputs`, for this mode."""
         view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self._sensors
         good = self.position_good
         windy = monitors.wind_too_high
@@ -113,7 +113,7 @@ class Checks:
         )
 
     def _take_settings(self) -> None:
-        """The parameters among `health.Facts`, in their order, and the battery's levels."""
+        """The parameters among `health.CheckInputs`, in their order, and the battery's levels."""
         view = self._view
         self._settings_of = view.parameter_changes
         self._settings = (
@@ -209,12 +209,12 @@ class Checks:
                 return level
         return 0
 
-    def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Report:
+    def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.CheckResults:
         """The current report, without announcing it; it is computed only if an input has changed."""
         now = self._look(mode, armed=armed, terminated=terminated)
         if now != self._now:
             self._now = now
-            self._examined = health.examine(health.Facts._make((*now, *self._settings)))
+            self._examined = health.examine(health.CheckInputs._make((*now, *self._settings)))
         return self._examined
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:

@@ -302,7 +302,7 @@ class Commander:
         self.checks.run(self.intended, armed=self.armed, terminated=self.terminated)
 
     @property
-    def report(self) -> health.Report:
+    def report(self) -> health.CheckResults:
         """The arming report."""
         return self.checks.report
 

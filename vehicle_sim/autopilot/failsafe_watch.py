@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Demand, Fail
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
-from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.offboard import Offboard, SetpointKind
 from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.external_modes.slots import Overrides
 from vehicle_sim.vehicle_view import VehicleView
@@ -134,7 +134,11 @@ class FailsafeWatch:
 
     def _needs_position(self, mode: NavState) -> bool:
         if mode is NavState.OFFBOARD:
-            return self._offboard.kind in (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
+            return self._offboard.kind in (
+                SetpointKind.POSITION,
+                SetpointKind.VELOCITY,
+                SetpointKind.ACCELERATION,
+            )
         return MODES[mode].needs_position
 
     def _tell(self, before: Decision, now: Decision, intended: NavState) -> None:

@@ -59,7 +59,7 @@ LOGGING_PRESENT = 0x400
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
-class Facts(NamedTuple):
+class CheckInputs(NamedTuple):
     """Inputs of the checks, compared 50 times a second: first values that change in flight, then parameters.
 
     `Checks` computes the first part each tick, and the second part when a parameter changes.
@@ -132,7 +132,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class CheckResults:
     """The result of all checks."""
 
     checks: tuple[Check, ...]
@@ -150,10 +150,10 @@ class Report:
         return bool(self.can_run >> mode & 1)
 
 
-def examine(facts: Facts) -> Report:
+def examine(inputs: CheckInputs) -> CheckResults:
     """All findings in PX4's order."""
     checks: list[Check] = []
-    needs = facts.external.requirements
+    needs = inputs.external.requirements
 
     def add(event: str, modes: int, component: int, arming: int | None = None, running: int | None = None,
             text: str = "") -> None:  # fmt: skip
@@ -163,107 +163,107 @@ def examine(facts: Facts) -> Report:
         )  # fmt: skip
 
     def add_uncalibrated(sensor: str, component: int, text: str) -> None:
-        if sensor in facts.uncalibrated:
+        if sensor in inputs.uncalibrated:
             checks.append(
                 Check(f"check_{sensor}_not_calibrated", EVERY_MODE, component, EVERY_MODE, 0,
                       f"Preflight Fail: {text} 0 uncalibrated", counts=(0,))
             )  # fmt: skip
 
     add_uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
-    for number in range(facts.distance_sensors, facts.distance_sensors_required):
+    for number in range(inputs.distance_sensors, inputs.distance_sensors_required):
         text = f"Preflight Fail: distance sensor {number} missing"
         checks.append(
             Check("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0, text,
                   counts=(number,))
         )  # fmt: skip
     add_uncalibrated("gyro", COMPONENT_GYRO, "Gyro")
-    if facts.compasses_required:
+    if inputs.compasses_required:
         add_uncalibrated("mag", COMPONENT_MAGNETOMETER, "Compass")
-    if facts.compasses_required > COMPASSES:
-        counts = COMPASSES, facts.compasses_required
+    if inputs.compasses_required > COMPASSES:
+        counts = COMPASSES, inputs.compasses_required
         text = f"Preflight Fail: Found {counts[0]} compass (required: {counts[1]})"
         checks.append(
             Check("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
                   counts=counts)
         )  # fmt: skip
-    if facts.optical_flow_required:
+    if inputs.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
             text="Preflight Fail: optical flow sensor missing")  # fmt: skip
-    if facts.baro_silent:
+    if inputs.baro_silent:
         text = "Preflight Fail: No valid data from Baro 0"
         checks.append(
             Check("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
                   counts=(0,))
         )  # fmt: skip
-    if facts.gps_problem:
-        event, text = GPS_PROBLEMS[facts.gps_problem]
+    if inputs.gps_problem:
+        event, text = GPS_PROBLEMS[inputs.gps_problem]
         checks.append(Check(event, _local_position(needs), COMPONENT_GPS, 0, 0, text, WARNING, warns=True))
-    checks += _detected_failures(facts)
-    checks += _external(facts)
-    if needs.prevent_arming >> facts.mode & 1 and not facts.armed and not facts.terminated:
+    checks += _detected_failures(inputs)
+    checks += _external(inputs)
+    if needs.prevent_arming >> inputs.mode & 1 and not inputs.armed and not inputs.terminated:
         add("check_modes_cannot_takeoff", needs.prevent_arming, COMPONENT_SYSTEM, running=0)
-    if is_external(facts.mode) and not facts.external.registered >> facts.mode & 1:
-        add("check_external_modes_unavailable", 1 << facts.mode, COMPONENT_SYSTEM)
-    if not facts.valid_local_position:
+    if is_external(inputs.mode) and not inputs.external.registered >> inputs.mode & 1:
+        add("check_external_modes_unavailable", 1 << inputs.mode, COMPONENT_SYSTEM)
+    if not inputs.valid_local_position:
         add("check_modes_local_pos", _local_position(needs), COMPONENT_LOCAL_POSITION)
-    if not facts.valid_global_position:
+    if not inputs.valid_global_position:
         add("check_modes_global_pos", needs.global_position | needs.home_position, COMPONENT_GLOBAL_POSITION)
-    if not facts.has_mission:
-        add("check_modes_mission", EVERY_MODE if facts.mission_required else needs.mission,
+    if not inputs.has_mission:
+        add("check_modes_mission", EVERY_MODE if inputs.mission_required else needs.mission,
             COMPONENT_SYSTEM, running=needs.mission)  # fmt: skip
-    if not facts.offboard_signal:
+    if not inputs.offboard_signal:
         add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
-    if not facts.manual_control:
+    if not inputs.manual_control:
         add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, needs.manual_control,
             needs.manual_control)  # fmt: skip
-    if facts.terminated:
+    if inputs.terminated:
         add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
             text="Preflight Fail: Flight termination active")  # fmt: skip
-    if facts.gcs_missing:
+    if inputs.gcs_missing:
         add("check_rc_dl_no_dllink", EVERY_MODE, COMPONENT_REMOTE_LINK, running=0)
-    if facts.open_drone_id:
-        required = facts.open_drone_id >= 2
+    if inputs.open_drone_id:
+        required = inputs.open_drone_id >= 2
         modes, severity = (EVERY_MODE, 2) if required else (0, 4)
         text = "Preflight Fail: Open Drone ID system missing"
         checks.append(
             Check("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
                   warns=not required)
         )  # fmt: skip
-    if facts.parachute_required:
+    if inputs.parachute_required:
         add("check_parachute_missing", EVERY_MODE, COMPONENT_PARACHUTE, running=0,
             text="Preflight Fail: parachute system missing")  # fmt: skip
-    checks += _limits(facts)
-    if facts.battery_warning == 1:
+    checks += _limits(inputs)
+    if inputs.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
-    elif facts.battery_warning == 2:
+    elif inputs.battery_warning == 2:
         add("check_battery_critical", EVERY_MODE, COMPONENT_BATTERY, running=0)
-    elif facts.battery_warning >= 3:
+    elif inputs.battery_warning >= 3:
         add("check_battery_emergency", EVERY_MODE, COMPONENT_BATTERY, running=0)
     can_arm = can_run = EVERY_MODE & ~needs.other
-    can_arm &= ~facts.external.not_armable
+    can_arm &= ~inputs.external.not_armable
     for check in checks:
         can_arm &= ~check.blocks_arming
         can_run &= ~check.blocks_running
-    if not facts.valid_attitude:
+    if not inputs.valid_attitude:
         can_arm = 0
         can_run &= ~((needs.attitude | needs.angular_velocity) & OWN.other)  # external modes
-    present = PRESENT | (REMOTE_PRESENT if facts.manual_control else 0)
-    if not facts.gnss_used:
+    present = PRESENT | (REMOTE_PRESENT if inputs.manual_control else 0)
+    if not inputs.gnss_used:
         present &= ~GPS_PRESENT
-    if facts.mag_silent:
+    if inputs.mag_silent:
         present &= ~MAG_PRESENT
-    if not facts.logging:
+    if not inputs.logging:
         present &= ~LOGGING_PRESENT
-    return Report(tuple(checks), can_arm, can_run, present, needs)
+    return CheckResults(tuple(checks), can_arm, can_run, present, needs)
 
 
 def _local_position(needs: Requirements) -> int:
     return needs.local_position | needs.local_position_relaxed
 
 
-def _external(facts: Facts) -> list[Check]:
+def _external(inputs: CheckInputs) -> list[Check]:
     """Findings of external components."""
-    external = facts.external
+    external = inputs.external
     checks = [
         Check("", modes, COMPONENT_SYSTEM, external=event, warns=True) for modes, event in external.events
     ]
@@ -291,32 +291,34 @@ def _no_arming(event: str, component: int, text: str) -> Check:
     return Check(event, EVERY_MODE, component, EVERY_MODE, 0, text)
 
 
-def _detected_failures(facts: Facts) -> list[Check]:
+def _detected_failures(inputs: CheckInputs) -> list[Check]:
     """Findings of the failure detector."""
     found: list[tuple[str, int, str]] = []
-    if facts.roll_failure:
+    if inputs.roll_failure:
         text = "Preflight Fail: Attitude failure (roll)"
         found.append(("check_failure_detector_roll", COMPONENT_SYSTEM, text))
-    if facts.pitch_failure:
+    if inputs.pitch_failure:
         text = "Preflight Fail: Attitude failure (pitch)"
         found.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
     return [_no_arming(*each) for each in found]
 
 
-def _limits(facts: Facts) -> list[Check]:
+def _limits(inputs: CheckInputs) -> list[Check]:
     """Findings about exceeded limits: fence, flight time, wind."""
     checks = [_no_arming(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
-              for breach in Breach if breach in facts.fence]  # fmt: skip
-    if facts.flight_time_over:
+              for breach in Breach if breach in inputs.fence]  # fmt: skip
+    if inputs.flight_time_over:
         checks.append(_no_arming("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached"))
-    if facts.wind_too_high:
+    if inputs.wind_too_high:
         checks.append(
-            Check("check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0, argument=facts.wind_m_s)
+            Check(
+                "check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0, argument=inputs.wind_m_s
+            )
         )
     return checks
 
 
-def announce(report: Report, announcer: Announcer) -> None:
+def announce(report: CheckResults, announcer: Announcer) -> None:
     """Sends the report as PX4 does: summary, one event per finding, health summary."""
     errors = warnings = unhealthy = 0
     for check in report.checks:

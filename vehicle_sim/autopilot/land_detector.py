@@ -66,7 +66,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class LandingThresholds:
     """LNDMC_* and thrust parameters."""
 
     climb_max_m_s: float
@@ -100,7 +100,7 @@ class LandDetector:
     def __init__(self, state: Column | None = None, limits: Column | None = None) -> None:
         self._state = new_state() if state is None else state
         self._numbers = self._state.data.cast("B").cast("d")
-        self._limits: Limits | None = None
+        self._limits: LandingThresholds | None = None
         self._limit_numbers = np.zeros(LIMIT_COUNT) if limits is None else limits
 
     @property
@@ -118,7 +118,7 @@ class LandDetector:
         """Whether that has lasted for long enough."""
         return self._numbers[LANDED] != 0.0
 
-    def update(self, now_s: float, motion: Motion, limits: Limits) -> None:
+    def update(self, now_s: float, motion: Motion, limits: LandingThresholds) -> None:
         """Updates the state; call at 50 Hz."""
         if limits is not self._limits:
             self._limits = limits

@@ -29,7 +29,7 @@ GLOBAL_RELATIVE = 6
 GLOBAL_TERRAIN = 11
 
 
-class Kind(Enum):
+class SetpointKind(Enum):
     """The highest quantity a stream controls."""
 
     NONE = "none"
@@ -46,7 +46,7 @@ class Kind(Enum):
 class Setpoint:
     """The newest setpoint; NaN: not controlled."""
 
-    kind: Kind = Kind.NONE
+    kind: SetpointKind = SetpointKind.NONE
     position_ned_m: Vector = NAN3
     velocity_ned_m_s: Vector = NAN3
     acceleration_ned_m_s2: Vector = NAN3
@@ -72,10 +72,10 @@ class Setpoint:
 
 
 LEVELS = {
-    Kind.ATTITUDE: ControlLevel.ATTITUDE,
-    Kind.RATES: ControlLevel.RATES,
-    Kind.THRUST_TORQUE: ControlLevel.THRUST_TORQUE,
-    Kind.ACTUATORS: ControlLevel.MOTORS,
+    SetpointKind.ATTITUDE: ControlLevel.ATTITUDE,
+    SetpointKind.RATES: ControlLevel.RATES,
+    SetpointKind.THRUST_TORQUE: ControlLevel.THRUST_TORQUE,
+    SetpointKind.ACTUATORS: ControlLevel.MOTORS,
 }
 
 
@@ -100,7 +100,7 @@ class Offboard:
         self._view = view
         self._announcer = announcer
         self._heard_at_s = -math.inf
-        self._flagged: Kind | None = None
+        self._flagged: SetpointKind | None = None
         """Kind selected by OffboardControlMode; None: the stream uses MAVLink."""
         self._streamed: Kind | None = None
         """While an external mode is active: the kind of the newest stream for Offboard; None: none is
@@ -123,17 +123,17 @@ class Offboard:
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
         return self._view.time_s - self._heard_at_s < loss_s
 
-    def control_mode(self, kind: Kind) -> None:
+    def control_mode(self, kind: SetpointKind) -> None:
         """OffboardControlMode: keeps Offboard active, and selects the setpoints that are flown.
 
         Args:
             kind: the first of its flags; NONE: no flag is set, which counts as no signal.
         """
-        self._heard_at_s = -math.inf if kind is Kind.NONE else self._view.time_s
+        self._heard_at_s = -math.inf if kind is SetpointKind.NONE else self._view.time_s
         self._flagged = kind
         self._choose()
 
-    def choose(self, kind: Kind) -> None:
+    def choose(self, kind: SetpointKind) -> None:
         """Selects the setpoints of PX4's own topics that an external mode flies; no stream is required."""
         if self._streamed is None or self._flagged is not kind:
             self._streamed, self._flagged = self.kind, kind
@@ -173,7 +173,7 @@ class Offboard:
         self.invalid, self.no_attitude = False, None
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> SetpointKind:
         """The highest quantity that is controlled in Offboard."""
         return self.setpoint.kind if self._flagged is None else self._flagged
 
@@ -181,7 +181,7 @@ class Offboard:
     def waits(self) -> bool:
         """Whether OffboardControlMode selects a level without a setpoint so far: the last outputs stay in
         effect."""
-        return self._flagged is not None and self.setpoint.kind is Kind.NONE
+        return self._flagged is not None and self.setpoint.kind is SetpointKind.NONE
 
     def local(
         self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
@@ -254,11 +254,13 @@ class Offboard:
                 return
             unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
             rate = math.nan if mask & 4 else _sane(rates[2])
-            self.setpoint = Setpoint(Kind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate)
+            self.setpoint = Setpoint(
+                SetpointKind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate
+            )
         elif not mask & 3:
             finite = tuple(max(-50.0, min(50.0, each)) if math.isfinite(each) else 0.0 for each in rates)
             self.setpoint = Setpoint(
-                Kind.RATES, rates_frd_rad_s=(finite[0], finite[1], finite[2]), thrust=thrust
+                SetpointKind.RATES, rates_frd_rad_s=(finite[0], finite[1], finite[2]), thrust=thrust
             )
         self.invalid = False
         self.on_setpoint()
@@ -314,7 +316,7 @@ class Offboard:
             math.nan if mask & YAW_BIT else _sane(yaw_rad),
             math.nan if mask & YAW_RATE_BIT else _sane(yaw_rate_rad_s),
         )
-        self.invalid, self.no_attitude = kind is Kind.NONE or not valid, None
+        self.invalid, self.no_attitude = kind is SetpointKind.NONE or not valid, None
         if not self.invalid:
             self._heard_at_s = self._view.time_s
         elif loud:
@@ -335,24 +337,24 @@ class Offboard:
         )
 
 
-def kind_of(controllers: Controllers) -> Kind:
+def kind_of(controllers: Controllers) -> SetpointKind:
     """The kind of setpoints that an external mode sends, by the controllers that it has selected."""
     if controllers.trajectory:
-        return Kind.POSITION
+        return SetpointKind.POSITION
     if controllers.attitude:
-        return Kind.ATTITUDE
+        return SetpointKind.ATTITUDE
     if controllers.rates:
-        return Kind.RATES
-    return Kind.THRUST_TORQUE if controllers.allocation else Kind.ACTUATORS
+        return SetpointKind.RATES
+    return SetpointKind.THRUST_TORQUE if controllers.allocation else SetpointKind.ACTUATORS
 
 
-def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> Kind:
+def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> SetpointKind:
     """The highest quantity with a finite value."""
     if _finite(*position):
-        return Kind.POSITION
+        return SetpointKind.POSITION
     if _finite(*velocity):
-        return Kind.VELOCITY
-    return Kind.ACCELERATION if _finite(*acceleration) else Kind.NONE
+        return SetpointKind.VELOCITY
+    return SetpointKind.ACCELERATION if _finite(*acceleration) else SetpointKind.NONE
 
 
 def lift_of(thrust_frd: Vector) -> float:
@@ -363,13 +365,13 @@ def lift_of(thrust_frd: Vector) -> float:
 def thrust_torque_setpoint(thrust_frd: Vector, torque_frd: Vector) -> Setpoint:
     """Setpoint of normalised thrust and torques, -1..1; NaN counts as zero."""
     x, y, z = (max(-1.0, min(1.0, each)) if math.isfinite(each) else 0.0 for each in torque_frd)
-    return Setpoint(Kind.THRUST_TORQUE, thrust=lift_of(thrust_frd), torque_frd=(x, y, z))
+    return Setpoint(SetpointKind.THRUST_TORQUE, thrust=lift_of(thrust_frd), torque_frd=(x, y, z))
 
 
 def motor_setpoint(motors: Sequence[float]) -> Setpoint:
     """Setpoint of motor signals; NaN and negative values disarm a motor."""
     signals = tuple(min(1.0, each) if math.isfinite(each) and each >= 0.0 else math.nan for each in motors)
-    return Setpoint(Kind.ACTUATORS, motors=signals)
+    return Setpoint(SetpointKind.ACTUATORS, motors=signals)
 
 
 def _nobody() -> None:

@@ -10,7 +10,7 @@ import math
 from vehicle_sim.autopilot.flight_numbers import FlightNumbers
 from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
+from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, Way
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, fly
 from vehicle_sim.frames import wrap_angle
@@ -140,8 +140,8 @@ class Path:
             self.yaw_target_rad = math.atan2(de, dn)
 
     @property
-    def _limits(self) -> Limits:
-        return Limits(self.cruise_m_s, self.climb_m_s, self.descent_m_s)
+    def _limits(self) -> SpeedLimits:
+        return SpeedLimits(self.cruise_m_s, self.climb_m_s, self.descent_m_s)
 
     def _face_target(self) -> None:
         north, east, _ = self.target_ned_m

@@ -43,7 +43,7 @@ FROM, TO, ONWARD, ACCEPTANCE, WAY_SIZE = 0, 3, 6, 9, 10
 _X, _Y, _Z = 0, 1, 2
 
 
-class Limits(NamedTuple):
+class SpeedLimits(NamedTuple):
     """Speed limits; a value that is not finite means the parameter's value."""
 
     cruise_m_s: float
@@ -91,7 +91,7 @@ class Smoothing:
         """Clears the speed before a turn: a flight task that starts across its way brakes first."""
         self._before_turn_m_s[0] = 0.0
 
-    def fly(self, dt_s: float, way: Way, limits: Limits) -> None:
+    def fly(self, dt_s: float, way: Way, limits: SpeedLimits) -> None:
         """Advances all axes by one tick along the way."""
         x, y, _ = self._view.estimate.position_ned_m
         self._set_way(way)
@@ -103,14 +103,14 @@ class Smoothing:
         """Whether this is the newest way."""
         return way is self._way
 
-    def velocity_towards(self, way: Way, limits: Limits) -> Vector:
+    def velocity_towards(self, way: Way, limits: SpeedLimits) -> Vector:
         """Velocity along the way that the trajectory approaches, NED."""
         self._set_way(way)
         return _velocity_towards(
             self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, *limits
         )
 
-    def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> float:
+    def fly_level(self, dt_s: float, way: Way | None, limits: SpeedLimits) -> float:
         """Advances north and east by one tick; without a way towards a stop.
 
         Returns:
@@ -128,7 +128,7 @@ class Smoothing:
         """Plans a vertical speed (down is positive) with the limits of its direction."""
         plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
 
-    def vertical_speed(self, way_m: float, limits: Limits) -> float:
+    def vertical_speed(self, way_m: float, limits: SpeedLimits) -> float:
         """Speed for a climb or descent of this length, never negative."""
         return _vertical_speed(self._read_settings(), way_m, limits.climb_m_s, limits.descent_m_s)
 

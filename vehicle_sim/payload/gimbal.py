@@ -24,7 +24,7 @@ OUTPUT_DEVICE = 2
 STABILISE_ALL, STABILISE_YAW = 1, 2
 """MNT_DO_STAB."""
 AXES = ("ROLL", "PITCH", "YAW")
-Place = tuple[float, float, float]
+GlobalPosition = tuple[float, float, float]
 """Latitude, longitude [deg], altitude AMSL [m]."""
 
 
@@ -57,7 +57,7 @@ class Gimbal:
         waypoint: returns the position that the vehicle flies to; None: no position.
     """
 
-    def __init__(self, view: VehicleView, waypoint: Callable[[], Place | None]) -> None:
+    def __init__(self, view: VehicleView, waypoint: Callable[[], GlobalPosition | None]) -> None:
         self._view = view
         self._waypoint = waypoint
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
@@ -69,7 +69,7 @@ class Gimbal:
         self._wanted_rates: tuple[float, float] | None = None
         self._servo_inputs: tuple[float, ...] | None = None
         """Inputs from which the servo angles were computed, if the vehicle's attitude is not one of them."""
-        self._roi: Place | None = None
+        self._roi: GlobalPosition | None = None
         self._ahead: Angles | None = None
         """Offsets relative to the direction of the next waypoint; None: not pointed at it."""
 
@@ -192,7 +192,7 @@ class Gimbal:
             self.centre()
 
     @property
-    def looking_at(self) -> Place | None:
+    def looking_at(self) -> GlobalPosition | None:
         """The region of interest."""
         return self._roi
 
@@ -322,7 +322,7 @@ class Gimbal:
         self.wanted.pitch_rad += offsets.pitch_rad
         self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + offsets.yaw_rad)
 
-    def _aim(self, place: Place) -> None:
+    def _aim(self, place: GlobalPosition) -> None:
         estimate = self._view.estimate
         if not math.isfinite(estimate.lat_deg):
             return

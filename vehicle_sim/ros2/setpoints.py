@@ -10,8 +10,8 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.goto import Goto
 from vehicle_sim.autopilot.offboard import (
     LIMIT,
-    Kind,
     Setpoint,
+    SetpointKind,
     Vector,
     lift_of,
     motor_setpoint,
@@ -24,10 +24,14 @@ Values = Mapping[str, Any]
 STICK_RANGE = 1000.0
 MAX_RATE_RAD_S = 50.0
 KINDS = {
-    "position": Kind.POSITION, "velocity": Kind.VELOCITY, "acceleration": Kind.ACCELERATION,
-    "attitude": Kind.ATTITUDE, "body_rate": Kind.RATES, "thrust_and_torque": Kind.THRUST_TORQUE,
-    "direct_actuator": Kind.ACTUATORS,
-}  # fmt: skip
+    "position": SetpointKind.POSITION,
+    "velocity": SetpointKind.VELOCITY,
+    "acceleration": SetpointKind.ACCELERATION,
+    "attitude": SetpointKind.ATTITUDE,
+    "body_rate": SetpointKind.RATES,
+    "thrust_and_torque": SetpointKind.THRUST_TORQUE,
+    "direct_actuator": SetpointKind.ACTUATORS,
+}
 """Flags of OffboardControlMode; the first flag that is set counts."""
 
 
@@ -50,14 +54,14 @@ class SetpointInputs:
         }
 
     def _control_mode(self, v: Values) -> None:
-        kind = next((kind for flag, kind in KINDS.items() if v[flag]), Kind.NONE)
+        kind = next((kind for flag, kind in KINDS.items() if v[flag]), SetpointKind.NONE)
         self._autopilot.offboard.control_mode(kind)
 
     def _trajectory(self, v: Values) -> None:
         position, velocity, acceleration = (_limited(v[n]) for n in ("position", "velocity", "acceleration"))
         kind = trajectory_kind(position, velocity, acceleration)
         # All NaN is a valid setpoint too: the position controller then holds the velocity at zero.
-        kind = Kind.ACCELERATION if kind is Kind.NONE else kind
+        kind = SetpointKind.ACCELERATION if kind is SetpointKind.NONE else kind
         (yaw_rad, yaw_rate_rad_s, _) = _limited((v["yaw"], v["yawspeed"], 0.0))
         self._autopilot.take_setpoint(
             Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
@@ -71,7 +75,7 @@ class SetpointInputs:
         turn_rad_s = v["yaw_sp_move_rate"]
         self._autopilot.take_setpoint(
             Setpoint(
-                Kind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
+                SetpointKind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
                 thrust=lift_of(v["thrust_body"]),
                 yaw_rate_ned_rad_s=turn_rad_s if abs(turn_rad_s) <= MAX_RATE_RAD_S else math.nan,
             )
@@ -83,7 +87,7 @@ class SetpointInputs:
             for axis in ("roll", "pitch", "yaw")
         )
         self._autopilot.take_setpoint(
-            Setpoint(Kind.RATES, rates_frd_rad_s=(roll, pitch, yaw), thrust=lift_of(v["thrust_body"]))
+            Setpoint(SetpointKind.RATES, rates_frd_rad_s=(roll, pitch, yaw), thrust=lift_of(v["thrust_body"]))
         )
 
     def _thrust(self, v: Values) -> None:

@@ -23,7 +23,7 @@ from vehicle_sim.noise import NoiseOf, WhiteNoise
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.rotations import rotated, rotated_back
 from vehicle_sim.sensors.faults import Driver, SensorFaults
-from vehicle_sim.state import Home, SensorState, TruthState
+from vehicle_sim.state import SensorState, SimulationOrigin, TruthState
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -79,7 +79,9 @@ class SensorSuite:
         noise: False: perfect sensors at the same rates.
     """
 
-    def __init__(self, dt_s: float, home: Home, *, seed: int, vehicles: Sequence[int], noise: bool) -> None:
+    def __init__(
+        self, dt_s: float, home: SimulationOrigin, *, seed: int, vehicles: Sequence[int], noise: bool
+    ) -> None:
         self._count = count = len(vehicles)
         self._dt_s = dt_s
         self._home = home

@@ -14,7 +14,7 @@ from typing import Any
 from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
-from vehicle_sim.autopilot.offboard import Kind
+from vehicle_sim.autopilot.offboard import SetpointKind
 from vehicle_sim.autopilot.takeoff import TakeoffState
 from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.topics import failsafe_flags
@@ -31,7 +31,7 @@ NEVER_MS = 1 << 62
 FIRST_MODE_US = 116_000
 """Time at which the commander of a simulated PX4 sets its first mode."""
 EVENT_ARGUMENTS = 25
-TRAJECTORY_KINDS = (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
+TRAJECTORY_KINDS = (SetpointKind.POSITION, SetpointKind.VELOCITY, SetpointKind.ACCELERATION)
 _TAKEOFF = {
     TakeoffState.DISARMED: 1, TakeoffState.SPOOLUP: 2, TakeoffState.READY: 3, TakeoffState.RAMPUP: 4,
     TakeoffState.FLIGHT: 5,
@@ -263,12 +263,14 @@ class States:
         offboard, terminated = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
         angles = not terminated and c.active is not NavState.ACRO
         if offboard:
-            angles = c.offboard.kind in (*TRAJECTORY_KINDS, Kind.ATTITUDE)
+            angles = c.offboard.kind in (*TRAJECTORY_KINDS, SetpointKind.ATTITUDE)
         height = angles and c.active not in (NavState.MANUAL, NavState.STABILIZED)
-        height = height and not (offboard and c.offboard.kind is Kind.ATTITUDE)
+        height = height and not (offboard and c.offboard.kind is SetpointKind.ATTITUDE)
         position = height and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
-        rates = not terminated and (not offboard or angles or c.offboard.kind is Kind.RATES)
-        allocation = not terminated and (not offboard or rates or c.offboard.kind is Kind.THRUST_TORQUE)
+        rates = not terminated and (not offboard or angles or c.offboard.kind is SetpointKind.RATES)
+        allocation = not terminated and (
+            not offboard or rates or c.offboard.kind is SetpointKind.THRUST_TORQUE
+        )
         return {
             "flag_armed": c.armed, "flag_multicopter_position_control_enabled": height,
             "flag_control_manual_enabled": mode.needs_sticks, "flag_control_auto_enabled": mode.auto,

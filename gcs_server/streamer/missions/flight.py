@@ -26,6 +26,7 @@ from missions.runner.corridor import Corridor
 from missions.runner.flown import FlownTrack
 from missions.runner.reading import Reading
 from missions.runner.requests import (
+    ChangeScript,
     Notify,
     Photo,
     Play,
@@ -33,7 +34,6 @@ from missions.runner.requests import (
     ReleaseGimbal,
     Request,
     SetMode,
-    Steer,
     StopStream,
     TakeOff,
 )
@@ -259,8 +259,8 @@ class MissionFlight:
             match request:
                 case Notify():
                     self._tell(request)
-                case Steer():
-                    self._streams.steer(self._vehicle.id, request.steering)
+                case ChangeScript():
+                    self._streams.change_script(self._vehicle.id, request.change)
                 case StopStream():
                     self._stop_stream()
                 case TakeOff() | Play() | SetMode():

@@ -20,7 +20,7 @@ from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.events import StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
-from missions.runner.script import Steering
+from missions.runner.script import ScriptChange
 
 log = logging.getLogger(__name__)
 
@@ -163,14 +163,14 @@ class CancelStart(Post):
 
 
 @dataclass(frozen=True, slots=True)
-class SteerMission(Post):
-    """See `Streams.steer`."""
+class ChangeScript(Post):
+    """See `Streams.change_script`."""
 
     vehicle_id: str
-    steering: Steering
+    change: ScriptChange
 
     def apply(self, worker: WorkerInterface) -> None:
-        worker.scheduler.steer(self.vehicle_id, self.steering)
+        worker.scheduler.change_script(self.vehicle_id, self.change)
 
 
 @dataclass(frozen=True, slots=True)

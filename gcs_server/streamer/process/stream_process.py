@@ -21,7 +21,7 @@ from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
-from missions.runner.script import Steering
+from missions.runner.script import ScriptChange
 
 START_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
@@ -187,9 +187,9 @@ class StreamProcess(Streams):
     async def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
         return vehicle_id in self._begun and await self._ask(to.ChangeSetpoint(vehicle_id, request, snapshot))
 
-    def steer(self, vehicle_id: str, steering: Steering) -> None:
+    def change_script(self, vehicle_id: str, change: ScriptChange) -> None:
         if vehicle_id in self._begun:
-            self._post(to.SteerMission(vehicle_id, steering))
+            self._post(to.ChangeScript(vehicle_id, change))
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         if vehicle_id in self._begun:

@@ -16,7 +16,7 @@ from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import fresh, measures_outwards
 from missions.avoidance.values import AvoidanceWay
-from missions.runner.script import Played, Script, Steering
+from missions.runner.script import Played, Script, ScriptChange
 from missions.setpoints import (
     Actuators,
     Attitude,
@@ -91,12 +91,12 @@ class SetpointPipeline:
         if self._resolved is not None:
             self._resolved.restart_path(now_s)
 
-    def steer(self, steering: Steering) -> bool:
+    def change_script(self, change: ScriptChange) -> bool:
         """Updates the mission that is being flown; returns False if there is none."""
         player = None if self._resolved is None else self._resolved.player
         if player is None:
             return False
-        player.steer(steering)
+        player.change_script(change)
         return True
 
     @property

@@ -21,7 +21,7 @@ from gcs_server.streamer.transport.vehicle_transport import Topics, VehicleTrans
 from gcs_server.streamer.values.events import WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
-from missions.runner.script import Steering
+from missions.runner.script import ScriptChange
 
 log = logging.getLogger(__name__)
 
@@ -205,8 +205,8 @@ class StreamScheduler:
         stream.snapshot = snapshot.plausible()
         return stream.core.change(self._clock.monotonic_s(), request, stream.snapshot)
 
-    def steer(self, vehicle_id: str, steering: Steering) -> None:
-        self._streams[vehicle_id].core.steer(self._clock.monotonic_s(), steering)
+    def change_script(self, vehicle_id: str, change: ScriptChange) -> None:
+        self._streams[vehicle_id].core.change_script(self._clock.monotonic_s(), change)
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         stream = self._streams[vehicle_id]

@@ -26,7 +26,7 @@ from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointD
 from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.frames import Vector3
-from missions.runner.script import Played, Script, Steering
+from missions.runner.script import Played, Script, ScriptChange
 from missions.setpoints import DirectSetpoint
 
 MODE_REQUEST_PERIOD_S = 1.0
@@ -102,9 +102,9 @@ class VehicleStream:
             self._enter("streaming", now_s, request.duration_s)
         return True
 
-    def steer(self, now_s: float, steering: Steering) -> None:
-        """Updates the mission that is being flown, and renews its validity."""
-        if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
+    def change_script(self, now_s: float, change: ScriptChange) -> None:
+        """Applies a change to the script that is being flown, and renews its validity."""
+        if self.phase in ("starting", "streaming") and self._pipeline.change_script(change):
             self._since_s = now_s
             if self.request is not None and self.phase == "streaming":
                 self._enter("streaming", now_s, self.request.duration_s)

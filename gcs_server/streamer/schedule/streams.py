@@ -12,7 +12,7 @@ from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.events import StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
-from missions.runner.script import Played, Steering
+from missions.runner.script import Played, ScriptChange
 from missions.setpoints import DirectSetpoint
 
 
@@ -121,7 +121,7 @@ class Streams(Protocol):
         """
         ...
 
-    def steer(self, vehicle_id: str, steering: Steering) -> None:
+    def change_script(self, vehicle_id: str, change: ScriptChange) -> None:
         """Updates the offboard mission that is being flown, and renews it."""
         ...
 

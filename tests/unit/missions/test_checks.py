@@ -12,7 +12,7 @@ from hypothesis import given, settings
 
 from missions import check_items
 from missions.camera_items import CameraZoom, Digicam
-from missions.checks import CODES, Limits, check
+from missions.checks import CODES, CheckLimits, check
 from missions.items import (
     ChangeSpeed,
     CommandItem,
@@ -72,8 +72,8 @@ def circle(radius_m: float, *, inclusion: bool, north_m: float = 0.0) -> FenceCi
     return FenceCircle(inclusion=inclusion, center=Point(**at(north_m)), radius_m=radius_m)
 
 
-def needs(required_ends: int) -> Limits:
-    return Limits(vehicle=VehicleModel(required_ends=required_ends))
+def needs(required_ends: int) -> CheckLimits:
+    return CheckLimits(vehicle=VehicleModel(required_ends=required_ends))
 
 
 GOOD = a_plan(
@@ -85,50 +85,51 @@ CROSSED = FencePolygon(
 TERRAIN = up(30, "terrain")
 NOWHERE = (0.0, 0.0, 0.0, None, None, None, 20.0)
 POWER = PowerModel(hover_power_w=200.0, battery_wh=3.0, mass_kg=1.5)
-CASES: list[tuple[str, Plan, Limits, int | None]] = [
-    ("plan_empty", a_plan(), Limits(), None),
-    ("home_missing", a_plan(TAKEOFF, planned_home=None), Limits(), None),
+DEFAULTS, ENDURANCE = CheckLimits(), CheckLimits(power=POWER)
+CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
+    ("plan_empty", a_plan(), DEFAULTS, None),
+    ("home_missing", a_plan(TAKEOFF, planned_home=None), DEFAULTS, None),
     ("takeoff_missing", a_plan(to(50)), needs(1), None),
-    ("takeoff_not_first", a_plan(to(50), TAKEOFF), Limits(), 1),
-    ("takeoff_too_low", a_plan(Takeoff(**at(0), altitude=up(481.5, "amsl"))), Limits(), 0),
+    ("takeoff_not_first", a_plan(to(50), TAKEOFF), DEFAULTS, 1),
+    ("takeoff_too_low", a_plan(Takeoff(**at(0), altitude=up(481.5, "amsl"))), DEFAULTS, 0),
     ("landing_missing", a_plan(TAKEOFF, to(50)), needs(3), None),
     ("takeoff_landing_mismatch", a_plan(TAKEOFF, to(50)), needs(4), None),
-    ("command_refused", a_plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), Limits(), 1),
-    ("command_refused", a_plan(TAKEOFF, SetServo(servo=1.0, pulse_us=1500.0)), Limits(), 1),
-    ("command_refused", a_plan(TAKEOFF, CameraZoom(zoom_type=2.0, value=50.0)), Limits(), 1),
-    ("place_missing", a_plan(CommandItem(command=22, frame=3, params=NOWHERE)), Limits(), 0),
-    ("vtol_item", a_plan(CommandItem(command=84, frame=3, params=(0,) * 7)), Limits(), 0),
-    ("value_not_sendable", a_plan(TAKEOFF, Digicam(shoot=0.5)), Limits(), 1),
-    ("set_home_place", a_plan(TAKEOFF, SetHome(use_current=0.0)), Limits(), 1),
-    ("terrain_unresolved", a_plan(TAKEOFF, to(50, altitude=TERRAIN)), Limits(), 1),
-    ("complex_without_items", a_plan(TAKEOFF, ComplexItem(complex_type="x", original="{}")), Limits(), 1),
-    ("jump_target_missing", a_plan(TAKEOFF, to(50), Jump(target_index=7, repeat=1)), Limits(), 2),
-    ("jump_stalls", a_plan(TAKEOFF, Jump(target_index=1, repeat=60_000)), Limits(), 1),
-    ("jump_endless", a_plan(TAKEOFF, to(50), Jump(target_index=1, repeat=-1)), Limits(), 2),
-    ("items_never_reached", a_plan(TAKEOFF, LoiterUnlimited(**at(9), altitude=up(20)), to(50)), Limits(), 1),
-    ("items_never_reached", a_plan(TAKEOFF, ReturnHome(), to(50)), Limits(), 1),
-    ("speed_invalid", a_plan(TAKEOFF, ChangeSpeed(speed_m_s=0.0)), Limits(), 1),
-    ("speed_too_high", a_plan(TAKEOFF, ChangeSpeed(speed_m_s=12.5)), Limits(), 1),
-    ("speed_too_high", a_plan(TAKEOFF, hover_speed_m_s=12.5), Limits(), None),
-    ("altitude_too_high", a_plan(TAKEOFF, to(50, altitude=up(601, "amsl"))), Limits(), 1),
-    ("altitude_fence", a_plan(TAKEOFF, to(50)), Limits(vehicle=VehicleModel(fence_height_m=19.0)), 1),
-    ("altitude_below_home", a_plan(TAKEOFF, to(50, altitude=up(-1))), Limits(), 1),
-    ("altitude_unknown", a_plan(TAKEOFF, to(50, altitude=TERRAIN)), Limits(), 1),
-    ("first_waypoint_far", a_plan(to(10_010), TAKEOFF), Limits(), 0),
-    ("leg_too_long", a_plan(TAKEOFF, to(2001)), Limits(), 1),
-    ("radius_exceeded", a_plan(TAKEOFF, to(101)), Limits(vehicle=VehicleModel(fence_radius_m=100.0)), 1),
-    ("fence_violation", a_plan(TAKEOFF, to(301), fence=(square(300),)), Limits(), 1),
-    ("fence_violation", a_plan(TAKEOFF, to(9), fence=(circle(3, inclusion=False, north_m=9),)), Limits(), 1),
-    ("fence_crossed", a_plan(TAKEOFF, to(99), fence=(circle(9, inclusion=False, north_m=50),)), Limits(), 1),
-    ("fence_home_outside", a_plan(TAKEOFF, fence=(square(50, north_m=200),)), Limits(), None),
-    ("fence_invalid", a_plan(TAKEOFF, fence=(CROSSED,)), Limits(), None),
+    ("command_refused", a_plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), DEFAULTS, 1),
+    ("command_refused", a_plan(TAKEOFF, SetServo(servo=1.0, pulse_us=1500.0)), DEFAULTS, 1),
+    ("command_refused", a_plan(TAKEOFF, CameraZoom(zoom_type=2.0, value=50.0)), DEFAULTS, 1),
+    ("place_missing", a_plan(CommandItem(command=22, frame=3, params=NOWHERE)), DEFAULTS, 0),
+    ("vtol_item", a_plan(CommandItem(command=84, frame=3, params=(0,) * 7)), DEFAULTS, 0),
+    ("value_not_sendable", a_plan(TAKEOFF, Digicam(shoot=0.5)), DEFAULTS, 1),
+    ("set_home_place", a_plan(TAKEOFF, SetHome(use_current=0.0)), DEFAULTS, 1),
+    ("terrain_unresolved", a_plan(TAKEOFF, to(50, altitude=TERRAIN)), DEFAULTS, 1),
+    ("complex_without_items", a_plan(TAKEOFF, ComplexItem(complex_type="x", original="{}")), DEFAULTS, 1),
+    ("jump_target_missing", a_plan(TAKEOFF, to(50), Jump(target_index=7, repeat=1)), DEFAULTS, 2),
+    ("jump_stalls", a_plan(TAKEOFF, Jump(target_index=1, repeat=60_000)), DEFAULTS, 1),
+    ("jump_endless", a_plan(TAKEOFF, to(50), Jump(target_index=1, repeat=-1)), DEFAULTS, 2),
+    ("items_never_reached", a_plan(TAKEOFF, LoiterUnlimited(**at(9), altitude=up(20)), to(50)), DEFAULTS, 1),
+    ("items_never_reached", a_plan(TAKEOFF, ReturnHome(), to(50)), DEFAULTS, 1),
+    ("speed_invalid", a_plan(TAKEOFF, ChangeSpeed(speed_m_s=0.0)), DEFAULTS, 1),
+    ("speed_too_high", a_plan(TAKEOFF, ChangeSpeed(speed_m_s=12.5)), DEFAULTS, 1),
+    ("speed_too_high", a_plan(TAKEOFF, hover_speed_m_s=12.5), DEFAULTS, None),
+    ("altitude_too_high", a_plan(TAKEOFF, to(50, altitude=up(601, "amsl"))), DEFAULTS, 1),
+    ("altitude_fence", a_plan(TAKEOFF, to(50)), CheckLimits(vehicle=VehicleModel(fence_height_m=19.0)), 1),
+    ("altitude_below_home", a_plan(TAKEOFF, to(50, altitude=up(-1))), DEFAULTS, 1),
+    ("altitude_unknown", a_plan(TAKEOFF, to(50, altitude=TERRAIN)), DEFAULTS, 1),
+    ("first_waypoint_far", a_plan(to(10_010), TAKEOFF), DEFAULTS, 0),
+    ("leg_too_long", a_plan(TAKEOFF, to(2001)), DEFAULTS, 1),
+    ("radius_exceeded", a_plan(TAKEOFF, to(101)), CheckLimits(vehicle=VehicleModel(fence_radius_m=100.0)), 1),
+    ("fence_violation", a_plan(TAKEOFF, to(301), fence=(square(300),)), DEFAULTS, 1),
+    ("fence_violation", a_plan(TAKEOFF, to(9), fence=(circle(3, inclusion=False, north_m=9),)), DEFAULTS, 1),
+    ("fence_crossed", a_plan(TAKEOFF, to(99), fence=(circle(9, inclusion=False, north_m=50),)), DEFAULTS, 1),
+    ("fence_home_outside", a_plan(TAKEOFF, fence=(square(50, north_m=200),)), DEFAULTS, None),
+    ("fence_invalid", a_plan(TAKEOFF, fence=(CROSSED,)), DEFAULTS, None),
     ("rally_outside_fence", a_plan(TAKEOFF, fence=(square(9),), rally_points=(
-        RallyPoint(**at(50), altitude=up(20)),)), Limits(), None),
-    ("rally_terrain", a_plan(TAKEOFF, rally_points=(RallyPoint(**at(5), altitude=TERRAIN),)), Limits(), None),
-    ("too_many_items", a_plan(TAKEOFF, fence=(square(300),) * 17), Limits(), None),
-    ("length_exceeded", a_plan(TAKEOFF, to(100)), Limits(length_max_m=119.0), None),
-    ("endurance_exceeded", a_plan(TAKEOFF, to(100), to(0), to(100)), Limits(power=POWER), None),
-    ("endurance_endless", a_plan(TAKEOFF, to(9), Jump(target_index=1, repeat=-1)), Limits(power=POWER), None),
+        RallyPoint(**at(50), altitude=up(20)),)), DEFAULTS, None),
+    ("rally_terrain", a_plan(TAKEOFF, rally_points=(RallyPoint(**at(5), altitude=TERRAIN),)), DEFAULTS, None),
+    ("too_many_items", a_plan(TAKEOFF, fence=(square(300),) * 17), DEFAULTS, None),
+    ("length_exceeded", a_plan(TAKEOFF, to(100)), CheckLimits(length_max_m=119.0), None),
+    ("endurance_exceeded", a_plan(TAKEOFF, to(100), to(0), to(100)), ENDURANCE, None),
+    ("endurance_endless", a_plan(TAKEOFF, to(9), Jump(target_index=1, repeat=-1)), ENDURANCE, None),
 ]  # fmt: skip
 
 
@@ -139,7 +140,7 @@ def test_a_good_plan_has_no_findings() -> None:
 @pytest.mark.parametrize(
     ("code", "plan", "limits", "row"), CASES, ids=[f"{n}-{case[0]}" for n, case in enumerate(CASES)]
 )
-def test_each_finding_names_its_item(code: str, plan: Plan, limits: Limits, row: int | None) -> None:
+def test_each_finding_names_its_item(code: str, plan: Plan, limits: CheckLimits, row: int | None) -> None:
     found = {finding.code: finding for finding in check(plan, limits)}
     assert found[code].row == row
     assert found[code].message.endswith(".")
@@ -155,7 +156,7 @@ def test_every_code_has_a_case() -> None:
 def test_a_missing_takeoff_is_an_error_only_if_the_vehicle_requires_one() -> None:
     severities = [
         next(each.severity for each in check(a_plan(to(50)), limits) if each.code == "takeoff_missing")
-        for limits in (Limits(), needs(1))
+        for limits in (CheckLimits(), needs(1))
     ]
     assert severities == ["warning", "error"]
 
@@ -175,7 +176,7 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
 @settings(deadline=None, max_examples=40)
 @given(plan=plans(altitudes=RESOLVED))
 def test_all_checks_of_any_plan_are_completed(plan: Plan) -> None:
-    limits = Limits(length_max_m=1000.0, power=POWER)
+    limits = CheckLimits(length_max_m=1000.0, power=POWER)
     assert "check_failed" not in {finding.code for finding in check(plan, limits)}
 
 

@@ -10,7 +10,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard import document
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.roles import CompiledRoles, compile_roles, planned_starts
 from missions.offboard.segments import WaitSegment

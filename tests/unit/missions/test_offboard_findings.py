@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from missions.check_context import Limits
+from missions.check_context import CheckLimits
 from missions.offboard.compiler import compile_mission
 from missions.offboard.findings import CODES
 from missions.offboard.reader import read
@@ -43,7 +43,7 @@ ROOT = Path(__file__).resolve().parents[3]
     ],
 )  # fmt: skip
 def test_each_fault_is_a_finding_with_its_step(steps: str, code: str) -> None:
-    limits = Limits(
+    limits = CheckLimits(
         length_max_m=50_000.0,
         power=PowerModel(200.0, 100.0, 2.0),
         vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.segments import CurveSegment, WaitSegment
 from missions.setpoints import Attitude, Position, Trajectory, Velocity

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Polygon
 
 from missions.camera_items import GimbalPitchYaw, TriggerDistance
-from missions.checks import Limits, check
+from missions.checks import CheckLimits, check
 from missions.errors import PlanError
 from missions.items import ChangeSpeed, RoiLocation, RoiNone, Takeoff, Waypoint
 from missions.patterns.camera import Camera, Coverage
@@ -161,7 +161,7 @@ def test_a_survey_is_a_plan_without_findings() -> None:
     takeoff = Takeoff(lat_deg=home.lat_deg, lon_deg=home.lon_deg, altitude=HIGH)
     items = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, HIGH)).items
     planned = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=400.0)
-    assert check(Plan(items=(takeoff, *items), planned_home=planned), Limits()) == ()
+    assert check(Plan(items=(takeoff, *items), planned_home=planned), CheckLimits()) == ()
 
 
 def strip_covered(line: LineString, across_m: float, beyond_m: float) -> Polygon:

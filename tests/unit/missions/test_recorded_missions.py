@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from missions.checks import Limits, check
+from missions.checks import CheckLimits, check
 from missions.formats.mavlink_items import WireItem, items_from_wire, mission_items
 from missions.plan import Plan
 from missions.values import HomePosition
@@ -37,7 +37,7 @@ def wire_items(upload: dict[str, Any], frames: dict[int, int]) -> list[WireItem]
 @pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])
 def test_the_checks_agree_with_the_vehicle(upload: dict[str, Any]) -> None:
     plan = Plan(items=items_from_wire(wire_items(upload, {})), planned_home=HOME)
-    errors = [finding for finding in check(plan, Limits(leg_max_m=None)) if finding.severity == "error"]
+    errors = [finding for finding in check(plan, CheckLimits(leg_max_m=None)) if finding.severity == "error"]
     assert bool(errors) == (upload["ack"] != 0 or bool(upload["events"])), errors
 
 

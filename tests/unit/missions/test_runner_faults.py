@@ -2,7 +2,7 @@
 
 import pytest
 
-from missions.runner.requests import Photo, SetMode, Steer, TakeOff
+from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
 from missions.runner.status import CannotDo
 from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, flight
 from tests.support.mission_vehicle import FlownMission
@@ -125,9 +125,9 @@ def test_a_refused_mode_is_reported_and_the_stream_expires():
     fake.know(battery_share=0.1)
     fake.fly(0.2)
     assert "did not change its mode" in fake.told[-1]
-    steers = fake.count(Steer)
+    steers = fake.count(ChangeScript)
     fake.fly(3.0)
-    assert fake.count(Steer) == steers
+    assert fake.count(ChangeScript) == steers
 
 
 def test_failed_pictures_are_reported_once_and_the_mission_continues():

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from missions.runner.requests import Photo, Play, PointGimbal, Steer, TakeOff
+from missions.runner.requests import ChangeScript, Photo, Play, PointGimbal, TakeOff
 from missions.setpoints import Position, Trajectory
 from tests.support.mission_steps import CENTER, FLY, IN_OFFBOARD, STEPS, flight
 from tests.support.mission_vehicle import STEP_S, FlownMission
@@ -103,7 +103,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
         longest_still_s = max(longest_still_s, still_s)
     assert longest_still_s < 1.0
     assert fake.count(Play) == 1
-    assert sum(bool(r.steering.appended) for r in fake.asked if isinstance(r, Steer)) > 3
+    assert sum(bool(r.change.appended) for r in fake.asked if isinstance(r, ChangeScript)) > 3
 
 
 # --- waits ----------------------------------------------------------------------------------------

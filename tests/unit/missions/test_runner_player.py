@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from missions.runner.player import Player
-from missions.runner.script import Pace, Script, Steering
+from missions.runner.script import Pace, Script, ScriptChange
 from missions.runner.time_scale import BRAKING
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
 from tests.support.offboard_missions import flown, timeline
@@ -71,7 +71,7 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
     player = Player(script, 0.0)
     sent = run(player, 0.0, pause_s)
     for paused, for_s in ((True, paused_for_s), (False, again_s), (True, 8.0)):
-        player.steer(Steering(paused=paused))
+        player.change_script(ScriptChange(paused=paused))
         sent += run(player, sent[-1][0], for_s)
     assert player.played.rate == 0.0
     last = sent[-1][1]
@@ -91,7 +91,7 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
     flown_ned_m = np.array([s.position_ned_m for _, s in sent[::5]])
     apart_m = np.linalg.norm(flown_ned_m[:, None] - path[None], axis=2).min(axis=1)
     assert apart_m.max() < 0.1
-    player.steer(Steering())
+    player.change_script(ScriptChange())
     run(player, sent[-1][0], 120.0)
     assert player.played.index == len(script.segments)
     assert math.dist(player.played.position_ned_m, script.segments[-1].end_ned_m) < 1e-6
@@ -102,7 +102,7 @@ def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
     player = Player(script, 0.0)
     run(player, 0.0, 60.0)
     assert (player.played.waiting, player.played.index) == (True, 1)
-    player.steer(Steering(go_past=2))
+    player.change_script(ScriptChange(go_past=2))
     run(player, 60.0, 0.5)
     assert (player.played.waiting, player.played.index) == (False, 2)
     run(player, 60.5, 5.0)
@@ -115,7 +115,7 @@ def test_segments_are_appended_while_the_end_is_held():
     sent = run(player, 0.0, 60.0)
     assert player.played.index == 1
     assert sent[-1][1].position_ned_m == pytest.approx(segments[0].end_ned_m)
-    player.steer(Steering(appended=segments[1:]))
+    player.change_script(ScriptChange(appended=segments[1:]))
     run(player, 60.0, 1.0)
     assert player.played.index == 1
     assert player.played.t_s > 0.5
@@ -125,7 +125,7 @@ def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
     player = Player(script_of(VELOCITY), 0.0)
     run(player, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
     assert player.played.position_ned_m is None
-    player.steer(Steering(paused=True))
+    player.change_script(ScriptChange(paused=True))
     sent = run(player, 4.0, 5.0, position_ned_m=(11.0, 0.5, -10.0))
     speeds = [s.velocity_ned_m_s[0] for _, s in sent if isinstance(s, Velocity)]
     assert speeds == sorted(speeds, reverse=True)
@@ -137,7 +137,7 @@ def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
 def test_an_interrupted_attitude_brakes_the_vehicle():
     player = Player(script_of(ATTITUDE), 0.0)
     assert isinstance(run(player, 0.0, 2.0)[-1][1], Attitude)
-    player.steer(Steering(paused=True))
+    player.change_script(ScriptChange(paused=True))
     moving = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
     first = player.at(2.02, **moving)
     assert isinstance(first, Velocity)
@@ -210,5 +210,5 @@ def test_the_path_ahead_is_reported_without_advancing():
     assert player.played == before
     assert math.dist(ahead.position_ned_m, now.position_ned_m) > 1.0
     assert player.ahead(1e6).position_ned_m == pytest.approx(script.segments[0].end_ned_m)
-    player.steer(Steering(paused=True))
+    player.change_script(ScriptChange(paused=True))
     assert player.ahead(1.0) is None

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from missions.geodesy import LocalOrigin
-from missions.offboard.places import Start
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.unit.vehicle_sim.sim_station import BOTH, LAND, NAN, OFFBOARD, Station
-from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
+from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.estimator.terrain import VALID_FOR_S, VALID_FROM_GROUND_S, Terrain
@@ -16,7 +16,7 @@ from vehicle_sim.parameters import Parameters
 
 pytestmark = pytest.mark.flight
 
-LIMITS = Limits(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
+LIMITS = LandingThresholds(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
 FLYING = Motion(
     armed=True, thrust=0.49, hover_thrust=0.49, hover_thrust_known=True, velocity_ned_m_s=(0.0, 0.0, 0.0),
     down_by_position_m_s=0.0, vertical_known=True, rates_frd_rad_s=(0.0, 0.0, 0.0), height_above_ground_m=0.5,

@@ -9,7 +9,7 @@ from vehicle_sim import frames
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.suite import BARO_TEMPERATURE_DEG_C
 from vehicle_sim.simulation import ControlLevel, Simulation
-from vehicle_sim.state import Home
+from vehicle_sim.state import SimulationOrigin
 
 pytestmark = pytest.mark.flight
 
@@ -51,7 +51,7 @@ def test_armed_without_a_controller_idles():
 
 
 def test_position_is_valid_half_a_second_after_boot_and_where_home_is():
-    sim = Simulation(home=Home(10.0, 20.0, 100.0), sensor_noise=False)
+    sim = Simulation(home=SimulationOrigin(10.0, 20.0, 100.0), sensor_noise=False)
     run(sim, 0.3)
     assert not sim.estimate.valid_position[0]
     assert math.isnan(sim.estimate.lat_deg[0])

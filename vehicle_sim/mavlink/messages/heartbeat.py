@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.modes import MODES, NavState
-from vehicle_sim.autopilot.offboard import Kind
+from vehicle_sim.autopilot.offboard import SetpointKind
 
 ARMED, STABILIZE = 128, 16
 """MAV_MODE_FLAG."""
@@ -22,7 +22,7 @@ def _controls_attitude(commander: Commander) -> bool:
     mode = commander.active
     if mode is NavState.OFFBOARD:
         # Depends on the last received setpoint, even if the stream has stopped.
-        return commander.offboard.kind not in (Kind.NONE, Kind.RATES)
+        return commander.offboard.kind not in (SetpointKind.NONE, SetpointKind.RATES)
     if commander.external.mode(mode) is not None:
         return commander.external.controllers(mode).attitude
     return mode not in (NavState.ACRO, NavState.TERMINATION)

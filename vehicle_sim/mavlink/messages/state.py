@@ -14,7 +14,7 @@ from vehicle_sim.autopilot.health import (
     LOGGING_PRESENT,
     MAG_PRESENT,
     REMOTE_PRESENT,
-    Report,
+    CheckResults,
 )
 from vehicle_sim.autopilot.modes import MODES
 from vehicle_sim.mavlink.dialect import pack
@@ -68,7 +68,7 @@ class StateMessages(Family):
             onboard_control_sensors_health_extended=1,
         )[1]
 
-    def _sensors(self, report: Report) -> tuple[int, int, int]:
+    def _sensors(self, report: CheckResults) -> tuple[int, int, int]:
         """Present, enabled and healthy sensors according to the arming report; 0 before the first report.
 
         A sensor with a finding counts as enabled, even if it is not present.

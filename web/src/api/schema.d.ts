@@ -4603,7 +4603,7 @@ export interface components {
              */
             readonly yaw_ned_rad?: number | null;
             /** @description Look at. */
-            readonly look_at?: components["schemas"]["Place"] | null;
+            readonly look_at?: components["schemas"]["MissionPosition"] | null;
             /**
              * Photo Every M
              * @description Photo every [m].
@@ -4619,7 +4619,7 @@ export interface components {
              * @enum {string}
              */
             readonly step: "figure_eight";
-            readonly center: components["schemas"]["Place"];
+            readonly center: components["schemas"]["MissionPosition"];
             /**
              * Length M
              * @description Length of the figure from tip to tip.
@@ -4816,7 +4816,7 @@ export interface components {
              */
             readonly yaw_ned_rad?: number | null;
             /** @description Look at. */
-            readonly look_at?: components["schemas"]["Place"] | null;
+            readonly look_at?: components["schemas"]["MissionPosition"] | null;
             /**
              * Photo Every M
              * @description Photo every [m].
@@ -6024,7 +6024,7 @@ export interface components {
              */
             readonly yaw_ned_rad?: number | null;
             /** @description Look at. */
-            readonly look_at?: components["schemas"]["Place"] | null;
+            readonly look_at?: components["schemas"]["MissionPosition"] | null;
             /**
              * Photo Every M
              * @description Photo every [m].
@@ -6040,7 +6040,7 @@ export interface components {
              * @enum {string}
              */
             readonly step: "helix";
-            readonly center: components["schemas"]["Place"];
+            readonly center: components["schemas"]["MissionPosition"];
             /**
              * Radius M
              * @description Radius [m].
@@ -7493,6 +7493,50 @@ export interface components {
             readonly still_held: boolean | null;
         };
         /**
+         * MissionPosition
+         * @description A position: local, relative to the start of the mission, or latitude and longitude.
+         */
+        readonly MissionPosition: {
+            /**
+             * Position Ned M
+             * @description Relative to the vehicle's local origin.
+             */
+            readonly position_ned_m?: readonly [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Offset Ned M
+             * @description Relative to the start of the mission.
+             */
+            readonly offset_ned_m?: readonly [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Lat Deg
+             * @description Lat [deg].
+             */
+            readonly lat_deg?: number | null;
+            /**
+             * Lon Deg
+             * @description Lon [deg].
+             */
+            readonly lon_deg?: number | null;
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
+            readonly alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Alt home (above home) [m].
+             */
+            readonly alt_home_m?: number | null;
+        };
+        /**
          * MissionSample
          * @description The newest `mission` with its time on two clocks.
          */
@@ -8737,7 +8781,7 @@ export interface components {
              */
             readonly yaw_ned_rad?: number | null;
             /** @description Look at. */
-            readonly look_at?: components["schemas"]["Place"] | null;
+            readonly look_at?: components["schemas"]["MissionPosition"] | null;
             /**
              * Photo Every M
              * @description Photo every [m].
@@ -8753,7 +8797,7 @@ export interface components {
              * @enum {string}
              */
             readonly step: "orbit";
-            readonly center: components["schemas"]["Place"];
+            readonly center: components["schemas"]["MissionPosition"];
             /**
              * Radius M
              * @description Radius [m].
@@ -9368,50 +9412,6 @@ export interface components {
              * @default 0
              */
             readonly camera: number | null;
-        };
-        /**
-         * Place
-         * @description A position: local, relative to the start of the mission, or latitude and longitude.
-         */
-        readonly Place: {
-            /**
-             * Position Ned M
-             * @description Relative to the vehicle's local origin.
-             */
-            readonly position_ned_m?: readonly [
-                number,
-                number,
-                number
-            ] | null;
-            /**
-             * Offset Ned M
-             * @description Relative to the start of the mission.
-             */
-            readonly offset_ned_m?: readonly [
-                number,
-                number,
-                number
-            ] | null;
-            /**
-             * Lat Deg
-             * @description Lat [deg].
-             */
-            readonly lat_deg?: number | null;
-            /**
-             * Lon Deg
-             * @description Lon [deg].
-             */
-            readonly lon_deg?: number | null;
-            /**
-             * Alt Amsl M
-             * @description Alt amsl (above mean sea level) [m].
-             */
-            readonly alt_amsl_m?: number | null;
-            /**
-             * Alt Home M
-             * @description Alt home (above home) [m].
-             */
-            readonly alt_home_m?: number | null;
         };
         /**
          * Plan
@@ -11123,7 +11123,7 @@ export interface components {
              */
             readonly yaw_ned_rad?: number | null;
             /** @description Look at. */
-            readonly look_at?: components["schemas"]["Place"] | null;
+            readonly look_at?: components["schemas"]["MissionPosition"] | null;
             /**
              * Photo Every M
              * @description Photo every [m].
@@ -11139,7 +11139,7 @@ export interface components {
              * @enum {string}
              */
             readonly step: "spiral";
-            readonly center: components["schemas"]["Place"];
+            readonly center: components["schemas"]["MissionPosition"];
             /**
              * Radius M
              * @description Radius [m].
@@ -13104,7 +13104,7 @@ export interface components {
              */
             readonly yaw_rad: number;
             /** @description The position to look at, for look_at. */
-            readonly place?: components["schemas"]["Place"] | null;
+            readonly place?: components["schemas"]["MissionPosition"] | null;
             /**
              * Sweep Pitch Rad
              * @description Amplitude of a sweep, to both sides of its middle.

@@ -19,7 +19,7 @@ Ned = tuple[LocalM, LocalM, LocalM]
 FENCE_NAME = "the mission's geofence"
 
 
-class Place(Model):
+class MissionPosition(Model):
     """A position: local, relative to the start of the mission, or latitude and longitude."""
 
     position_ned_m: Ned | None = None
@@ -32,7 +32,7 @@ class Place(Model):
     alt_home_m: AltitudeM | None = None
 
     @model_validator(mode="after")
-    def _check_form(self) -> Place:
+    def _check_form(self) -> MissionPosition:
         geodetic = (self.lat_deg, self.lon_deg, self.alt_amsl_m, self.alt_home_m)
         forms = [
             self.position_ned_m is not None,
@@ -82,7 +82,7 @@ class MissingReference(Exception):
         self.missing = missing
 
 
-def to_local(place: Place, start: Start) -> Vector3:
+def to_local(place: MissionPosition, start: Start) -> Vector3:
     """A position in the local frame.
 
     Args:
