@@ -14,7 +14,7 @@ from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle
-from missions.offboard import places
+from missions.offboard import positions
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.trajectory.limits import MotionLimits
@@ -52,7 +52,7 @@ class Missions:
         local, attitude = estimates.local(), estimates.attitude()
         assert local is not None
         assert attitude is not None
-        start = places.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
+        start = positions.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
         timeline = compile_mission(mission, start=start)
         name = MissionName(mission.name, None, None)
         self.flight = self.all.begin(

@@ -109,24 +109,24 @@ describe('requests of one vehicle', () => {
   afterEach(() => void vi.useRealTimers());
 
   function orders(): {
-    turns: CommandQueue;
+    commandQueue: CommandQueue;
     sent: string[];
     answer: (name: string) => void;
     order: (name: string, vehicles: string[]) => Promise<Outcome<string>>;
   } {
-    const turns = new CommandQueue();
+    const commandQueue = new CommandQueue();
     const sent: string[] = [];
     const answers = new Map<string, () => void>();
     const order = (name: string, vehicles: string[]): Promise<Outcome<string>> =>
-      turns.run(vehicles, () => {
+      commandQueue.run(vehicles, () => {
         sent.push(name);
         return new Promise((done) => answers.set(name, () => done({ ok: true, value: name })));
       });
-    return { turns, sent, answer: (name) => answers.get(name)?.(), order };
+    return { commandQueue, sent, answer: (name) => answers.get(name)?.(), order };
   }
 
   it('are sent after all earlier ones to the same vehicles were answered', async () => {
-    const { turns, sent, answer, order } = orders();
+    const { commandQueue, sent, answer, order } = orders();
     void order('1 and 2', ['1', '2']);
     const second = order('2', ['2']);
     void order('3', ['3']);
@@ -135,15 +135,15 @@ describe('requests of one vehicle', () => {
     answer('1 and 2');
     await settle();
     expect(sent).toEqual(['1 and 2', '3', '2']);
-    expect([turns.busy(['1']), turns.busy(['1', '2'])]).toEqual([false, true]);
+    expect([commandQueue.busy(['1']), commandQueue.busy(['1', '2'])]).toEqual([false, true]);
     answer('2');
     expect(await second).toEqual({ ok: true, value: '2' });
     await settle();
-    expect(turns.busy(['2'])).toBe(false);
+    expect(commandQueue.busy(['2'])).toBe(false);
   });
 
   it('are not sent after waiting too long, nor past an unanswered one', async () => {
-    const { turns, sent, answer, order } = orders();
+    const { commandQueue, sent, answer, order } = orders();
     void order('renewal', ['1']);
     const late = order('late', ['1']);
     await vi.advanceTimersByTimeAsync(3000);
@@ -157,12 +157,12 @@ describe('requests of one vehicle', () => {
     answer('next');
     expect((await next).ok).toBe(true);
     await settle();
-    expect(turns.busy(['1'])).toBe(false);
+    expect(commandQueue.busy(['1'])).toBe(false);
   });
 
   it('continue after a failed one', async () => {
-    const turns = new CommandQueue();
-    await expect(turns.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
-    expect(await turns.run(['1'], () => Promise.resolve({ ok: true, value: 'next' }))).toEqual({ ok: true, value: 'next' });
+    const commandQueue = new CommandQueue();
+    await expect(commandQueue.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
+    expect(await commandQueue.run(['1'], () => Promise.resolve({ ok: true, value: 'next' }))).toEqual({ ok: true, value: 'next' });
   });
 });

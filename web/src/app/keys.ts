@@ -8,7 +8,7 @@ import { KeyGuard } from './key-guard';
 import { characterOf, isShortcut, type KeyTarget } from './key-targets';
 import { page } from './page.svelte';
 import { registry } from './registry.svelte';
-import { actions } from './session.svelte';
+import { actions } from './vehicle-actions.svelte';
 import { shortcuts } from './shortcuts.svelte';
 import { theme } from './theme.svelte';
 

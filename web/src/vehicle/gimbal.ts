@@ -4,7 +4,7 @@ import type { Gimbal } from '../live/topics';
 import type { VehicleFacts } from './facts';
 import { toDeg } from '../ui/format';
 
-export interface Limits {
+export interface AngleLimits {
   pitchMin_deg: number;
   pitchMax_deg: number;
   yawMin_deg: number;
@@ -18,7 +18,7 @@ export interface Angles {
   yaw_deg: number;
 }
 
-export function limits(gimbal: Gimbal | null): Limits {
+export function limits(gimbal: Gimbal | null): AngleLimits {
   const pitchMin = toDeg(gimbal?.pitch_min_rad ?? null);
   const pitchMax = toDeg(gimbal?.pitch_max_rad ?? null);
   const yawMin = toDeg(gimbal?.yaw_min_rad ?? null);

@@ -3,7 +3,7 @@
  * values. The form's up is minus NED down; its degrees are the API's radians.
  */
 
-export type Kind =
+export type SetpointKind =
   | 'position'
   | 'position_global'
   | 'position_body'
@@ -46,7 +46,7 @@ export interface Group {
 export type YawWays = 'angle_or_rate' | 'offset' | 'follow' | 'none';
 
 export interface KindSpec {
-  kind: Kind;
+  kind: SetpointKind;
   name: string;
   frame: string;
   /** Warning about what this kind does not control; shown in the list of kinds. */
@@ -199,7 +199,7 @@ export const KINDS: readonly KindSpec[] = [
   { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', warning: NOT_HELD, groups: [], yaw: 'none' },
 ];
 
-export function specOf(kind: Kind): KindSpec {
+export function specOf(kind: SetpointKind): KindSpec {
   const spec = KINDS.find((k) => k.kind === kind);
   if (spec === undefined) throw new Error(`unknown kind ${kind}`);
   return spec;

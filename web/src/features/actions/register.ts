@@ -1,5 +1,5 @@
 import { registry } from '../../app/registry.svelte';
-import { actions } from '../../app/session.svelte';
+import { actions } from '../../app/vehicle-actions.svelte';
 import ActionBar from './ActionBar.svelte';
 
 registry.addTo('bottom', { order: 100, component: ActionBar });

@@ -1,5 +1,5 @@
 import { page } from '../../app/page.svelte';
-import { actions } from '../../app/session.svelte';
+import { actions } from '../../app/vehicle-actions.svelte';
 import { CameraControl } from './control.svelte';
 
 /** The page's only CameraControl instance. */

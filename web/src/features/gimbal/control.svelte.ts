@@ -17,7 +17,7 @@ export const RATE_DEG_S = 20;
 
 export type Roi = components['schemas']['Roi'];
 
-interface Order {
+interface QueuedCommand {
   facts: VehicleFacts;
   send: () => Promise<Outcome<unknown>>;
 }
@@ -33,10 +33,11 @@ export class GimbalControl {
   /** Why the camera has not reached its target, by gimbal; null if it has or is still moving. */
   private limited = $state.raw<{ id: string; text: string } | null>(null);
   private settling: ReturnType<typeof setTimeout> | undefined;
-  private orders = 0;
+  /** Number of commands sent so far. */
+  private sent = 0;
   /** Latest answer of the server for each gimbal: whether it had control at that time, and its ROI. */
   private answers = $state.raw<Readonly<Record<string, { holder: string; mine: boolean; roi: Roi | null }>>>({});
-  private readonly sender: LatestSender<Order>;
+  private readonly sender: LatestSender<QueuedCommand>;
   /** The gimbal that a held arrow turns. It is stopped on release, even if another gimbal is shown by then. */
   private turning: VehicleFacts | null = null;
 
@@ -44,7 +45,7 @@ export class GimbalControl {
     private readonly api: ApiClient,
     private readonly actions: ActionController,
   ) {
-    this.sender = new LatestSender((order) => this.actions.attempt('Gimbal', order.facts, 'gimbal', () => order.send()));
+    this.sender = new LatestSender((command) => this.actions.attempt('Gimbal', command.facts, 'gimbal', () => command.send()));
   }
 
   /** Whether the reported holder is this server; false until the server has confirmed it. */
@@ -110,17 +111,17 @@ export class GimbalControl {
 
   /** Sends the same angles again and waits until the camera stops; other commands are not delayed. */
   private async settle(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
-    const mine = this.orders;
+    const number = this.sent;
     const answer = await this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: true } });
-    if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: gimbalKey(facts), text: answer.value.limited.text };
+    if (number === this.sent && answer.ok && answer.value.limited != null) this.limited = { id: gimbalKey(facts), text: answer.value.limited.text };
   }
 
   /** A new command was sent: the result of the previous one no longer applies. */
-  private push(order: Order): void {
+  private push(command: QueuedCommand): void {
     clearTimeout(this.settling);
-    this.orders += 1;
+    this.sent += 1;
     this.limited = null;
-    this.sender.push(order);
+    this.sender.push(command);
   }
 
   /** Turns while held: signs of pitch (up) and yaw (right). */

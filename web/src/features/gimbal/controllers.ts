@@ -1,7 +1,7 @@
 /** The page's only GimbalControl instance. */
 
 import { page } from '../../app/page.svelte';
-import { actions } from '../../app/session.svelte';
+import { actions } from '../../app/vehicle-actions.svelte';
 import { GimbalControl } from './control.svelte';
 
 export const gimbal = new GimbalControl(page.api, actions);

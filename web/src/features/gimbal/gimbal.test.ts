@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { LatestSender } from './latest-sender';
-import { owner } from './owner';
+import { controlHolder } from './control-holder';
 import { gimbalKey, gimbalsOf, limits, ofGimbal, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { Gimbal } from '../../live/topics';
@@ -27,10 +27,10 @@ describe('gimbal', () => {
     expect(angleWords({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
   it('shows who controls it', () => {
-    expect(owner(null, false).who).toBe('nobody');
-    expect(owner([255, 190], true).text).toBe('this server');
-    expect(owner([1, 1], false).who).toBe('vehicle');
-    expect(owner([254, 191], false).text).toContain('254');
+    expect(controlHolder(null, false).who).toBe('nobody');
+    expect(controlHolder([255, 190], true).text).toBe('this server');
+    expect(controlHolder([1, 1], false).who).toBe('vehicle');
+    expect(controlHolder([254, 191], false).text).toContain('254');
   });
   it('sends one request at a time and always the last one, the stop', async () => {
     const sent: number[] = [];

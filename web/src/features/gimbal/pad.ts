@@ -2,7 +2,7 @@
 
 import { toDeg } from '../../ui/format';
 import type { Gimbal } from '../../live/topics';
-import type { Angles, Limits } from '../../vehicle/gimbal';
+import type { Angles, AngleLimits } from '../../vehicle/gimbal';
 
 export interface Point {
   x: number;
@@ -14,17 +14,17 @@ export const PAD = { width: 152, height: 116, margin: 8 } as const;
 /** Range of a gimbal without reported limits, and the smallest range shown [deg]. */
 const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
 
-function range(l: Limits): { top: number; bottom: number; left: number; right: number } {
+function range(limits: AngleLimits): { top: number; bottom: number; left: number; right: number } {
   return {
-    top: Math.max(RANGE.pitchMax, l.pitchMax_deg + 10),
-    bottom: Math.min(RANGE.pitchMin, l.pitchMin_deg - 10),
+    top: Math.max(RANGE.pitchMax, limits.pitchMax_deg + 10),
+    bottom: Math.min(RANGE.pitchMin, limits.pitchMin_deg - 10),
     left: RANGE.yawMin - 12,
     right: RANGE.yawMax + 12,
   };
 }
 
-export function toPoint(angles: Angles, l: Limits): Point {
-  const r = range(l);
+export function toPoint(angles: Angles, limits: AngleLimits): Point {
+  const r = range(limits);
   return {
     x: ((angles.yaw_deg - r.left) / (r.right - r.left)) * PAD.width,
     y: ((r.top - angles.pitch_deg) / (r.top - r.bottom)) * PAD.height,
@@ -32,17 +32,17 @@ export function toPoint(angles: Angles, l: Limits): Point {
 }
 
 /** The angles at a point of the pad, clamped to the limits. */
-export function toAngles(point: Point, l: Limits): Angles {
-  const r = range(l);
+export function toAngles(point: Point, limits: AngleLimits): Angles {
+  const r = range(limits);
   const yaw = r.left + (point.x / PAD.width) * (r.right - r.left);
   const pitch = r.top - (point.y / PAD.height) * (r.top - r.bottom);
-  return clamp({ pitch_deg: pitch, yaw_deg: yaw }, l);
+  return clamp({ pitch_deg: pitch, yaw_deg: yaw }, limits);
 }
 
-export function clamp(angles: Angles, l: Limits): Angles {
+export function clamp(angles: Angles, limits: AngleLimits): Angles {
   return {
-    pitch_deg: Math.min(l.pitchMax_deg, Math.max(l.pitchMin_deg, angles.pitch_deg)),
-    yaw_deg: Math.min(l.yawMax_deg, Math.max(l.yawMin_deg, angles.yaw_deg)),
+    pitch_deg: Math.min(limits.pitchMax_deg, Math.max(limits.pitchMin_deg, angles.pitch_deg)),
+    yaw_deg: Math.min(limits.yawMax_deg, Math.max(limits.yawMin_deg, angles.yaw_deg)),
   };
 }
 
@@ -50,9 +50,9 @@ export function clamp(angles: Angles, l: Limits): Angles {
 const KEY_STEP_DEG = 1;
 
 /** The angles after a key press on the pad, clamped to the limits; null for other keys. */
-export function stepped(angles: Angles, key: string, shift: boolean, l: Limits): Angles | null {
+export function stepped(angles: Angles, key: string, shift: boolean, limits: AngleLimits): Angles | null {
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
-  const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, l);
+  const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, limits);
   switch (key) {
     case 'ArrowUp':
       return by(step, 0);
@@ -67,9 +67,9 @@ export function stepped(angles: Angles, key: string, shift: boolean, l: Limits):
     case 'PageDown':
       return by(-10 * KEY_STEP_DEG, 0);
     case 'Home':
-      return clamp({ pitch_deg: 0, yaw_deg: 0 }, l);
+      return clamp({ pitch_deg: 0, yaw_deg: 0 }, limits);
     case 'End':
-      return clamp({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 }, l);
+      return clamp({ pitch_deg: limits.pitchMin_deg, yaw_deg: 0 }, limits);
     default:
       return null;
   }

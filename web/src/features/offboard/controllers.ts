@@ -1,15 +1,15 @@
 /** The page's only instances of OffboardControl and GroupController. */
 
 import { page } from '../../app/page.svelte';
-import { actions, nameOf, nowS, turns } from '../../app/session.svelte';
+import { actions, nameOf, nowS, commandQueue } from '../../app/vehicle-actions.svelte';
 import { OffboardControl } from './control.svelte';
 import { GroupController } from './groups/groups.svelte';
 
-export const offboard = new OffboardControl(page.api, turns, nowS);
+export const offboard = new OffboardControl(page.api, commandQueue, nowS);
 
 export const groups = new GroupController(
   page.api,
-  turns,
+  commandQueue,
   actions,
   nowS,
   () => document.visibilityState === 'visible',

@@ -1,7 +1,7 @@
 import { page } from '../../app/page.svelte';
 import { registry, rooms } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
-import { actions } from '../../app/session.svelte';
+import { actions } from '../../app/vehicle-actions.svelte';
 import { groups, offboard } from './controllers';
 import OffboardCard from './OffboardCard.svelte';
 import { ROOM } from './room.svelte';

@@ -1,7 +1,19 @@
 import { expect, test } from 'vitest';
-import { filtered, groupsOf, NO_FILTER, numberText, valueProblem, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
+import {
+  filtered,
+  groupsOf,
+  NO_FILTER,
+  numberText,
+  valueProblem,
+  rangeText,
+  stateText,
+  typed,
+  valueText,
+  type ParameterMetadata,
+  type Parameter,
+} from './params';
 
-const facts = (more: Partial<Facts>): Facts => ({
+const facts = (more: Partial<ParameterMetadata>): ParameterMetadata => ({
   name: '',
   is_integer: false,
   group: 'G',
@@ -20,7 +32,7 @@ const facts = (more: Partial<Facts>): Facts => ({
   volatile: false,
   ...more,
 });
-const one = (name: string, value: number | null, of: Partial<Facts> | null = {}, is_default: boolean | null = true): Parameter => ({
+const one = (name: string, value: number | null, of: Partial<ParameterMetadata> | null = {}, is_default: boolean | null = true): Parameter => ({
   name,
   value,
   is_integer: Number.isInteger(value),

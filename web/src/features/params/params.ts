@@ -4,7 +4,7 @@ import type { components } from '../../api/schema';
 
 export type Parameters = components['schemas']['ParametersView'];
 export type Parameter = components['schemas']['ParameterView'];
-export type Facts = NonNullable<Parameter['facts']>;
+export type ParameterMetadata = NonNullable<Parameter['facts']>;
 
 export interface Filter {
   text: string;
@@ -90,7 +90,7 @@ export function valueText(parameter: Parameter): string {
 }
 
 /** The permitted range as text; empty if there is none. */
-export function rangeText(facts: Facts): string {
+export function rangeText(facts: ParameterMetadata): string {
   if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${withUnit(numberText(facts.max), facts.unit)}`;
   if (facts.min !== null) return `at least ${withUnit(numberText(facts.min), facts.unit)}`;
   return facts.max === null ? '' : `at most ${withUnit(numberText(facts.max), facts.unit)}`;
@@ -105,7 +105,7 @@ export function typed(text: string, isInteger: boolean): number | null {
 }
 
 /** Why a value is not permitted; null if it is. The server makes the same check. */
-export function valueProblem(facts: Facts | null, value: number): string | null {
+export function valueProblem(facts: ParameterMetadata | null, value: number): string | null {
   if (facts === null) return null;
   if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'Not one of the documented values.';
   if (facts.bits.length > 0) {

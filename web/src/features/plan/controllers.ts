@@ -4,7 +4,7 @@ import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
 import { AcceptedErrors } from './accepted-errors.svelte';
 import { RoleAssignment } from './role-assignment.svelte';
-import type { Home } from './document';
+import type { PlannedHome } from './document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run.svelte';
 import { PlanEditor } from './editor.svelte';
@@ -26,7 +26,7 @@ export const accepted = new AcceptedErrors();
 export const roleAssignment = new RoleAssignment();
 
 /** Home of the selected vehicle; null if it is not known or the vehicle is a replay. */
-export function vehicleHome(): Home | null {
+export function vehicleHome(): PlannedHome | null {
   const home = page.facts === null || page.facts.replayed ? null : page.facts.home;
   return home === null ? null : { lat_deg: home.value.lat_deg, lon_deg: home.value.lon_deg, alt_amsl_m: home.value.alt_amsl_m };
 }

@@ -2,7 +2,7 @@
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, positionOf, allPositions, refOf, type Home, type Plan } from './document';
+import { altitudeBefore, positionOf, allPositions, refOf, type PlannedHome, type Plan } from './document';
 import * as edit from './edit';
 import { newItem } from './items';
 import { insertionOf, picture, type Sketch } from './layer';
@@ -22,11 +22,11 @@ export function kindOf(document: Document): PlanKind {
   return isMission(document) ? 'offboard_mission' : 'waypoint_plan';
 }
 
-export function homeOf(document: Document): Home | null {
+export function homeOf(document: Document): PlannedHome | null {
   return (isMission(document) ? document.home : document.planned_home) ?? null;
 }
 
-export function withHome<D extends Document>(document: D, home: Home): D {
+export function withHome<D extends Document>(document: D, home: PlannedHome): D {
   return isMission(document) ? { ...document, home } : { ...document, planned_home: home };
 }
 

@@ -7,11 +7,11 @@ type Schemas = components['schemas'];
 
 export type Altitude = Readonly<Schemas['Altitude']>;
 export type Reference = Altitude['reference'];
-export type Kind = Schemas['Plan']['items'][number]['kind'];
+export type ItemKind = Schemas['Plan']['items'][number]['kind'];
 
 /** A mission item. Its other fields depend on `kind`; `fields.ts` finds them by name. */
 export interface Item {
-  readonly kind: Kind;
+  readonly kind: ItemKind;
   readonly lat_deg?: number;
   readonly lon_deg?: number;
   readonly altitude?: Altitude;
@@ -21,7 +21,7 @@ export interface Item {
 }
 
 export type PlacedItem = Item & GeoPosition & { readonly altitude: Altitude };
-export type Home = Readonly<Schemas['HomePosition']>;
+export type PlannedHome = Readonly<Schemas['HomePosition']>;
 export type FenceCircle = Readonly<Schemas['FenceCircle']>;
 export type FencePolygon = Readonly<Omit<Schemas['FencePolygon'], 'polygon'>> & { readonly polygon: readonly GeoPosition[] };
 export type FenceZone = FenceCircle | FencePolygon;
@@ -52,7 +52,7 @@ export function isPlaced(item: Item): item is PlacedItem {
 }
 
 /** Items with a position that the camera looks at and the vehicle does not fly to. */
-const LOOKED_AT: ReadonlySet<Kind> = new Set(['roi_location', 'roi']);
+const LOOKED_AT: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
 
 export function isFlownTo(item: Item): item is PlacedItem {
   return isPlaced(item) && !LOOKED_AT.has(item.kind);
@@ -74,7 +74,7 @@ export function path(plan: Plan): (RowItem & { item: PlacedItem })[] {
 }
 
 /** Altitude above home [m]; null if it cannot be computed. */
-export function alt_home_m(altitude: Altitude, home: Home | null): number | null {
+export function alt_home_m(altitude: Altitude, home: PlannedHome | null): number | null {
   if (altitude.reference === 'home') return altitude.value_m;
   const amsl_m = altitude.reference === 'amsl' ? altitude.value_m : (altitude.resolved_amsl_m ?? null);
   return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;

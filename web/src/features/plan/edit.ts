@@ -1,7 +1,7 @@
 /** Edits of a waypoint plan. Pure: each function returns a new plan. */
 
 import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
-import { isPlaced, refOf, type Altitude, type FenceZone, type Home, type Item, type Plan } from './document';
+import { isPlaced, refOf, type Altitude, type FenceZone, type PlannedHome, type Item, type Plan } from './document';
 
 /** Properties that waypoint plans and missions share. */
 export interface SharedParts {
@@ -59,7 +59,7 @@ export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPo
   const to = onGround(at);
   if (ref?.of === 'home') {
     const field = 'planned_home' in plan ? 'planned_home' : 'home';
-    const home = (plan as Readonly<Record<string, unknown>>)[field] as Home | null | undefined;
+    const home = (plan as Readonly<Record<string, unknown>>)[field] as PlannedHome | null | undefined;
     return home == null ? plan : { ...plan, [field]: { ...home, ...to } };
   }
   if (ref?.of !== 'corner' && ref?.of !== 'circle') return plan;

@@ -2,7 +2,7 @@
 
 import type { LayerEditor } from '../../app/map-layers.svelte';
 import { eastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, refOf, type Home, type Kind, type Plan } from './document';
+import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, refOf, type PlannedHome, type ItemKind, type Plan } from './document';
 import * as edit from './edit';
 import * as history from './history';
 import { newItem, titleOf } from './items';
@@ -24,7 +24,7 @@ export interface Draft {
 
 /** What the next clicks on the map add. */
 export type Placing =
-  | { readonly of: 'item'; readonly kind: Kind }
+  | { readonly of: 'item'; readonly kind: ItemKind }
   | { readonly of: 'step'; readonly kind: StepKind }
   | { readonly of: 'rally' }
   | { readonly of: 'area'; readonly use: AreaUse }
@@ -36,7 +36,7 @@ const NEW_MISSION = 'New mission';
 /** Radius of a new fence circle. */
 const CIRCLE_RADIUS_M = 50;
 /** Items that end the flight: no item is added after them. */
-const FLIGHT_ENDS: ReadonlySet<Kind> = new Set(['land', 'return_home']);
+const FLIGHT_ENDS: ReadonlySet<ItemKind> = new Set(['land', 'return_home']);
 const NONE: ReadonlySet<string> = new Set();
 
 export class PlanEditor implements LayerEditor {
@@ -121,12 +121,12 @@ export class PlanEditor implements LayerEditor {
     return this.documents;
   }
 
-  begin(home: Home | null): void {
+  begin(home: PlannedHome | null): void {
     this.replace(NEW_NAME, { ...EMPTY, planned_home: home });
     this.place({ of: 'item', kind: 'waypoint' });
   }
 
-  beginMission(home: Home | null): void {
+  beginMission(home: PlannedHome | null): void {
     this.replace(NEW_MISSION, newMission(home));
     this.place({ of: 'step', kind: 'fly' });
   }
@@ -190,7 +190,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Adds the item after the selection, else at the end, but before a final landing or return. */
-  addItem(kind: Kind, at: GeoPosition | null): void {
+  addItem(kind: ItemKind, at: GeoPosition | null): void {
     const { items } = this.plan;
     const last = items.at(-1);
     const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;

@@ -1,7 +1,7 @@
 /** Fixes that the page can make for a finding. Pure: returns a changed plan, or null if a person has to decide. */
 
 import type { components } from '../../api/schema';
-import { DEFAULT_ALTITUDE, isPlaced, path, type Home, type Plan } from './document';
+import { DEFAULT_ALTITUDE, isPlaced, path, type PlannedHome, type Plan } from './document';
 import { insertItem, remove, removeZone, reorder, setItem } from './edit';
 import { newItem } from './items';
 
@@ -17,7 +17,7 @@ export interface Fix<D = Plan> {
 const HIGHEST_M = 120;
 
 /** @param home home of the vehicle; null if it is not known. */
-export function fixOf(plan: Plan, finding: Finding, home: Home | null): Fix | null {
+export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): Fix | null {
   const { row, zone } = finding.place;
   const item = row === null ? undefined : plan.items[row];
   switch (finding.code) {

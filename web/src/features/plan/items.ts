@@ -2,9 +2,9 @@
 
 import { fixed } from '../../ui/format';
 import type { GeoPosition } from '../../vehicle/geo';
-import { isPlaced, type Altitude, type Item, type Kind, type Reference } from './document';
+import { isPlaced, type Altitude, type Item, type ItemKind, type Reference } from './document';
 
-const TITLES: Readonly<Partial<Record<Kind, string>>> = {
+const TITLES: Readonly<Partial<Record<ItemKind, string>>> = {
   takeoff: 'Take off',
   waypoint: 'Waypoint',
   loiter_unlimited: 'Hold until continued',
@@ -76,12 +76,12 @@ export function detailOf(item: Item): string {
 
 /** One kind of item to add; `placed`: it needs a click on the map. */
 export interface Choice {
-  readonly kind: Kind;
+  readonly kind: ItemKind;
   readonly placed: boolean;
 }
 
-const PLACED: readonly Kind[] = ['takeoff', 'waypoint', 'loiter_time', 'land', 'roi_location'];
-const OTHERS: readonly Kind[] = [
+const PLACED: readonly ItemKind[] = ['takeoff', 'waypoint', 'loiter_time', 'land', 'roi_location'];
+const OTHERS: readonly ItemKind[] = [
   'return_home',
   'change_speed',
   'delay',
@@ -95,7 +95,7 @@ const OTHERS: readonly Kind[] = [
 export const CHOICES: readonly Choice[] = [...PLACED.map((kind) => ({ kind, placed: true })), ...OTHERS.map((kind) => ({ kind, placed: false }))];
 
 /** All fields of a new item. The editor shows only these fields. */
-const DEFAULT_FIELDS: Readonly<Partial<Record<Kind, object>>> = {
+const DEFAULT_FIELDS: Readonly<Partial<Record<ItemKind, object>>> = {
   takeoff: { pitch_deg: 0, yaw_ned_deg: null },
   waypoint: { hold_s: 0, acceptance_radius_m: 0, pass_radius_m: 0, yaw_ned_deg: null },
   loiter_time: { hold_s: 10, radius_m: 0, exit_xtrack: 0 },
@@ -113,7 +113,7 @@ const DEFAULT_FIELDS: Readonly<Partial<Record<Kind, object>>> = {
 };
 
 /** @param at position of a placed kind. */
-export function newItem(kind: Kind, at: GeoPosition | null, altitude: Altitude): Item {
+export function newItem(kind: ItemKind, at: GeoPosition | null, altitude: Altitude): Item {
   const where =
     at === null
       ? {}

@@ -2,7 +2,7 @@
 
 import { fixed } from '../../ui/format';
 import type { IconName } from '../../ui/icons';
-import type { FenceZone, Home, Plan } from './document';
+import type { FenceZone, PlannedHome, Plan } from './document';
 import { altitudeText, detailOf, titleOf } from './items';
 
 export interface TreeEntry {
@@ -37,7 +37,7 @@ export function zoneText(zone: FenceZone): { title: string; detail: string } {
 
 const entry = { row: null, mark: '', icon: null };
 
-export function homeEntry(home: Home | null): TreeEntry[] {
+export function homeEntry(home: PlannedHome | null): TreeEntry[] {
   return home === null ? [] : [{ ...entry, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
 }
 

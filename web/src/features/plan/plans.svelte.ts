@@ -5,7 +5,7 @@ import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import type { Area, Check, Format, GroundPlan, Imported, Pattern, PlanApi, PlanVersion } from './api';
 import { CONDITIONS, powerOf, type Conditions } from './conditions';
-import { EMPTY, type Home, type Plan } from './document';
+import { EMPTY, type PlannedHome, type Plan } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './document-kinds';
 import type { Downloaded } from './plan-transfer.svelte';
@@ -85,12 +85,12 @@ export class Plans {
   private readonly checkInputs: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
   readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document && this.checkedInputs === this.checkInputs);
 
-  begin(home: Home | null): void {
+  begin(home: PlannedHome | null): void {
     this.editor.begin(home);
     this.notice = null;
   }
 
-  beginMission(home: Home | null): void {
+  beginMission(home: PlannedHome | null): void {
     this.editor.beginMission(home);
     this.notice = null;
   }
@@ -186,7 +186,7 @@ export class Plans {
   }
 
   /** Opens the vehicle's plan as a new plan; undo restores the edited one. */
-  openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: Home | null): void {
+  openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: PlannedHome | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
     const text = [`The plan on ${vehicleName}, not saved on the server yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
@@ -265,7 +265,7 @@ export class Plans {
   }
 
   /** Updates the mission's position and compiled path for the map; the path of another document is removed. */
-  compile(vehicleHome: Home | null): void {
+  compile(vehicleHome: PlannedHome | null): void {
     const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
     this.editor.frame = frameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);

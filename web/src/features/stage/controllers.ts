@@ -1,7 +1,7 @@
 /** The page's only MapPointMenu instance. */
 
 import { page } from '../../app/page.svelte';
-import { actions, nowS } from '../../app/session.svelte';
+import { actions, nowS } from '../../app/vehicle-actions.svelte';
 import { MapPointMenu } from './map-point.svelte';
 
 export const mapPointMenu = new MapPointMenu(page.api, actions, nowS);

@@ -2,7 +2,7 @@
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { page } from '../../../app/page.svelte';
-import { actions } from '../../../app/session.svelte';
+import { actions } from '../../../app/vehicle-actions.svelte';
 import { groups } from '../controllers';
 import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';

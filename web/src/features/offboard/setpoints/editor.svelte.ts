@@ -1,7 +1,7 @@
 /** The offboard room's state: forms, available kinds, sent setpoints and their results. */
 
 import { page } from '../../../app/page.svelte';
-import { actions } from '../../../app/session.svelte';
+import { actions } from '../../../app/vehicle-actions.svelte';
 import { offboard } from '../controllers';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { ofVehicle, type Outcome } from '../../../api/client';
@@ -12,13 +12,13 @@ import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint'
 import { readOffboard } from '../../../vehicle/offboard';
 import { build, formHere, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
-import { KINDS, specOf, type Kind } from '../../../vehicle/setpoint-kinds';
+import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
 /** Position kinds: renewed while this page is open, unless that is switched off. */
-const POSITION_KINDS: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
+const POSITION_KINDS: readonly SetpointKind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const POSITION_VALIDITY_S = 10;
 const MOTION_VALIDITY_S = 2;
 /** Validity of setpoints from a gamepad or a held handle [s]. */
@@ -34,7 +34,7 @@ export interface DragTarget {
 
 class SetpointEditor {
   way = $state<Way>('form');
-  kind = $state<Kind>('position');
+  kind = $state<SetpointKind>('position');
   choosing = $state(false);
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
   /** Errors are shown after the first press of a button, and then while typing. */
@@ -78,7 +78,7 @@ class SetpointEditor {
     this.forms = { ...this.forms, [form.kind]: form };
   }
 
-  choose(kind: Kind): void {
+  choose(kind: SetpointKind): void {
     this.kind = kind;
     this.tried = false;
   }

@@ -1,7 +1,7 @@
 /** The form's values and the setpoint from them; every invalid field is reported. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { specOf, type Axis, type Group, type Kind } from '../../../vehicle/setpoint-kinds';
+import { specOf, type Axis, type Group, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 
 export interface Field {
   text: string;
@@ -14,7 +14,7 @@ export type YawChoice = 'angle' | 'rate' | 'none';
 export type FollowYaw = 'keep' | 'same' | 'face';
 
 export interface Form {
-  kind: Kind;
+  kind: SetpointKind;
   fields: Readonly<Record<string, Field>>;
   /** Optional groups that are left out. */
   without: readonly string[];
@@ -26,7 +26,7 @@ export interface Form {
   followYaw: FollowYaw;
 }
 
-export type SetpointJson = Readonly<Record<string, unknown>> & { type: Kind };
+export type SetpointJson = Readonly<Record<string, unknown>> & { type: SetpointKind };
 
 export type Built = { ok: true; setpoint: SetpointJson } | { ok: false; errors: Readonly<Record<string, string>> };
 
@@ -51,7 +51,7 @@ const BEHIND = { o0: -5, o1: 0, o2: 2 };
 const FOLLOW_MIN_M = 2;
 
 /** A form filled with the vehicle's present state, so that sending it unchanged holds the vehicle where possible. `hoverThrust` null: not known. */
-export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | null): Form {
+export function formHere(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
@@ -110,7 +110,7 @@ function readGroup(group: Group, form: Form, errors: Record<string, string>): un
 export function build(form: Form): Built {
   const spec = specOf(form.kind);
   const errors: Record<string, string> = {};
-  const setpoint: Record<string, unknown> & { type: Kind } = { type: form.kind };
+  const setpoint: Record<string, unknown> & { type: SetpointKind } = { type: form.kind };
   for (const group of spec.groups) {
     if (group.optional && form.without.includes(group.field)) continue;
     setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);

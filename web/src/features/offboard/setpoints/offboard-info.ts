@@ -2,13 +2,13 @@
 
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';
-import { KINDS, type Kind } from '../../../vehicle/setpoint-kinds';
+import { KINDS, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 
 type Schemas = components['schemas'];
 export type OffboardView = Schemas['OffboardView'];
-export type Limits = Schemas['OffboardLimits'];
+export type OffboardLimits = Schemas['OffboardLimits'];
 export type Failsafe = Schemas['OffboardFailsafe'];
-export type OperatorLimits = Limits['operator'];
+export type OperatorLimits = OffboardLimits['operator'];
 export type LimitsBody = Schemas['LimitsRequest'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
@@ -24,7 +24,7 @@ export function displayText(words: string): string {
 }
 
 /** Why a kind is not possible now; null if it is, or if the server has not reported it. */
-export function whyNot(view: OffboardView | null, kind: Kind): string | null {
+export function whyNot(view: OffboardView | null, kind: SetpointKind): string | null {
   const said = view?.available[kind];
   return said === undefined || said.can ? null : displayText(said.why_not ?? 'Not on this vehicle.');
 }
@@ -45,7 +45,7 @@ export interface LimitField {
   /** API value = typed × scale. */
   scale: number;
   /** The vehicle's own limit, if it has one. */
-  own: keyof Limits['vehicle'] | null;
+  own: keyof OffboardLimits['vehicle'] | null;
 }
 
 const RAD = Math.PI / 180;
@@ -67,7 +67,7 @@ export function limitText(value: number | null | undefined, field: LimitField): 
 }
 
 /** The operator's limits in one line; unlimited values are left out. */
-export function limitsWords(limits: Limits | null): string {
+export function limitsWords(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
@@ -78,7 +78,7 @@ export function limitsWords(limits: Limits | null): string {
 }
 
 /** The vehicle's own limit for the field's placeholder, for example "5.0 m/s". */
-export function ownLimit(limits: Limits | null, field: LimitField): string {
+export function ownLimit(limits: OffboardLimits | null, field: LimitField): string {
   const own = field.own === null ? null : limits?.vehicle[field.own];
   return own == null ? 'no limit' : fixed(own / field.scale, 1);
 }

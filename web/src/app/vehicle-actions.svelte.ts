@@ -1,4 +1,4 @@
-/** Objects shared by all features: the request queue per vehicle, and the actions that ask for confirmation. */
+/** Shared by all features: the actions that ask for confirmation, and the queue of commands for each vehicle. */
 
 import { CommandQueue } from '../api/command-queue';
 import { ActionController } from './actions/controller.svelte';
@@ -8,7 +8,7 @@ import { service } from './services';
 
 export const nowS = (): number => performance.now() / 1000;
 
-export const turns = new CommandQueue();
+export const commandQueue = new CommandQueue();
 
 export const nameOf = (id: string): string => page.factsOf(id)?.name ?? `Vehicle ${id}`;
 

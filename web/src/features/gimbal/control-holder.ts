@@ -1,7 +1,7 @@
 /** Describes who controls the gimbal. */
 
-export interface Owner {
-  who: 'station' | 'other' | 'vehicle' | 'nobody';
+export interface ControlHolder {
+  who: 'server' | 'other' | 'vehicle' | 'nobody';
   text: string;
 }
 
@@ -12,9 +12,9 @@ const AUTOPILOT = 1;
  * @param primary (system id, component id) in control, as reported by the gimbal manager. @param inControl whether
  * that is this server, as reported by the server.
  */
-export function owner(primary: readonly [number, number] | null, inControl: boolean): Owner {
+export function controlHolder(primary: readonly [number, number] | null, inControl: boolean): ControlHolder {
   if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'not controlled' };
-  if (inControl) return { who: 'station', text: 'this server' };
+  if (inControl) return { who: 'server', text: 'this server' };
   if (primary[1] === AUTOPILOT) return { who: 'vehicle', text: 'the vehicle itself' };
   return { who: 'other', text: `system ${primary[0]}, component ${primary[1]}` };
 }
