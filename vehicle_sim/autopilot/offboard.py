@@ -102,7 +102,7 @@ class Offboard:
         self._heard_at_s = -math.inf
         self._flagged: SetpointKind | None = None
         """Kind selected by OffboardControlMode; None: the stream uses MAVLink."""
-        self._streamed: Kind | None = None
+        self._streamed: SetpointKind | None = None
         """While an external mode is active: the kind of the newest stream for Offboard; None: none is
         active."""
         self._topics: dict[ControlLevel, Setpoint] = {}
@@ -145,7 +145,7 @@ class Offboard:
         if streamed is None:
             return
         self._streamed, self._flagged, self.setpoint = None, None, Setpoint()
-        if streamed is not Kind.NONE:
+        if streamed is not SetpointKind.NONE:
             self._flagged = streamed
             self._choose()
 

@@ -1,7 +1,7 @@
 /** The document of an offboard mission (`docs/missions.md`), and its steps as one tree. Pure. */
 
 import type { components } from '../../../api/schema';
-import type { FenceZone, Home } from '../document';
+import type { FenceZone, PlannedHome } from '../document';
 
 type Schemas = components['schemas'];
 type Wire = Schemas['OffboardMission'];
@@ -41,7 +41,7 @@ export interface Role {
 }
 
 export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fence' | 'home'>> & {
-  readonly home?: Home | null;
+  readonly home?: PlannedHome | null;
   readonly fence: readonly FenceZone[];
   readonly steps: readonly Step[];
   /** Of a mission for several vehicles, by name; such a mission has no steps of its own. */

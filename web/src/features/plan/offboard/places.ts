@@ -1,23 +1,23 @@
 /** Converts positions between the map and a mission; each position keeps its frame. Pure. */
 
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
-import type { Home } from '../document';
+import type { PlannedHome } from '../document';
 import type { Mission, MissionPosition, Vector } from './mission';
 
 /** The mission's position on the earth. */
 export interface Frame {
   /** Start of the mission: the vehicle's home, else the mission's planned home. */
-  readonly start: Home;
+  readonly start: PlannedHome;
   /** Origin of the vehicle's local frame. */
-  readonly origin: Home;
+  readonly origin: PlannedHome;
   /** False: the start is not known, and the mission is drawn at an arbitrary position. */
   readonly known: boolean;
 }
 
-const UNKNOWN_START: Home = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
+const UNKNOWN_START: PlannedHome = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
 
 /** @param origin the local origin that the server's check used. */
-export function frameOf(mission: Mission | null, vehicleHome: Home | null, origin: Home | null): Frame {
+export function frameOf(mission: Mission | null, vehicleHome: PlannedHome | null, origin: PlannedHome | null): Frame {
   const start = vehicleHome ?? mission?.home ?? null;
   return { start: start ?? UNKNOWN_START, origin: origin ?? start ?? UNKNOWN_START, known: start !== null };
 }

@@ -1,7 +1,7 @@
 /** Titles and details of a mission's steps, and the default values of new ones. Pure. */
 
 import { fixed } from '../../../ui/format';
-import type { Home } from '../document';
+import type { PlannedHome } from '../document';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 
 const TITLES: Readonly<Record<StepKind, string>> = {
@@ -164,7 +164,7 @@ export function newStep(kind: StepKind, at: MissionPosition = HERE): Step {
 export const PLACED: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
 
 /** A mission with take-off and landing; new steps are inserted between them. */
-export function newMission(home: Home | null): Mission {
+export function newMission(home: PlannedHome | null): Mission {
   return {
     format: 'offboard-gcs-mission',
     version: 1,
