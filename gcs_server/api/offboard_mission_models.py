@@ -15,10 +15,9 @@ from missions.offboard.document import MAX_ROLES
 from missions.runner.flown import FlownSample
 
 Role = Annotated[str, Field(min_length=1, max_length=100)]
-DryRunId = Annotated[
-    str,
+OptionalDryRun = Annotated[
+    Annotated[str, Field(max_length=20)] | None,
     Field(
-        max_length=20,
         description="Id of a dry run of this mission with several flights; a notice is sent if a vehicle "
         "leaves its corridor.",
     ),
@@ -49,7 +48,7 @@ class WhichMission(StrictBody):
 class StartMission(WhichMission):
     """The mission to fly, and the findings that the caller accepts."""
 
-    dry_run: DryRunId | None = None
+    dry_run: OptionalDryRun = None
 
 
 class StartJointMission(WhichMission):
@@ -58,7 +57,7 @@ class StartJointMission(WhichMission):
     vehicles: Annotated[dict[Role, VehicleId], Field(min_length=2, max_length=MAX_ROLES)] = Field(
         description="A vehicle's id for each role; each vehicle once.", examples=[{"lead": "1", "left": "2"}]
     )
-    dry_run: DryRunId | None = None
+    dry_run: OptionalDryRun = None
 
     @model_validator(mode="after")
     def _check_unique(self) -> Self:

@@ -11276,7 +11276,10 @@ export interface components {
             readonly vehicles: {
                 readonly [key: string]: string;
             };
-            /** Dry Run */
+            /**
+             * Dry Run
+             * @description Id of a dry run of this mission with several flights; a notice is sent if a vehicle leaves its corridor.
+             */
             readonly dry_run?: string | null;
         };
         /**
@@ -11301,7 +11304,10 @@ export interface components {
              * @description Codes of the mission's error findings that the caller accepts.
              */
             readonly despite?: readonly string[];
-            /** Dry Run */
+            /**
+             * Dry Run
+             * @description Id of a dry run of this mission with several flights; a notice is sent if a vehicle leaves its corridor.
+             */
             readonly dry_run?: string | null;
         };
         /**
