@@ -152,8 +152,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         handler.addFilter(limit)
     for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
-    # It logs a traceback for each connection that closes without sending (such as the 3D view's probe).
-    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     return _reported(lambda: _serve(command, options, config))
 
 
