@@ -114,7 +114,7 @@ def main(arguments: list[str]) -> None:
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
-    # It logs a traceback for each connection that closes before its request, such as a browser tab that closes.
+    # It logs a traceback for each connection that closes before its request (a browser tab that closes).
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     Worker(MessagePipe(socket.socket(fileno=int(arguments[0])), MAX_WAITING_BYTES)).run()
 
