@@ -11,8 +11,10 @@ from gcs_server.links.memory import MemoryLink
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
 from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Setpoint
 from tests.loop_streams import LoopStreams
 from tests.protocol.memory_world import World
 from tests.protocol.simulated_world import TICK_S, until
@@ -132,3 +134,15 @@ class Ros2World(World):
         await vehicle.command.takeoff(height_m)
         await until(lambda: vehicle.status.mode == "hold", 40)
         return vehicle
+
+
+def request_of(setpoint: Setpoint) -> StreamRequest:
+    """A stream's request to fly a setpoint for up to a minute."""
+    return StreamRequest(setpoint, 60.0, OnExpiry(), "test")
+
+
+def value_of(vehicle: Vehicle, topic: str) -> Any:
+    """The newest value of a topic."""
+    sample = vehicle.topic(topic)
+    assert sample is not None, topic
+    return sample.value

@@ -1,0 +1,105 @@
+"""Flights over ROS 2 alone: a mission and a group, on simulated time."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_server.errors import NotTogether, Refused
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.frames import Vector3
+from missions.setpoints import Position, Velocity
+from tests.protocol import group_world
+from tests.protocol.api_calls import station_of
+from tests.protocol.mission_flights import Missions, event_codes
+from tests.protocol.ros2_world import Ros2World, request_of, value_of
+from tests.protocol.simulated_world import until
+from tests.support.offboard_missions import mission
+
+MISSION = """
+- {step: take_off, height_m: 4}
+- {step: orbit, center: {offset_ned_m: [6, 0, -4]}, radius_m: 6, speed_m_s: 3}
+- {step: land}
+"""
+
+
+def test_an_offboard_mission_takes_off_flies_and_lands(jump: Any, tmp_path: Path) -> None:
+    async def run() -> None:
+        world = Ros2World()
+        missions = Missions(world, tmp_path)
+        vehicle = await world.ready_to_arm()
+        flight = missions.begin(vehicle, mission(MISSION))
+        await missions.reach("flying")
+        worst_m = 0.0
+        while missions.state == "flying":
+            worst_m = max(worst_m, flight.status().deviation_m or 0.0)
+            await asyncio.sleep(0.1)
+        await missions.reach("done")
+        assert worst_m < 3.0
+        assert not vehicle.status.armed
+        assert event_codes(vehicle) == ["done"]
+        await world.close()
+
+    jump(run)
+
+
+def test_a_mission_whose_program_needs_mavlink_is_flown_and_reports_what_was_refused(
+    jump: Any, tmp_path: Path
+) -> None:
+    async def run() -> None:
+        world = Ros2World()
+        missions = Missions(world, tmp_path)
+        vehicle = await world.ready_to_arm()
+        missions.begin(vehicle, mission("- {step: take_off, height_m: 4}\n- {step: photo}\n- {step: land}\n"))
+        await missions.reach("done")
+        texts = [event.text for event in vehicle.events.since()]
+        assert any("carries no camera commands" in text for text in texts), texts
+        await world.close()
+
+    jump(run)
+
+
+def test_a_group_starts_together_and_holds_together(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World(2)
+        vehicles = [await world.in_the_air(v, height_m=10.0) for v in ("1", "2")]
+        at = group_world.SimpleNamespace(world=world, station=station_of(world))
+        await fly_apart(vehicles[1])
+
+        goals: dict[str, Vector3] = {}
+        for vehicle in vehicles:
+            north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
+            goals[vehicle.id] = (north_m + 5.0, east_m, down_m)
+        setpoints = {v: {"type": "position", "position_ned_m": goal} for v, goal in goals.items()}
+        await group_world.begin(at, setpoints, minimum_separation_m=3.0)
+        await until(lambda: all(distance_m(v, goals[v.id]) < 0.5 for v in vehicles), 15)
+        assert [vehicle.status.mode for vehicle in vehicles] == ["offboard", "offboard"]
+
+        with pytest.raises(Refused, match="group"):
+            await vehicles[0].offboard.setpoint(request_of(Velocity((1.0, 0.0, 0.0))))
+        crossing = group_world.changes({"1": group_world.velocity(0, 3), "2": group_world.velocity(0, -3)})
+        with pytest.raises(NotTogether):
+            await group_world.group_routes.setpoints("1", crossing, at.station, group_world.ANNA)
+        await group_world.group_routes.hold("1", at.station, group_world.ANNA)
+        await until(lambda: all(v.status.mode == "hold" for v in vehicles), 5)
+        await world.close()
+
+    jump(run)
+
+
+async def fly_apart(vehicle: Vehicle) -> None:
+    """Flies a vehicle, which took off 3 m from the other one, 6 m to the east, and waits until it hovers."""
+    north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
+    goal = (north_m, east_m + 6.0, down_m)
+    await vehicle.offboard.start(request_of(Position(goal, yaw_ned_rad=0.0)))
+    await until(lambda: distance_m(vehicle, goal) < 0.5, 20)
+    await vehicle.offboard.stop()
+    await until(lambda: math.hypot(*value_of(vehicle, "local_position").velocity_ned_m_s) < 0.3, 10)
+
+
+def distance_m(vehicle: Vehicle, position_ned_m: Vector3) -> float:
+    return math.dist(value_of(vehicle, "local_position").position_ned_m, position_ned_m)
