@@ -84,7 +84,11 @@ class VelocityBody:
 
 @dataclass(frozen=True, slots=True)
 class Acceleration:
-    """An acceleration in the local frame without gravity; zero keeps the velocity, not the position."""
+    """An acceleration in the local frame, without gravity.
+
+    PX4 tilts the vehicle for it and does not compensate drag: the velocity approaches the one at which drag
+    equals the acceleration. Zero lets the vehicle slow down by drag; it does not hold the position.
+    """
 
     type: ClassVar[str] = "acceleration"
     needs: ClassVar[tuple[Estimate, ...]] = ("velocity",)

@@ -123,7 +123,8 @@ class VelocityBodySetpoint(YawOrRate):
 
 
 class AccelerationSetpoint(YawOrRate):
-    """An acceleration in the vehicle's local frame; zero keeps the velocity, not the position."""
+    """An acceleration in the vehicle's local frame, without compensation of drag; zero does not hold the
+    position."""
 
     model_config = example(type="acceleration", acceleration_ned_m_s2=[0.5, 0, 0])
 

@@ -2068,7 +2068,8 @@ export interface components {
         };
         /**
          * AccelerationSetpoint
-         * @description An acceleration in the vehicle's local frame; zero keeps the velocity, not the position.
+         * @description An acceleration in the vehicle's local frame, without compensation of drag; zero does not hold the
+         *     position.
          * @example {
          *       "acceleration_ned_m_s2": [
          *         0.5,

@@ -1,0 +1,209 @@
+"""PX4's seven control levels, flown one after the other by the server over ROS 2, on simulated time.
+
+PX4 publishes the active controllers at 2 Hz: after a change of the level, the position controller may
+continue for up to half a second. So the motion is compared from `SWITCHED_S` on. The expected motion follows
+from the simulated aircraft (PX4's SIH): 1 kg, four motors of 5 N, and a drag of 1 N per m/s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.frames import Vector3
+from missions.setpoints import (
+    Acceleration,
+    Actuators,
+    Attitude,
+    Position,
+    Rates,
+    Setpoint,
+    ThrustTorque,
+    Velocity,
+)
+from tests.protocol.ros2_world import Ros2World, request_of, value_of
+from tests.protocol.simulated_world import until
+
+HEIGHT_M = 20.0
+PLACE = (0.0, 0.0, -HEIGHT_M)
+SWITCHED_S = 0.8
+GRAVITY_M_S2 = 9.80665
+FULL_THRUST_M_S2 = 20.0
+HOVER_THRUST = GRAVITY_M_S2 / FULL_THRUST_M_S2
+DRAG_PER_S = 1.0
+TRAJECTORY = {"TrajectorySetpoint"}
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The estimated motion of the vehicle."""
+
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+    roll_rad: float
+    pitch_rad: float
+    yaw_ned_rad: float
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> Motion:
+        local, attitude = value_of(vehicle, "local_position"), value_of(vehicle, "attitude")
+        angles = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad
+        return cls(local.position_ned_m, local.velocity_ned_m_s, *angles)
+
+
+Error = Callable[[Motion, Motion], float]
+"""Difference from the expected motion, of the motion at `SWITCHED_S` and at the end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One control level: what is flown, what must be sent, and the motion that must follow."""
+
+    flag: str
+    """The only flag that is set in OffboardControlMode."""
+    types: set[str]
+    """Types of the setpoint messages."""
+    setpoint: Setpoint
+    duration_s: float
+    """Time from `SWITCHED_S` to the comparison."""
+    error: Error
+    tolerance: float
+
+
+def acceleration_error(axis: int, acceleration_m_s2: float, time_s: float) -> Error:
+    """Error of the velocity after a constant acceleration, against the drag [m/s]."""
+    left = math.exp(-DRAG_PER_S * time_s)
+
+    def error(begin: Motion, end: Motion) -> float:
+        expected = begin.velocity_ned_m_s[axis] * left + acceleration_m_s2 / DRAG_PER_S * (1.0 - left)
+        return end.velocity_ned_m_s[axis] - expected
+
+    return error
+
+
+def lift_error(thrust: float, time_s: float) -> Error:
+    """Error of the vertical velocity after a collective thrust of 0 to 1 [m/s]."""
+    return acceleration_error(2, GRAVITY_M_S2 - thrust * FULL_THRUST_M_S2, time_s)
+
+
+ROWS = [
+    Row(
+        "position",
+        TRAJECTORY,
+        Position((4.0, 2.0, -HEIGHT_M - 1.0), yaw_ned_rad=0.0),
+        10.0,
+        lambda _, end: math.dist(end.position_ned_m, (4.0, 2.0, -HEIGHT_M - 1.0)),
+        0.8,
+    ),
+    Row(
+        "velocity",
+        TRAJECTORY,
+        Velocity((2.0, 0.0, 0.0), yaw_ned_rad=0.0),
+        5.0,
+        lambda _, end: math.dist(end.velocity_ned_m_s, (2.0, 0.0, 0.0)),
+        0.5,
+    ),
+    Row(
+        "acceleration",
+        TRAJECTORY,
+        Acceleration((0.0, 0.8, 0.0), yaw_ned_rad=0.0),
+        2.0,
+        acceleration_error(1, 0.8, 2.0),
+        0.35,
+    ),
+    Row(
+        "attitude",
+        {"VehicleAttitudeSetpoint"},
+        Attitude((math.cos(0.05), 0.0, -math.sin(0.05), 0.0), HOVER_THRUST),
+        1.0,
+        lambda _, end: math.dist((end.roll_rad, end.pitch_rad), (0.0, -0.1)),
+        0.03,
+    ),
+    Row(
+        "body_rate",
+        {"VehicleRatesSetpoint"},
+        Rates((0.0, 0.0, 0.5), HOVER_THRUST),
+        1.5,
+        lambda begin, end: end.yaw_ned_rad - begin.yaw_ned_rad - 0.5 * 1.5,
+        0.15,
+    ),
+    Row(
+        "thrust_and_torque",
+        {"VehicleThrustSetpoint", "VehicleTorqueSetpoint"},
+        ThrustTorque((0.0, 0.0, -0.8), (0.0, 0.0, 0.0)),
+        0.6,
+        lift_error(0.8, 0.6),
+        0.3,
+    ),
+    Row(
+        "direct_actuator",
+        {"ActuatorMotors"},
+        Actuators(motors=(0.9,) * 4),
+        0.6,
+        lift_error(0.9, 0.6),
+        0.3,
+    ),
+]
+
+
+def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World()
+        vehicle = await world.in_the_air(height_m=HEIGHT_M)
+        await vehicle.offboard.start(request_of(Position(PLACE, yaw_ned_rad=0.0)))
+        for row in ROWS:
+            await hover(vehicle)
+            await fly(world, vehicle, row)
+        await hover(vehicle)
+        await vehicle.command.land()
+        await until(lambda: not vehicle.status.armed, 60)
+        assert not vehicle.offboard.status().streaming
+        await world.close()
+
+    jump(run)
+
+
+async def hover(vehicle: Vehicle) -> None:
+    """Flies back to the first position and waits until the vehicle hovers there."""
+    await vehicle.offboard.setpoint(request_of(Position(PLACE, yaw_ned_rad=0.0)))
+
+    def hovers() -> bool:
+        now = Motion.of(vehicle)
+        return (
+            math.dist(now.position_ned_m, PLACE) < 0.5
+            and math.hypot(*now.velocity_ned_m_s) < 0.2
+            and abs(now.yaw_ned_rad) < 0.1
+        )
+
+    await until(hovers, 30)
+
+
+async def fly(world: Ros2World, vehicle: Vehicle, row: Row) -> None:
+    """Flies a row; checks the messages and the motion."""
+    sent = world.topics[0].sent
+    before = len(sent)
+    await vehicle.offboard.setpoint(request_of(row.setpoint))
+    await asyncio.sleep(SWITCHED_S)
+    begin = Motion.of(vehicle)
+    await asyncio.sleep(row.duration_s)
+    error = row.error(begin, Motion.of(vehicle))
+    assert abs(error) < row.tolerance, (row.flag, error)
+    status = vehicle.offboard.status()
+    assert (status.state, vehicle.status.mode) == ("streaming", "offboard"), (row.flag, status.ended)
+    assert (status.sends_failed, status.limited) == (0, ()), row.flag
+
+    messages = [(TOPIC_TYPES[topic], data) for topic, data in sent[before:]]
+    counts = Counter(name for name, _ in messages)
+    assert counts.keys() == {"OffboardControlMode", *row.types}, row.flag
+    assert len(set(counts.values())) == 1, (row.flag, counts)
+    for name, data in messages:
+        if name == "OffboardControlMode":
+            flags = MESSAGES[name].decode(data)
+            assert {flag for flag, value in flags.items() if value is True} == {row.flag}
