@@ -22,6 +22,7 @@ from gcs_server.api.bodies import Bodies
 from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
+from gcs_server.api.mission_mode_routes import start_in_mode
 from gcs_server.api.offboard_models import LimitsRequest
 from gcs_server.api.operation_routes import operation_view
 from gcs_server.api.permission import bind_commands, command_of
@@ -54,6 +55,8 @@ from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
 from gcs_server.streamer.groups.status import GroupStatus
 from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.modes import MissionMode, MissionModes
+from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.stream_process import StreamProcess
@@ -107,9 +110,13 @@ class Server:
         )
         self.streamer = Streamer(clock, streams, limits)
         missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
+        mission_modes = MissionModes(
+            clock, self.streamer, streams, missions, self.supervisor, self._start_in_mode
+        )
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.fleet.on_vehicle_added(missions.attach)
         self.fleet.on_vehicle_removed(missions.detach)
+        self.fleet.on_vehicle_removed(mission_modes.detach)
         self.fleet.on_vehicle_removed(self.streamer.detach)
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
@@ -141,6 +148,7 @@ class Server:
             replays=replays,
             streamer=self.streamer,
             missions=missions,
+            mission_modes=mission_modes,
             operations=Operations(clock, self.supervisor, self._publish_operation),
             plans=plans,
             plan_work=PlanWork(folder.elevation),
@@ -186,6 +194,7 @@ class Server:
                 self._link_errors.append(Notice("link", text, link=shown))
         self.streamer.start(self.supervisor)
         self.station.missions.start()
+        self.station.mission_modes.start()
         self.station.authority.start()
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)
@@ -224,6 +233,9 @@ class Server:
                 log.info("vehicle %s was put into Hold: the server ends", stopped.vehicle)
             else:
                 log.warning("vehicle %s: %s", stopped.vehicle, error)
+
+    async def _start_in_mode(self, vehicle_id: str, mode: MissionMode) -> Start:
+        return await start_in_mode(self.station, vehicle_id, mode)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)

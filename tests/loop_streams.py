@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import ModeDeclaration
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.separation.guard import GroupGuard
 from gcs_server.streamer.values.snapshot import Snapshot
@@ -36,6 +38,9 @@ class LoopStreams(StreamScheduler):
         until_s: float,
     ) -> bool:
         return super().change_together(name, requests, snapshots, until_s)
+
+    async def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
+        super().register_mode(vehicle_id, address, declaration)
 
     def watch(self, guard: GroupGuard) -> None:
         super().watch(guard)

@@ -16,12 +16,12 @@ from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
 MODULES = (
-    "aio", "control", "dry_runs", "gimbal", "group", "mission", "offboard", "offboard_mission", "operations",
-    "plans", "vehicle",
+    "aio", "control", "dry_runs", "gimbal", "group", "mission", "mission_modes", "offboard",
+    "offboard_mission", "operations", "plans", "vehicle",
 )  # fmt: skip
 MAIN = "blocking"
 FILES = {
-    "blocking_work": ("DryRuns", "Operations", "Plans"),
+    "blocking_work": ("DryRuns", "MissionModes", "Operations", "Plans"),
     "blocking_parts": (
         "Control", "Gimbal", "Group", "Mission", "Offboard", "LiveOffboard", "OffboardMission",
     ),
@@ -51,7 +51,8 @@ from typing import Any
 from anyio.from_thread import BlockingPortal
 
 from gcs_server.client import (
-    aio, control, dry_runs, gimbal, group, mission, offboard, offboard_mission, operations, plans, vehicle
+    aio, control, dry_runs, gimbal, group, mission, mission_modes, offboard, offboard_mission, operations,
+    plans, vehicle
 )
 from gcs_server.client.control import OnLost
 from gcs_server.client.dry_runs import RUN_S

@@ -18,8 +18,8 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep
 from gcs_server.errors import InvalidRequest, Refused
-from gcs_server.streamer.missions.flight import Start
 from gcs_server.streamer.missions.missions import low_battery_share
+from gcs_server.streamer.missions.start import Start
 from gcs_server.vehicle.samples import Health
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import documents

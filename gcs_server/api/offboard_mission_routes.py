@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import base64
 import pickle
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Response
@@ -22,8 +22,9 @@ from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused
 from gcs_server.plans.dry_run_corridor import corridor_of
-from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.streamer.missions.missions import low_battery_share
+from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle
@@ -56,28 +57,9 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         name, text = await chosen_mission(station, body)
-        await station.offboard(v).ensure_parameters()
-        known = known_of(vehicle)
-        compiled = await station.plan_work.run(
-            "compile",
-            {
-                "plan": text,
-                "parameters": known.parameters,
-                "reported": known.reported,
-                "start": start_of(vehicle),
-            },
-            small=False,
-            field="mission",
-        )
-        check_findings(name.name, compiled["findings"], body.despite)
-        timeline, motion = pickle.loads(base64.b64decode(compiled["flown"]))
-        if timeline.avoids:
-            await station.offboard(v).avoidance.wait_for_sensor()
-        battery_share = low_battery_share(vehicle)
+        prepared = await prepared_start(station, v, name, text, body.despite, principal.name)
         corridor = corridor_for(station, vehicle, body.dry_run)
-        station.missions.begin(
-            v, Start(name, timeline, motion, principal.name, battery_share, corridor, dry_run=body.dry_run)
-        )
+        station.missions.begin(v, replace(prepared, corridor=corridor, dry_run=body.dry_run))
         return _view(station, v)
 
 
@@ -159,6 +141,52 @@ def _view(station: Station, vehicle_id: str) -> Response:
     return answer({"vehicle": vehicle_id, "mission": station.missions.status(vehicle_id)})
 
 
+async def prepared_start(
+    station: Station,
+    vehicle_id: str,
+    name: MissionName,
+    text: str,
+    despite: Sequence[str],
+    client: str,
+    *,
+    begins_in_air: bool = False,
+) -> Start:
+    """Compiles a mission from the vehicle's present position, and checks it.
+
+    Args:
+        station: the running server.
+        vehicle_id: the vehicle.
+        name: name and origin of the mission.
+        text: its JSON text.
+        despite: codes of the error findings that the client accepts.
+        client: who starts it.
+        begins_in_air: whether it will begin in the air, also if the vehicle is on the ground now.
+
+    Raises:
+        PlanFindings: the mission has error findings whose codes are not in `despite`.
+        Refused: the vehicle's position is unknown, or a needed sensor is missing.
+    """
+    vehicle, offboard = station.fleet.get(vehicle_id), station.offboard(vehicle_id)
+    await offboard.ensure_parameters()
+    known = known_of(vehicle)
+    compiled = await station.plan_work.run(
+        "compile",
+        {
+            "plan": text,
+            "parameters": known.parameters,
+            "reported": known.reported,
+            "start": start_of(vehicle) | ({"in_air": True} if begins_in_air else {}),
+        },
+        small=False,
+        field="mission",
+    )
+    check_findings(name.name, compiled["findings"], despite)
+    timeline, motion = pickle.loads(base64.b64decode(compiled["flown"]))
+    if timeline.avoids:
+        await offboard.avoidance.wait_for_sensor()
+    return Start(name, timeline, motion, client, low_battery_share(vehicle))
+
+
 async def chosen_mission(station: Station, body: m.WhichMission) -> tuple[MissionName, str]:
     """The chosen mission: its name, and its JSON text."""
     if body.mission is not None:
@@ -214,7 +242,7 @@ def corridor_for(
     return corridor_of(station.dry_runs.get(dry_run_id), position, estimates.origin(), role)
 
 
-def check_findings(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:
+def check_findings(name: str, findings: list[dict[str, Any]], despite: Sequence[str]) -> None:
     unaccepted = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
     if unaccepted:
         raise PlanFindings(

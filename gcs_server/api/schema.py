@@ -21,6 +21,7 @@ from gcs_server.api import (
     hold_routes,
     joint_mission_routes,
     map_routes,
+    mission_mode_routes,
     mission_routes,
     offboard_mission_routes,
     offboard_routes,
@@ -64,6 +65,7 @@ def api_router() -> APIRouter:
         elevation_routes,
         dry_run_routes,
         mission_routes,
+        mission_mode_routes,
         offboard_mission_routes,
         joint_mission_routes,
     ):

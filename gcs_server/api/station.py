@@ -24,6 +24,7 @@ from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.groups.groups import Groups
 from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.telemetry.hub import Hub
@@ -44,6 +45,7 @@ class Station:
     replays: Replays
     streamer: Streamer
     missions: OffboardMissions
+    mission_modes: MissionModes
     operations: Operations
     plans: PlanStore
     plan_work: PlanWork

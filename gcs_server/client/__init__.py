@@ -21,7 +21,7 @@ from gcs_server.client.blocking_parts import (
     SyncOffboard,
     SyncOffboardMission,
 )
-from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
+from gcs_server.client.blocking_work import SyncDryRuns, SyncMissionModes, SyncOperations, SyncPlans
 from gcs_server.client.control import Control
 from gcs_server.client.dry_runs import DryRuns
 from gcs_server.client.errors import (
@@ -38,6 +38,7 @@ from gcs_server.client.errors import (
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.group import Group
 from gcs_server.client.mission import Mission
+from gcs_server.client.mission_modes import MissionModes
 from gcs_server.client.offboard import LiveOffboard, Offboard
 from gcs_server.client.offboard_mission import OffboardMission
 from gcs_server.client.operations import Operations
@@ -53,6 +54,7 @@ __all__ = [
     "Invalid",
     "LiveOffboard",
     "Mission",
+    "MissionModes",
     "NoReply",
     "NotAllowed",
     "NotInControl",
@@ -68,6 +70,7 @@ __all__ = [
     "SyncGroup",
     "SyncLiveOffboard",
     "SyncMission",
+    "SyncMissionModes",
     "SyncOffboard",
     "SyncOffboardMission",
     "SyncOperations",

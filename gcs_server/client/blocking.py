@@ -24,7 +24,7 @@ from gcs_server.client.blocking_parts import (
     SyncOffboard,
     SyncOffboardMission,
 )
-from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
+from gcs_server.client.blocking_work import SyncDryRuns, SyncMissionModes, SyncOperations, SyncPlans
 from gcs_server.client.group import Setpoints
 from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
@@ -220,6 +220,7 @@ class SyncVehicle:
         self.control = SyncControl(self._inner.control, self._portal)
         self.mission = SyncMission(self._inner.mission, self._portal)
         self.offboard_mission = SyncOffboardMission(self._inner.offboard_mission, self._portal)
+        self.mission_modes = SyncMissionModes(self._inner.mission_modes, self._portal)
 
     def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """Sends one request below `/api/v1/vehicles/{id}`; raises the same errors as `Gcs.request`."""

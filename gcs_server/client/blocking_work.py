@@ -6,13 +6,14 @@ Made by tools/build_sync_client.py from the asynchronous client: change that, th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
 from gcs_server.client import (
     dry_runs,
+    mission_modes,
     operations,
     plans,
 )
@@ -92,6 +93,51 @@ class SyncDryRuns:
                 timeout_s=timeout_s,
             )
         )
+
+
+class SyncMissionModes:
+    """The offboard missions that this server has registered as flight modes of a vehicle.
+
+    The vehicle must be reached over ROS 2. PX4 starts the mission when anybody selects the mode in the air:
+    `vehicle.set_mode(mode["mode"])`, another ground station, or a transmitter. A mode is unregistered when
+    the server ends.
+    """
+
+    def __init__(self, inner: mission_modes.MissionModes, portal: BlockingPortal) -> None:
+        self._inner = inner
+        self._portal = portal
+
+    def all(self) -> list[dict[str, Any]]:
+        """The modes: `name`, `state`, `mode` (as in the vehicle's status), `mission`, …"""
+        return self._portal.call(lambda: self._inner.all())
+
+    def register(
+        self,
+        name: str,
+        mission: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        despite: Sequence[str] = (),
+    ) -> dict[str, Any]:
+        """Registers a mission (a document, or one stored on the server) under this name; returns the mode
+        once PX4 can select it.
+
+        Raises:
+            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode, the mission has errors that
+                `despite` does not list, or the vehicle has a mode of this name.
+        """
+        return self._portal.call(
+            lambda: self._inner.register(name, mission, plan_id=plan_id, version=version, despite=despite)
+        )
+
+    def unregister(self, name: str) -> list[dict[str, Any]]:
+        """Removes a mode; returns the others.
+
+        Raises:
+            Refused: there is no such mode, or the vehicle flies in it.
+        """
+        return self._portal.call(lambda: self._inner.unregister(name))
 
 
 class SyncOperations:

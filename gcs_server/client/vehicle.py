@@ -13,6 +13,7 @@ from gcs_server.client.control import Control
 from gcs_server.client.errors import ApiError, Timeout, Unreachable
 from gcs_server.client.gimbal import Gimbal
 from gcs_server.client.mission import Mission
+from gcs_server.client.mission_modes import MissionModes
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.offboard_mission import OffboardMission
 from gcs_server.client.operations import Operations
@@ -42,6 +43,7 @@ class Vehicle:
         self.control = Control(self)
         self.mission = Mission(self, gcs.operations())
         self.offboard_mission = OffboardMission(self)
+        self.mission_modes = MissionModes(self)
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """Sends one request below `/api/v1/vehicles/{id}`; raises the same errors as `Gcs.request`."""

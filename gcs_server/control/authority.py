@@ -269,7 +269,8 @@ class Authority:
         await vehicle.command.kill_over()  # the action may have become unnecessary
         status = vehicle.status
         commanded_here = status.mode != "offboard" or vehicle.streaming
-        moves_by_itself = status.mode in ON_ITS_WAY and commanded_here
+        flies_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
+        moves_by_itself = (status.mode in ON_ITS_WAY and commanded_here) or flies_mission_mode
         holds_position = status.mode == "hold" and action != "hold"
         if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or holds_position):
             return

@@ -193,6 +193,8 @@ ALL: tuple[Command, ...] = (
         vehicles=ALL_OF_MISSION,
         confirmed=True,
     ),
+    _flies("mission_modes/register", "POST /vehicles/{v}/mission_modes/register"),
+    _flies("mission_modes/unregister", "POST /vehicles/{v}/mission_modes/unregister"),
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # allowed to all clients: anyone who sees a danger may stop a vehicle
     _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
@@ -256,6 +258,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/offboard",
         "GET /vehicles/{v}/offboard_mission",
         "GET /vehicles/{v}/offboard_mission/flown",
+        "GET /vehicles/{v}/mission_modes",
         "GET /vehicles/{v}/offboard/limits",
         "GET /vehicles/{v}/gimbal",
         "GET /vehicles/{v}/mission",

@@ -201,14 +201,50 @@ def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writ
     Raises:
         DdsUnavailable: DDS cannot create them.
     """
+    return open_topics(address, topics, ())[0]
+
+
+def open_topics(
+    address: DdsAddress, sent: Mapping[str, MessageType], read: Iterable[Subscription]
+) -> tuple[Writers, Readers]:
+    """Writers and readers for a vehicle's topics, in a participant of their own.
+
+    Raises:
+        DdsUnavailable: DDS cannot create them.
+    """
     domain = open_domain(address.domain_id, address.interface)
     try:
-        writers = Writers(DomainParticipant(address.domain_id), address.namespace, domain)
-        for topic, message in topics.items():
+        participant = DomainParticipant(address.domain_id)
+        writers = Writers(participant, address.namespace, domain)
+        for topic, message in sent.items():
             writers.prepare(topic, message)
+        return writers, Readers(participant, address.namespace, read)
     except DDSException as problem:
         raise DdsUnavailable(_not_opened(address.domain_id, address.interface, problem)) from None
-    return writers
+
+
+class Readers:
+    """Reads topics of one vehicle, without waiting.
+
+    Args:
+        participant: this process's.
+        namespace: the vehicle's; may be empty.
+        read: the topics; `every_s` is not used.
+    """
+
+    def __init__(self, participant: DomainParticipant, namespace: str, read: Iterable[Subscription]) -> None:
+        self._readers = [(each, _open_reader(participant, each, namespace)) for each in read]
+
+    def take(self) -> list[tuple[str, bytes]]:
+        """Messages received since the last call, a bounded number of each topic."""
+        taken: list[tuple[str, bytes]] = []
+        for each, reader in self._readers:
+            try:
+                samples = reader.take(each.depth)
+            except DDSException:
+                continue
+            taken += [(each.name, sample.cdr) for sample in samples if isinstance(sample, Sample)]
+        return taken
 
 
 @dataclass(slots=True)

@@ -12,7 +12,8 @@ from cyclonedds.idl import types as idl
 from gcs_server.ros2.message_types import CODES, MessageType
 
 _PRIMITIVES: dict[str, Any] = {
-    "bool": bool, "int8": idl.int8, "uint8": idl.uint8, "int16": idl.int16, "uint16": idl.uint16,
+    "bool": bool, "char": idl.uint8, "int8": idl.int8, "uint8": idl.uint8, "int16": idl.int16,
+    "uint16": idl.uint16,
     "int32": idl.int32, "uint32": idl.uint32, "int64": idl.int64, "uint64": idl.uint64,
     "float32": idl.float32, "float64": idl.float64,
 }  # fmt: skip

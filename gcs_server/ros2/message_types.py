@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any, Final
 
 CODES: Final = {
-    "bool": ("?", 1), "int8": ("b", 1), "uint8": ("B", 1), "int16": ("h", 2), "uint16": ("H", 2),
+    "bool": ("?", 1), "char": ("B", 1), "int8": ("b", 1), "uint8": ("B", 1), "int16": ("h", 2),
+    "uint16": ("H", 2),
     "int32": ("i", 4), "uint32": ("I", 4), "int64": ("q", 8), "uint64": ("Q", 8), "float32": ("f", 4),
     "float64": ("d", 8),
 }  # fmt: skip
-"""`struct` code and size [bytes] of each primitive type."""
+"""`struct` code and size [bytes] of each primitive type; a text is an array of its bytes."""
 HEADER: Final = b"\x00\x01\x00\x00"
 """Encapsulation header: plain CDR, little endian."""
 Values = Mapping[str, Any]
@@ -47,13 +48,17 @@ class MessageType:
 
     @cached_property
     def flat(self) -> tuple[Field, ...]:
-        """All primitive fields in wire order; those of nested types are called `outer.inner`."""
+        """All primitive fields in wire order; those of nested types are called `outer.inner`
+        or `outer[n].inner`."""
         return tuple(self._flat(""))
 
     def _flat(self, prefix: str) -> Iterator[Field]:
         for field in self.fields:
             if field.type in CODES:
                 yield Field(field.type, prefix + field.name, field.length)
+            elif field.length:
+                for n in range(field.length):
+                    yield from self.nested[field.type]._flat(f"{prefix}{field.name}[{n}].")
             else:
                 yield from self.nested[field.type]._flat(f"{prefix}{field.name}.")
 

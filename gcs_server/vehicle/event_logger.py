@@ -8,7 +8,7 @@ from collections.abc import Callable
 from gcs_server.clock import Clock
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.modes import name_and_label
+from gcs_server.vehicle.modes import ModeNames
 from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, VehicleEvent
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.texts import LineBudget, TextJoiner
@@ -32,7 +32,8 @@ class EventLogger:
     text or event received on two links also becomes one line.
     """
 
-    def __init__(self, feed: EventFeed, clock: Clock) -> None:
+    def __init__(self, feed: EventFeed, clock: Clock, mode_names: ModeNames | None = None) -> None:
+        self._mode_names = mode_names or ModeNames()
         self._feed = feed
         self._clock = clock
         self._texts = TextJoiner()
@@ -80,7 +81,7 @@ class EventLogger:
         if known and after.armed != before.armed:
             self._line("armed" if after.armed else "disarmed", NOTICE, "Armed" if after.armed else "Disarmed")
         if known and after.custom_mode != before.custom_mode:
-            name, label = name_and_label(after.custom_mode, after.autopilot)
+            name, label = self._mode_names.name_and_label(after.custom_mode, after.autopilot)
             text, severity = f"Mode {label}", NOTICE
             data: dict[str, object] = {"mode": name}
             if cause is not None:

@@ -17,7 +17,6 @@ from gcs_server.vehicle.mode_cause import (
     cause_of,
     is_overruled,
 )
-from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Health
 from gcs_server.vehicle.services.command import CommandService
@@ -55,7 +54,7 @@ class ExternalControl:
             return None
         if after.autopilot != d.MAV_AUTOPILOT_PX4:
             return None
-        name, label = name_and_label(after.custom_mode, after.autopilot)
+        name, label = vehicle.mode_names.name_and_label(after.custom_mode, after.autopilot)
         own_command = self._command.recent_command(name)
         requested = None if own_command is None else (own_command.what, own_command.by)
         if requested is None and self._stream_asks() == name:

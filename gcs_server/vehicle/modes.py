@@ -6,7 +6,7 @@ px4_custom_mode.h); `nav_state` is the bit that arming checks use for the mode.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs_server.mavlink import dialect
 
@@ -73,3 +73,20 @@ def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
         return mode.name, mode.label
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     return f"px4_{main}_{sub}", f"PX4 mode {main}/{sub}"
+
+
+@dataclass(slots=True)
+class ModeNames:
+    """The names of one vehicle's modes; those of external modes are given when they are registered."""
+
+    external: dict[str, str] = field(default_factory=dict[str, str])
+    """Name by mode (`external_1` …)."""
+
+    def name_and_label(self, custom_mode: int, autopilot: int) -> tuple[str, str]:
+        """Name and label of a mode; see `name_and_label`."""
+        name, label = name_and_label(custom_mode, autopilot)
+        return name, self.external.get(name, label)
+
+    def label(self, mode: Mode) -> str:
+        """The label of a mode."""
+        return self.external.get(mode.name, mode.label)

@@ -13,7 +13,7 @@ from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.gimbals import GimbalAddress, by_gimbal
 from gcs_server.vehicle.history import HISTORY_S, History
 from gcs_server.vehicle.instances import Instances, heard, instance_of
-from gcs_server.vehicle.modes import name_and_label
+from gcs_server.vehicle.modes import ModeNames
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Gimbal, GimbalReading, Sample, Status
@@ -56,9 +56,11 @@ class VehicleState:
     Args:
         component_id: component id of the autopilot. Frames of other components are ignored, except those of
             gimbals.
+        mode_names: names of the vehicle's external modes; default: none is known.
     """
 
-    def __init__(self, component_id: int, clock: Clock) -> None:
+    def __init__(self, component_id: int, clock: Clock, mode_names: ModeNames | None = None) -> None:
+        self._mode_names = mode_names or ModeNames()
         self.flight_state = FlightState()
         self.latest: dict[int, Frame] = {}
         """Newest frame of each (component, message, instance), by key (`instances.py`)."""
@@ -123,7 +125,7 @@ class VehicleState:
     def status(self) -> Status:
         """Current status of the vehicle."""
         flight_state = self.flight_state
-        name, label = name_and_label(flight_state.custom_mode, flight_state.autopilot)
+        name, label = self._mode_names.name_and_label(flight_state.custom_mode, flight_state.autopilot)
         return Status(
             armed=flight_state.armed,
             mode=name,

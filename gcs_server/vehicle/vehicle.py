@@ -24,6 +24,7 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
 from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
+from gcs_server.vehicle.modes import ModeNames
 from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
@@ -76,8 +77,9 @@ class Vehicle:
         self.control: AttachedControl | None = None
         """Its control; set by `Authority`."""
         self._identity = identity
-        self._state = VehicleState(identity.component_id, clock)
-        self._event_logger = EventLogger(self.events, clock)
+        self.mode_names = ModeNames()
+        self._state = VehicleState(identity.component_id, clock, self.mode_names)
+        self._event_logger = EventLogger(self.events, clock, self.mode_names)
         self._endpoints: tuple[Endpoint, ...] = ()
         self._known_links: set[str] = set()
         self._sending: Endpoint | None = None

@@ -34,14 +34,15 @@ class Flight:
         timeline: compiled for the vehicle's position.
         name: name of the mission.
         motion: limits for approaches and pauses, with the wanted speed.
+        mode: mode in which the vehicle follows the setpoints, as in the API's `Status.mode`.
     """
 
-    def __init__(self, timeline: Timeline, name: str, motion: MotionLimits) -> None:
+    def __init__(self, timeline: Timeline, name: str, motion: MotionLimits, mode: str = "offboard") -> None:
         self.course = Course(timeline)
         self.actions = timeline.actions
         self.needs = timeline.needs
         self.fence = timeline.fence
-        self.name = name
+        self.name, self.mode = name, mode
         self.motion = motion
         self.pace = Pace(
             motion.horizontal_acceleration_m_s2, motion.vertical_acceleration_m_s2, motion.jerk_m_s3

@@ -44,6 +44,7 @@ class Runner(Ending):
         motion: limits for pauses and for approaches to the path, with the wanted speed.
         low_battery_share: battery charge at which the mission's low-battery action is executed.
         corridor: corridor of a dry run; leaving it is reported.
+        mode: mode in which the vehicle follows setpoints: Offboard, or a mode registered with PX4.
     """
 
     def __init__(
@@ -53,9 +54,10 @@ class Runner(Ending):
         motion: MotionLimits | None = None,
         low_battery_share: float = LOW_BATTERY_SHARE,
         corridor: Corridor | None = None,
+        mode: str = "offboard",
     ) -> None:
         super().__init__()
-        self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0))
+        self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0), mode)
         self._watch = FlightWatch(self.flight, low_battery_share)
         self._corridor = None if corridor is None else CorridorWatch(corridor)
         self._part: Part | None = None
@@ -344,7 +346,7 @@ class Runner(Ending):
         if not part.in_offboard or reading.stream == "flying":
             return False
         action = self.flight.actions.link_loss
-        own_mode = reading.mode == "offboard" or (
+        own_mode = reading.mode == self.flight.mode or (
             reading.mode == "hold" and reading.mode_source not in ("pilot", "failsafe", "station")
         )
         if not own_mode or reading.on_ground:

@@ -119,7 +119,7 @@ class SetpointPart(Part):
     def expects(self, reading: Reading) -> bool:
         if self._local is not None:
             return True
-        if reading.mode == "offboard":
+        if reading.mode == self.flight.mode:
             return True
         return not self._flying and reading.mode == self._initial_mode
 
@@ -182,7 +182,8 @@ class SetpointPart(Part):
             self.failure = Failure(self.flight.actions.failure, _sentence(reading.stream_text))
             return None
         elif now_s - self._began_s > STARTS_WITHIN_S:
-            self.failure = Failure(self.flight.actions.failure, "The vehicle did not switch to Offboard")
+            mode = "Offboard" if self.flight.mode == "offboard" else "its mode"
+            self.failure = Failure(self.flight.actions.failure, f"The vehicle did not switch to {mode}")
             return None
         played = reading.played
         if reading.stream != "flying" or played is None or played.number != self._number:

@@ -5,18 +5,21 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from gcs_server.api import control_models
+from gcs_server.api.mission_mode_routes import start_in_mode
 from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
 from gcs_server.operations.operations import Operations
+from gcs_server.plans import tasks
 from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.modes import MissionModes
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
@@ -27,9 +30,22 @@ START = StartRequest.model_validate(
 YES = control_models.TakeControl(force=True)
 
 
+class WorkHere:
+    """Executes tasks for plans in this process."""
+
+    async def run(self, task, arguments, **_):
+        return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
+
+
 def station_of(world):
     journal = Journal(world.clock, None)
-    return Station(
+    streams = world.streamer._streams
+    missions = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
+
+    async def prepare(vehicle_id, mode):
+        return await start_in_mode(station, vehicle_id, mode)
+
+    station = Station(
         clock=world.clock,
         router=world.router,
         fleet=world.fleet,
@@ -39,7 +55,8 @@ def station_of(world):
         started_s=0.0,
         replays=Replays(world.router, world.fleet, Path("no recordings")),
         streamer=world.streamer,
-        missions=OffboardMissions(world.clock, world.streamer, world.streamer._streams, world.supervisor),
+        missions=missions,
+        mission_modes=MissionModes(world.clock, world.streamer, streams, missions, world.supervisor, prepare),
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),
         plan_work=PlanWork(Path("no elevation")),
@@ -48,6 +65,7 @@ def station_of(world):
         topic_inspectors=TopicInspectors(),
         maps=Path("no maps"),
     )
+    return station
 
 
 def lines(station):

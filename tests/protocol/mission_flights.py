@@ -9,8 +9,9 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.control.principal import Principal
-from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle

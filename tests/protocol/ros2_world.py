@@ -11,6 +11,7 @@ from gcs_server.links.memory import MemoryLink
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
 from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.schedule.external_modes import READ_TYPES
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
@@ -32,12 +33,16 @@ class Topics:
         """Every message to the vehicle."""
         self._to_vehicle: list[tuple[str, bytes]] = []
         self._waiting = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
+        self.for_modes = deque[tuple[str, bytes]](maxlen=32)
+        """Messages about modes that the process of the setpoint streams has not read yet."""
         self._next_s = dict.fromkeys(self._waiting, 0.0)
 
     def publish(self, topic: str, data: bytes) -> None:
         """Called by the vehicle."""
         if topic in self._waiting:
             self._waiting[topic].append(data)
+        if topic in READ_TYPES:
+            self.for_modes.append((topic, data))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
         """Called by the vehicle: the messages for it."""
@@ -60,12 +65,35 @@ class Topics:
         return read
 
 
+class ModeTopics:
+    """A `ModePort`; `working` False: the process that answers PX4 has ended."""
+
+    def __init__(self, topics: Topics) -> None:
+        self._topics, self.working = topics, True
+
+    def send(self, topic: str, data: bytes) -> None:
+        if self.working:
+            self._topics.send(topic, data)
+
+    def take(self) -> list[tuple[str, bytes]]:
+        waiting = self._topics.for_modes
+        taken = list(waiting) if self.working else []
+        waiting.clear()
+        return taken
+
+
 class Ros2Streams(LoopStreams):
     """Sends over the topics of the vehicles that are reached over ROS 2."""
 
     def __init__(self, clock: Any, topics_at: Callable[[DdsAddress], Topics]) -> None:
-        super().__init__(clock)
+        super().__init__(clock, open_mode_port=self._open_mode_port)
         self._topics_at = topics_at
+        self.mode_ports: list[ModeTopics] = []
+        """The topics of modes, newest last."""
+
+    def _open_mode_port(self, address: DdsAddress) -> ModeTopics:
+        self.mode_ports.append(ModeTopics(self._topics_at(address)))
+        return self.mode_ports[-1]
 
     def attach(self, vehicle_id: str, sender: Any, target: tuple[int, int], *_: Any) -> None:
         def topics() -> Topics | None:

@@ -13,12 +13,11 @@ from gcs_server.api import joint_mission_routes, vehicle_routes
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused
-from gcs_server.plans import tasks
 from gcs_server.plans.work import PlanWork
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from missions.offboard import document
 from missions.offboard.reader import read
-from tests.protocol.api_calls import ANNA, BOB, lines, station_of, view
+from tests.protocol.api_calls import ANNA, BOB, WorkHere, lines, station_of, view
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.snapshot import snapshot
@@ -56,13 +55,6 @@ def ready():
     for row in range(2):
         sim.drain(row, "gcs")
     return sim
-
-
-class WorkHere:
-    """Executes tasks for plans in this process."""
-
-    async def run(self, task, arguments, **_):
-        return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def stage(jump, story):

@@ -1,7 +1,6 @@
 """Offboard missions flown by the server: a whole flight on the simulated PX4, and interruptions."""
 
 import asyncio
-import json
 import math
 
 import pytest
@@ -9,9 +8,8 @@ import pytest
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
-from gcs_server.plans import tasks
 from gcs_server.streamer.missions.readings import reported_values
-from tests.protocol.api_calls import ANNA, lines, view, with_routes
+from tests.protocol.api_calls import ANNA, WorkHere, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, hovering
@@ -291,13 +289,6 @@ def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
 
 
 # --- its routes -----------------------------------------------------------------------------------
-
-
-class WorkHere:
-    """Executes tasks for plans in this process."""
-
-    async def run(self, task, arguments, **_):
-        return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def routed(jump, story):

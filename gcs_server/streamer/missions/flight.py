@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
-from gcs_server.streamer.missions.readings import reading_of
+from gcs_server.ros2.external_mode import IF_SILENT
+from gcs_server.streamer.missions.readings import above_home_m, reading_of
+from gcs_server.streamer.missions.start import Spawn, Start, Task
 from gcs_server.streamer.missions.status import (
     FlownMission,
-    MissionName,
     OffboardMissionStatus,
 )
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import Streams
-from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
-from gcs_server.vehicle.samples import GlobalPosition
+from gcs_server.streamer.values.stream_request import OFFBOARD, OnExpiry, StreamRequest
 from missions.avoidance.corridor import first_on_line
 from missions.offboard.segments import CurveSegment
-from missions.offboard.timeline import Timeline
-from missions.runner.corridor import Corridor
 from missions.runner.flown import FlownTrack
 from missions.runner.reading import Reading
 from missions.runner.requests import (
@@ -39,7 +36,6 @@ from missions.runner.requests import (
 )
 from missions.runner.runner import Runner
 from missions.runner.status import CannotDo
-from missions.trajectory.limits import MotionLimits
 
 if TYPE_CHECKING:
     from gcs_server.streamer.missions.joint import JointMission
@@ -53,38 +49,6 @@ HOLD_FOR_S = 5.0
 RATE_HZ = 50.0
 MAX_PICTURES_WAITING = 5
 WARNING, NOTICE = 4, 5
-
-
-class Task(Protocol):
-    """A background task that can be cancelled."""
-
-    def cancel(self) -> object:
-        """Cancels the task."""
-        ...
-
-    def done(self) -> bool:
-        """Whether it has ended."""
-        ...
-
-
-Spawn = Callable[[str, Coroutine[Any, Any, None]], Task]
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """A mission to fly, and the client that starts it."""
-
-    mission: MissionName
-    timeline: Timeline
-    motion: MotionLimits
-    client: str
-    low_battery_share: float
-    corridor: Corridor | None = None
-    """Corridor of the dry run given at the start; None: not monitored."""
-    role: str | None = None
-    """Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle."""
-    dry_run: str | None = None
-    """Id of the dry run with this `corridor`."""
 
 
 class MissionFlight:
@@ -108,7 +72,12 @@ class MissionFlight:
         self._began_unix_s = clock.unix_s()
         self._began_s = clock.monotonic_s()
         self.runner = Runner(
-            start.timeline, start.mission.name, start.motion, start.low_battery_share, start.corridor
+            start.timeline,
+            start.mission.name,
+            start.motion,
+            start.low_battery_share,
+            start.corridor,
+            start.mode,
         )
         self.joint: JointMission | None = None
         """The mission of several vehicles to which this flight belongs; None before its start, and for a
@@ -194,6 +163,11 @@ class MissionFlight:
         return self._vehicle.id
 
     @property
+    def mode(self) -> str:
+        """Mode in which it is flown (`Start.mode`)."""
+        return self._start.mode
+
+    @property
     def over(self) -> bool:
         """Whether the mission is done, aborted or stopped."""
         return self.runner.over
@@ -205,7 +179,7 @@ class MissionFlight:
     def status(self) -> OffboardMissionStatus:
         """Status of the mission."""
         result = self.runner.status(self.reading())
-        mission, failsafe = self._start.mission, self._control.failsafe()
+        mission = self._start.mission
         return OffboardMissionStatus(
             state=result.state,  # type: ignore[arg-type]
             name=mission.name,
@@ -222,9 +196,10 @@ class MissionFlight:
             deviation_m=_centimetres(result.deviation_m),
             outside_corridor_m=_centimetres(result.outside_corridor_m),
             dry_run=self._start.dry_run,
+            mode=self.mode,
             question=result.question,
             reason=result.reason,
-            if_stream_stops=None if failsafe is None else failsafe.words,
+            if_stream_stops=self._if_stream_stops(),
         )
 
     def flown(self) -> FlownMission:
@@ -246,6 +221,12 @@ class MissionFlight:
 
     # --- inside -----------------------------------------------------------------------------------
 
+    def _if_stream_stops(self) -> str | None:
+        if self.mode != OFFBOARD:
+            return IF_SILENT
+        failsafe = self._control.failsafe()
+        return None if failsafe is None else failsafe.words
+
     @property
     def _now_s(self) -> float:
         return self._clock.monotonic_s()
@@ -264,6 +245,8 @@ class MissionFlight:
                 case StopStream():
                     self._stop_stream()
                 case TakeOff() | Play() | SetMode():
+                    if isinstance(request, SetMode) and self._vehicle.status.mode == self.mode != OFFBOARD:
+                        self._complete_mode()
                     self._command(request)
                 case Photo():
                     self._take_picture(request)
@@ -291,6 +274,11 @@ class MissionFlight:
         if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
             self._streams.end(self._vehicle.id, "mission", f"{self._by} was interrupted.", state.number)
 
+    def _complete_mode(self) -> None:
+        """Reports to PX4 that its mode has ended, before the vehicle leaves it."""
+        success = self.runner.in_charge or self.runner.status(self.reading()).state == "done"
+        self._streams.complete_mode(self._vehicle.id, self.mode, success)
+
     def _command(self, request: TakeOff | Play | SetMode) -> None:
         if self._task is not None:
             self._task.cancel()
@@ -310,7 +298,7 @@ class MissionFlight:
     async def _carry_out(self, request: TakeOff | Play | SetMode) -> None:
         command = self._vehicle.command
         if isinstance(request, TakeOff):
-            await command.takeoff(self._above_home_m() + request.height_m, by=self._by)
+            await command.takeoff(above_home_m(self._vehicle) + request.height_m, by=self._by)
         elif isinstance(request, Play):
             await self._play(request)
         elif request.mode == "hold":
@@ -325,7 +313,9 @@ class MissionFlight:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
-        stream_request = StreamRequest(request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission")
+        stream_request = StreamRequest(
+            request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission", mode=self.mode
+        )
         state = self._streams.state(self._vehicle.id)
         if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
             await self._control.setpoint(stream_request)
@@ -349,15 +339,6 @@ class MissionFlight:
                 f"An obstacle is measured {first_m:.0f} m ahead on the straight line to the path.",
                 remedy="Fly around it by hand, or switch obstacle avoidance on, then resume.",
             )
-
-    def _above_home_m(self) -> float:
-        sample = self._vehicle.topic("global_position")
-        if sample is None or not isinstance(sample.value, GlobalPosition):
-            raise Refused(
-                f"Vehicle {self._vehicle.id} reports no altitude above home.",
-                remedy="Wait for GPS and the estimator, then resume the mission.",
-            )
-        return sample.value.alt_home_m
 
     def _take_picture(self, request: Photo) -> None:
         if self._pictures >= MAX_PICTURES_WAITING:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
-from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.streamer.missions.joint import JointMission
+from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.schedule.streams import Streams
@@ -123,6 +124,11 @@ class OffboardMissions:
                 remedy="Start one (POST …/offboard_mission/start).",
             )
         return flight
+
+    def flown_in(self, vehicle_id: str, mode: str) -> MissionFlight | None:
+        """The vehicle's mission that is flown in this mode and has not ended; None if there is none."""
+        flight = self._flights.get(vehicle_id)
+        return flight if flight is not None and flight.mode == mode and not flight.over else None
 
     def others_on_mission(self, vehicle_id: str) -> tuple[str, ...]:
         """The other vehicles that fly a vehicle's mission together with it."""

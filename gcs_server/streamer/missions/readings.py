@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from gcs_server.errors import Refused
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import StreamState
-from gcs_server.vehicle.samples import Battery, DistanceSensors, Gps, Wind
+from gcs_server.vehicle.samples import Battery, DistanceSensors, GlobalPosition, Gps, Wind
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.scans import LEVEL_MAX_SINE
 from missions.runner.reading import Reading, StreamPhase
@@ -42,6 +43,21 @@ def distance_m(vehicle: Vehicle) -> float | None:
         if each.distance_m is not None and each.distance_m <= each.range_max_m
     )
     return min(measured, default=None)
+
+
+def above_home_m(vehicle: Vehicle) -> float:
+    """The vehicle's altitude above home.
+
+    Raises:
+        Refused: it is not known.
+    """
+    sample = vehicle.topic("global_position")
+    if sample is None or not isinstance(sample.value, GlobalPosition):
+        raise Refused(
+            f"Vehicle {vehicle.id} reports no altitude above home.",
+            remedy="Wait for GPS and the estimator, then resume the mission.",
+        )
+    return sample.value.alt_home_m
 
 
 def wind_speed_m_s(vehicle: Vehicle) -> float | None:

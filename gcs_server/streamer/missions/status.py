@@ -56,6 +56,8 @@ class OffboardMissionStatus:
     """Distance outside the dry run's corridor, 0 inside; None: no corridor is monitored."""
     dry_run: str | None
     """Id of the dry run whose corridor is monitored."""
+    mode: str
+    """Mode in which it is flown: offboard, or the mode as which it is registered (`external_1` …)."""
     question: str | None
     """Question to the operator; answered by `go_on`."""
     reason: str | None

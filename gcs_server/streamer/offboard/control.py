@@ -27,7 +27,7 @@ from gcs_server.streamer.validation.axes import problem_of
 from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
-from gcs_server.streamer.values.stream_request import StreamRequest
+from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2, protocol_in_use
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
@@ -100,6 +100,11 @@ class OffboardControl:
         vehicle = self.vehicle
         vehicle.require_commandable()
         vehicle.command.require_no_kill("start Offboard")
+        if request.mode != OFFBOARD and self._protocol() != ROS2:
+            raise Refused(
+                f"Vehicle {vehicle.id} is not reached over ROS 2, which carries its mode's setpoints.",
+                remedy="Check the ros2:// link, or fly the mission in Offboard.",
+            )
         status = vehicle.status
         if status.mode == "offboard" and status.armed and not self._streams.state(vehicle.id).request:
             raise Refused(
@@ -121,14 +126,16 @@ class OffboardControl:
                 remedy="Send a setpoint to change the target, or stop the stream first.",
             )
         try:
-            self._check_rate(await self._configuration.read(), rate_hz)
-            await self._streamed_steadily(number)
+            if request.mode == OFFBOARD:
+                self._check_rate(await self._configuration.read(), rate_hz)
+                await self._streamed_steadily(number)
             self.check(
                 request
             )  # checked again, because seconds may have passed, and the vehicle's limits are now known
             vehicle.command.require_no_kill("start Offboard")
             self._requested_stream = number
-            await vehicle.command.set_mode("offboard")
+            if request.mode == OFFBOARD or vehicle.status.mode != request.mode:
+                await vehicle.command.set_mode(request.mode)
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._still_starting(number)
             self.operator.report_at_start()
@@ -228,7 +235,7 @@ class OffboardControl:
         self._streams.request_stop(vehicle.id, self.snapshot())
         await vehicle.command.kill_over()
         may_come = state.phase in ("starting", "undoing") and self._requested_stream == state.number
-        if may_come or vehicle.status.mode == "offboard":
+        if may_come or vehicle.status.mode in (OFFBOARD, state.request.mode if state.request else OFFBOARD):
             await vehicle.command.set_mode("hold")
         self._streams.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
         return self.status()

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import ModeDeclaration, Registration
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
@@ -219,6 +220,29 @@ class EndStream(Post):
 
 
 @dataclass(frozen=True, slots=True)
+class UnregisterMode(Post):
+    """See `Streams.unregister_mode`."""
+
+    vehicle_id: str
+    name: str
+
+    def apply(self, worker: WorkerInterface) -> None:
+        worker.scheduler.unregister_mode(self.vehicle_id, self.name)
+
+
+@dataclass(frozen=True, slots=True)
+class CompleteMode(Post):
+    """See `Streams.complete_mode`."""
+
+    vehicle_id: str
+    mode: str
+    success: bool
+
+    def apply(self, worker: WorkerInterface) -> None:
+        worker.scheduler.complete_mode(self.vehicle_id, self.mode, self.success)
+
+
+@dataclass(frozen=True, slots=True)
 class WatchGroup(Post):
     """See `Streams.watch`."""
 
@@ -315,6 +339,18 @@ class ChangeSetpoints(Request[bool]):
         return self.members
 
 
+@dataclass(frozen=True, slots=True)
+class RegisterMode(Request[None]):
+    """See `Streams.register_mode`."""
+
+    vehicle_id: str
+    address: DdsAddress
+    declaration: ModeDeclaration
+
+    def apply(self, worker: WorkerInterface) -> None:
+        worker.scheduler.register_mode(self.vehicle_id, self.address, self.declaration)
+
+
 # --- from the process -----------------------------------------------------------------------------
 
 
@@ -349,6 +385,8 @@ class Update:
     """States of all watched groups."""
     reports: tuple[tuple[str, StreamEvent], ...] = ()
     findings: tuple[tuple[str, Finding], ...] = ()
+    modes: Mapping[str, tuple[Registration, ...]] = field(default_factory=dict[str, tuple[Registration, ...]])
+    """All modes registered with PX4."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,18 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import SENT_TYPES
 from gcs_server.ros2.message_types import MESSAGES
-from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
+from gcs_server.ros2.topics import Subscription
+from gcs_server.streamer.schedule.external_modes import READ_TYPES
+from gcs_server.streamer.transport.ros2 import SETPOINT_TOPICS, TOPIC_TYPES
 
 if TYPE_CHECKING:
-    from gcs_server.ros2.dds import Writers
+    from gcs_server.ros2.dds import Readers, Writers
 
 log = logging.getLogger(__name__)
+READ_DEPTH = 8
+"""Messages of a topic that wait for the next reading."""
 
 
 class Ros2Sender:
@@ -51,6 +56,40 @@ class Ros2Sender:
             self._writers = open_writers(self._address, types)
         except Exception:
             log.exception("setpoints cannot be sent over ROS 2 to %s", self._address)
+
+
+class ModeTopics:
+    """The topics with which modes are registered at one vehicle; a `ModePort`. Until DDS is open, nothing is
+    received, and nothing can be sent."""
+
+    def __init__(self, address: DdsAddress) -> None:
+        self._address = address
+        self._topics: tuple[Writers, Readers] | None = None
+        threading.Thread(target=self._open, name=f"dds modes {address.namespace}", daemon=True).start()
+
+    def send(self, topic: str, data: bytes) -> None:
+        """See `ModePort`."""
+        if self._topics is None:
+            raise OSError("DDS is not open yet")
+        self._topics[0].send(topic, data)
+
+    def take(self) -> list[tuple[str, bytes]]:
+        """See `ModePort`."""
+        return [] if self._topics is None else self._topics[1].take()
+
+    def _open(self) -> None:
+        try:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            from gcs_server.ros2.dds import open_topics
+
+            trajectory = "TrajectorySetpoint"
+            sent = {**SENT_TYPES, SETPOINT_TOPICS[trajectory]: trajectory}
+            read = [Subscription(topic, kind, 0.0, READ_DEPTH) for topic, kind in READ_TYPES.items()]
+            self._topics = open_topics(
+                self._address, {topic: MESSAGES[kind] for topic, kind in sent.items()}, read
+            )
+        except Exception:
+            log.exception("modes cannot be registered over ROS 2 with %s", self._address)
 
 
 class Ros2Senders:

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import ANSWERS_ENDED, ModeDeclaration, Registration
 from gcs_server.streamer.process import messages as to
 from gcs_server.streamer.process.calls import WorkerCalls, WorkerDied
 from gcs_server.streamer.schedule.streams import Streams, StreamState
@@ -92,6 +94,7 @@ class StreamProcess(Streams):
         self._groups: dict[str, _Group] = {}
         self._reports: list[tuple[str, StreamEvent]] = []
         self._findings: list[tuple[str, Finding]] = []
+        self._modes: Mapping[str, tuple[Registration, ...]] = {}
 
     @property
     def pid(self) -> int | None:
@@ -112,7 +115,7 @@ class StreamProcess(Streams):
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
         self._calls.check_alive()
         self._spawn()
-        if self._begun or self._beginning or self._groups:
+        if self._begun or self._beginning or self._groups or self._modes:
             self._post_routes()
             self._post(to.Beat.of(snapshots))
         else:
@@ -133,6 +136,8 @@ class StreamProcess(Streams):
         self._spawn()
 
     def forget(self, vehicle_id: str) -> None:
+        for mode in self._modes.get(vehicle_id, ()):
+            self.unregister_mode(vehicle_id, mode.name)
         self._vehicles[vehicle_id].sender = NoSender()
 
     def active(self) -> list[str]:
@@ -220,6 +225,25 @@ class StreamProcess(Streams):
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
         taken, self._reports = self._reports, []
         return taken
+
+    # --- modes registered with PX4 ----------------------------------------------------------------
+
+    async def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
+        await self.ready()
+        self._attach_to_worker(vehicle_id)
+        try:
+            await self._calls.answer(self._calls.request(to.RegisterMode(vehicle_id, address, declaration)))
+        except WorkerDied:
+            raise Refused(RESTARTING, remedy="Try again in a second.") from None
+
+    def unregister_mode(self, vehicle_id: str, name: str) -> None:
+        self._post(to.UnregisterMode(vehicle_id, name))
+
+    def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
+        self._post(to.CompleteMode(vehicle_id, mode, success))
+
+    def modes(self) -> Mapping[str, tuple[Registration, ...]]:
+        return self._modes
 
     # --- groups -----------------------------------------------------------------------------------
 
@@ -310,6 +334,7 @@ class StreamProcess(Streams):
             group = self._groups.get(name)
             if group is not None:
                 group.state = guard
+        self._modes = update.modes
         self._reports += update.reports
         self._findings += update.findings
 
@@ -327,6 +352,10 @@ class StreamProcess(Streams):
         self._begun.clear()
         self._groups.clear()
         self._reported.clear()
+        self._modes = {
+            vehicle_id: tuple(replace(mode, state="lost", why=ANSWERS_ENDED) for mode in modes)
+            for vehicle_id, modes in self._modes.items()
+        }
 
     def _relay(self, vehicle_id: str, msg_id: int, payload: bytes, created_s: float) -> None:
         """Runs in a thread: sends over links without datagrams. A setpoint that is too old is not sent."""

@@ -29,6 +29,7 @@ from gcs_server.clock import Clock, SystemClock
 from gcs_server.links.base import DdsAddress
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.mavlink.signing import FrameSigner, SecretKey, SigningClock
+from gcs_server.ros2.external_mode import Registration
 from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.process.messages import (
     Answer,
@@ -40,7 +41,7 @@ from gcs_server.streamer.process.messages import (
     Update,
     WorkerStarted,
 )
-from gcs_server.streamer.process.ros2_senders import Ros2Senders
+from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.transport.ros2 import TopicSender
@@ -212,7 +213,7 @@ class Worker:
                     last_wait_s = wake_s
                 self._wait(None if wait_s == float("inf") else max(0.0, wait_s))
         except (EOFError, PipeFull):
-            return
+            self.scheduler.close()  # PX4 need not wait until it misses the answers of our modes
 
     def _wait(self, timeout_s: float | None) -> None:
         pipe = [self._messages.fileno()]
@@ -278,6 +279,7 @@ class StreamUpdates:
         self._phases: dict[str, tuple[str, int]] = {}
         self._guards: list[tuple[str, str, int]] = []
         self._requests: dict[str, StreamRequest | None] = {}
+        self._modes: dict[str, tuple[Registration, ...]] = {}
         self.due_s = float("inf")
         """When the next update is due if nothing changes."""
 
@@ -294,6 +296,7 @@ class StreamUpdates:
         changed = (
             phases != self._phases
             or scheduler.guard_phases() != self._guards
+            or scheduler.modes() != self._modes
             or scheduler.has_news
             # otherwise the next update contains it
             or (self._handled != self._reported_handled and not going)
@@ -307,6 +310,7 @@ class StreamUpdates:
         if only is None:
             reported = [v for v, at in phases.items() if at[0] != "idle" or at != self._phases.get(v)]
             self._phases, self._guards = phases, scheduler.guard_phases()
+            self._modes = scheduler.modes()
             self._reported_handled, self._reported_s = self._handled, now_s
             self.due_s = max(self.due_s, now_s + UPDATE_PERIOD_S)
         else:
@@ -333,6 +337,7 @@ class StreamUpdates:
             scheduler.guard_states(),
             tuple(scheduler.take_reports()),
             tuple(scheduler.take_findings()),
+            scheduler.modes(),
         )
 
 
@@ -360,7 +365,9 @@ def main(arguments: list[str]) -> None:
     side_channel.setblocking(False)
     clock = SystemClock()
     own_ids = (int(arguments[2]), int(arguments[3]))
-    scheduler = StreamScheduler(clock, server_silent_limit_s=float(arguments[4]), own_ids=own_ids)
+    scheduler = StreamScheduler(
+        clock, server_silent_limit_s=float(arguments[4]), own_ids=own_ids, open_mode_port=ModeTopics
+    )
     worker = Worker(messages, side_channel, own_ids, clock, scheduler)
     gc.collect()
     gc.freeze()

@@ -12,6 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import ModeDeclaration, Registration
+from gcs_server.streamer.schedule.external_modes import ExternalModes, OpenModePort, no_mode_port
 from gcs_server.streamer.schedule.stream import VehicleStream
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, MemberView
@@ -20,7 +23,7 @@ from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.transport.vehicle_transport import Topics, VehicleTransport, no_topics
 from gcs_server.streamer.values.events import WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
-from gcs_server.streamer.values.stream_request import StreamRequest
+from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
 from missions.runner.script import ScriptChange
 
 log = logging.getLogger(__name__)
@@ -46,28 +49,38 @@ class StreamScheduler:
         clock: monotonic time, and the time of ROS 2 messages.
         server_silent_limit_s: time without a message from the event loop after which sending stops.
         own_ids: system and component id of mode requests over ROS 2.
+        open_mode_port: opens the topics with which modes are registered.
     """
 
     def __init__(
-        self, clock: Clock, *, server_silent_limit_s: float = 1.5, own_ids: tuple[int, int] = (255, 191)
+        self,
+        clock: Clock,
+        *,
+        server_silent_limit_s: float = 1.5,
+        own_ids: tuple[int, int] = (255, 191),
+        open_mode_port: OpenModePort = no_mode_port,
     ) -> None:
         self._clock, self._own_ids = clock, own_ids
         self._silent_limit_s = server_silent_limit_s
         self._streams: dict[str, _Stream] = {}
         self._guards: dict[str, GroupGuard] = {}
         self._beat_s = clock.monotonic_s()
+        self._modes = ExternalModes(clock, open_mode_port)
 
     def start(self) -> None:
         """See `Streams`."""
 
     def close(self) -> None:
         """See `Streams`."""
+        self._modes.close()
         self._streams.clear()
         self._guards.clear()
 
     def step(self) -> float:
         """Runs all streams once; returns when the next step is due (monotonic), infinity if there is none."""
-        due_s = float("inf")
+        now_s = self._clock.monotonic_s()
+        alive = now_s - self._beat_s < self._silent_limit_s
+        due_s = self._modes.step(now_s, server_alive=alive, flown=self._flies_mode)
         for guard in self._guards.values():
             self._run_guard(guard)
             due_s = min(due_s, guard.due_s)
@@ -120,6 +133,7 @@ class StreamScheduler:
 
     def forget(self, vehicle_id: str) -> None:
         """See `Streams`."""
+        self._modes.forget(vehicle_id)
         transport = self._streams[vehicle_id].transport
         transport.mavlink.sender, transport.topics = NoSender(), no_topics
 
@@ -231,6 +245,28 @@ class StreamScheduler:
             while stream.core.reports:
                 reports.append((vehicle_id, stream.core.reports.popleft()))
         return reports
+
+    # --- modes registered with PX4 ----------------------------------------------------------------
+
+    def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
+        self._loop_alive(self._clock.monotonic_s())
+        self._modes.register(vehicle_id, address, declaration)
+
+    def unregister_mode(self, vehicle_id: str, name: str) -> None:
+        self._modes.unregister(vehicle_id, name)
+
+    def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
+        self._modes.complete(vehicle_id, mode, success=success)
+
+    def modes(self) -> dict[str, tuple[Registration, ...]]:
+        return self._modes.states()
+
+    def _flies_mode(self, vehicle_id: str) -> bool:
+        """Whether a stream flies the vehicle in a registered mode, and ROS 2 carries its setpoints."""
+        stream = self._streams.get(vehicle_id)
+        if stream is None or not stream.core.streaming or stream.core.mode == OFFBOARD:
+            return False
+        return stream.transport.topics() is not None
 
     # --- groups -----------------------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ from gcs_server.streamer.schedule.pipeline import SetpointPipeline
 from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
 from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
-from gcs_server.streamer.values.stream_request import StreamRequest
+from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest, mode_label
 from missions.frames import Vector3
 from missions.runner.script import Played, Script, ScriptChange
 from missions.setpoints import DirectSetpoint
@@ -58,6 +58,7 @@ class VehicleStream:
         """Why the stream ended the flight by itself; reported at the end of the stream."""
         self.phase = "idle"
         self.request: StreamRequest | None = None
+        self.mode = OFFBOARD
         self.cadence = Cadence()
         """Times of the setpoints; while idle, those of the last stream."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
@@ -77,9 +78,8 @@ class VehicleStream:
     def begin(self, now_s: float, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> None:
         """Starts streaming before Offboard is requested; the validity starts with `engage`."""
         self.cadence.begin(rate_hz)
-        self._requested_mode, self.last_end = None, None
-        self._engaged_s = math.inf
-        self._was_armed, self._last_estimate = False, None
+        self._requested_mode, self.last_end, self._last_estimate = None, None, None
+        self._engaged_s, self._was_armed, self.mode = math.inf, False, request.mode
         self._enter("starting", now_s, MAX_START_S)
         self._pipeline.forget()
         self._take(now_s, request, snapshot)
@@ -190,7 +190,7 @@ class VehicleStream:
             self._refresh_setpoint(now_s, snapshot)
             if not self.streaming:
                 return outgoing
-            outgoing.append(SetpointDue(now_s, snapshot.mode == "offboard"))
+            outgoing.append(SetpointDue(now_s, snapshot.mode == self.mode, self.mode))
             self.cadence.sent(now_s)
         return outgoing
 
@@ -262,7 +262,7 @@ class VehicleStream:
         """Ends the stream if the vehicle has left Offboard for any reason; never requests Offboard again."""
         if snapshot.taken_s < self._engaged_s:
             return False
-        if snapshot.mode == "offboard":
+        if snapshot.mode == self.mode:
             disarmed = self._was_armed and not snapshot.armed
             self._was_armed = snapshot.armed
             if disarmed:  # if armed again, the vehicle would start to fly immediately
@@ -278,7 +278,7 @@ class VehicleStream:
         else:
             self.end(
                 "left_offboard",
-                f"The vehicle left Offboard for {snapshot.mode!r}; the setpoint stream has ended.",
+                f"The vehicle left {mode_label(self.mode)} for {snapshot.mode!r}; the stream has ended.",
                 WARNING,
             )
         return True
@@ -288,7 +288,7 @@ class VehicleStream:
         jumped_m = self._jumped_m(snapshot)
         if self.phase == "undoing" and snapshot.taken_s > self._since_s:
             # the link is lost; Offboard must not be the last command that the vehicle received
-            if snapshot.mode == "offboard" or snapshot.lost:
+            if snapshot.mode == self.mode or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
             self._engaged_s = now_s

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import ModeDeclaration, Registration
 from gcs_server.streamer.schedule.avoidance import Avoiding
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import PayloadSender
@@ -143,6 +145,27 @@ class Streams(Protocol):
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
         """Returns the stream events since the last call."""
+        ...
+
+    async def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
+        """Begins to register a mode with PX4 over ROS 2; `modes` has the result.
+
+        Raises:
+            Refused: the stream process is being restarted.
+            ValueError: the vehicle has a mode of this name, or too many.
+        """
+        ...
+
+    def unregister_mode(self, vehicle_id: str, name: str) -> None:
+        """Removes a mode of this server from PX4."""
+        ...
+
+    def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
+        """Reports to PX4 that a mode (`external_1` …) has reached its end, or that it cannot."""
+        ...
+
+    def modes(self) -> Mapping[str, tuple[Registration, ...]]:
+        """The modes of this server in PX4, by vehicle."""
         ...
 
     def watch(self, guard: GroupGuard) -> None:

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
+from gcs_server.ros2.external_mode import CONTROLLERS, SENT_TYPES, Message, controllers_message
 from gcs_server.ros2.message_types import HEADER, MESSAGES
 from gcs_server.ros2.topics import COMMAND
 from gcs_server.streamer.transport.mavlink import (
@@ -20,6 +21,8 @@ from gcs_server.streamer.transport.mavlink import (
     PX4_MAIN_MODE_AUTO,
 )
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing
+from gcs_server.streamer.values.stream_request import OFFBOARD
+from gcs_server.vehicle.modes import BY_NAME
 from missions.frames import Vector3
 from missions.setpoints import (
     NOTHING,
@@ -51,13 +54,12 @@ SETPOINT_TOPICS: Final[Mapping[str, str]] = {
 """Topic by type."""
 TOPIC_TYPES: Final[Mapping[str, str]] = {
     CONTROL_MODE: "OffboardControlMode",
+    CONTROLLERS: SENT_TYPES[CONTROLLERS],
     COMMAND: "VehicleCommand",
     **{topic: kind for kind, topic in SETPOINT_TOPICS.items()},
 }
 """Type of every topic that a stream sends."""
 _time = struct.Struct("<Q")
-Message = tuple[str, bytes]
-"""Topic, and message whose timestamp is zero."""
 Encoded = tuple[str, tuple[tuple[str, dict[str, Any]], ...]]
 """Flag of OffboardControlMode, and types with their fields."""
 
@@ -156,6 +158,11 @@ def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
     return mode, tuple((SETPOINT_TOPICS[kind], MESSAGES[kind].encode(fields)) for kind, fields in messages)
 
 
+def level_of(setpoint: DirectSetpoint) -> str:
+    """The level of the control cascade at which a setpoint enters: a flag of OffboardControlMode."""
+    return _ENCODERS[type(setpoint)](setpoint)[0]
+
+
 def with_time(data: bytes, unix_us: int) -> bytes:
     """The message with its timestamp set."""
     start = len(HEADER)
@@ -179,11 +186,13 @@ class Ros2Transport:
     ) -> None:
         self._target, self._source, self._unix_us = target, source, unix_us
         self._mode: Message = (CONTROL_MODE, b"")
+        self._loaded: DirectSetpoint | None = None
         self._setpoint: tuple[Message, ...] = ()
 
     def load(self, setpoint: DirectSetpoint) -> None:
         """See `SetpointLoader`."""
         self._mode, self._setpoint = encode(setpoint)
+        self._loaded = setpoint
 
     def send(self, outgoing: Outgoing, sender: TopicSender) -> bool:
         """False if not everything was sent."""
@@ -192,11 +201,17 @@ class Ros2Transport:
             if isinstance(outgoing, ModeRequest):
                 sender.send(COMMAND, self._mode_command(outgoing, now_us))
                 return True
-            for topic, data in (self._mode, *(self._setpoint if outgoing.in_offboard else ())):
+            mode = self._mode if outgoing.mode == OFFBOARD else self._controllers_in(outgoing.mode)
+            for topic, data in (mode, *(self._setpoint if outgoing.in_mode else ())):
                 sender.send(topic, with_time(data, now_us))
         except OSError:
             return False
         return True
+
+    def _controllers_in(self, mode: str) -> Message:
+        """The controllers for the loaded setpoint in a mode that is registered with PX4."""
+        level = "position" if self._loaded is None else level_of(self._loaded)
+        return controllers_message(BY_NAME[mode].nav_state, level)
 
     def _mode_command(self, request: ModeRequest, now_us: int) -> bytes:
         return MESSAGES["VehicleCommand"].encode(

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
 from gcs_server.streamer.transport.ros2 import Ros2Transport, TopicSender
 from gcs_server.streamer.transport.sender import PayloadSender
-from gcs_server.streamer.values.outgoing import Outgoing
+from gcs_server.streamer.values.outgoing import Outgoing, SetpointDue
+from gcs_server.streamer.values.stream_request import OFFBOARD
 from missions.setpoints import DirectSetpoint
 
 Topics = Callable[[], TopicSender | None]
@@ -45,6 +46,8 @@ class VehicleTransport:
     def send(self, outgoing: Outgoing) -> bool:
         """False if nothing was sent: the link cannot send now, or does not carry the setpoint."""
         topics = self.topics()
+        if topics is None and isinstance(outgoing, SetpointDue) and outgoing.mode != OFFBOARD:
+            return False  # MAVLink setpoints are for Offboard only
         try:
             self._pack(self.mavlink if topics is None else self._ros2)
         except ValueError:

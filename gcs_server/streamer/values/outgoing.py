@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from gcs_server.streamer.values.stream_request import OFFBOARD
 from missions.setpoints import DirectSetpoint
 
 
@@ -14,9 +15,11 @@ class SetpointDue:
 
     now_s: float
     """Monotonic."""
-    in_offboard: bool = True
-    """Whether the vehicle reports Offboard. Before, it must receive that setpoints exist, but over ROS 2 it
-    would follow them in any mode."""
+    in_mode: bool = True
+    """Whether the vehicle reports the mode in which it flies the setpoints. Before Offboard, it must receive
+    that setpoints exist, but over ROS 2 it would follow them in any mode."""
+    mode: str = OFFBOARD
+    """That mode: Offboard, or a mode registered with PX4 (`external_1` …)."""
 
 
 @dataclass(frozen=True, slots=True)

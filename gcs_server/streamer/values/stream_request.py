@@ -10,6 +10,12 @@ from missions.setpoints import Path, Setpoint
 
 StreamOwner = Literal["operator", "group", "mission"]
 """Owner of a stream's setpoints: a client (operator), the vehicle's group, or its offboard mission."""
+OFFBOARD = "offboard"
+
+
+def mode_label(mode: str) -> str:
+    """The mode of a stream in a text."""
+    return "Offboard" if mode == OFFBOARD else "its mode"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +41,8 @@ class StreamRequest:
     client_key: str = ""
     """Distinguishes clients with the same name; empty if there is no client."""
     owner: StreamOwner = "operator"
+    mode: str = OFFBOARD
+    """Mode in which the vehicle flies it: Offboard, or a mode registered with PX4 (`external_1` …)."""
 
     @property
     def duration_s(self) -> float:

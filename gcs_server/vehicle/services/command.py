@@ -101,7 +101,9 @@ class CommandService:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
             raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
         self._vehicle.require_commandable()
-        await self._set_mode(self._begin(f"mode {mode.label}", mode, by), mode, progress)
+        await self._set_mode(
+            self._begin(f"mode {self._vehicle.mode_names.label(mode)}", mode, by), mode, progress
+        )
 
     async def takeoff(
         self, alt_home_m: float, *, by: str | None = None, progress: ReportProgress | None = None
@@ -257,7 +259,8 @@ class CommandService:
             d.MAV_CMD_DO_SET_MODE,
             (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
         )
-        await self._run(token, request, Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S), progress)
+        what = f"switch to {self._vehicle.mode_names.label(mode)}"
+        await self._run(token, request, Goal(what, reached, STATE_DEADLINE_S), progress)
 
     async def _takeoff_mode(self, token: int, request: Request, progress: ReportProgress | None) -> None:
         takeoff = BY_NAME["takeoff"].custom_mode

@@ -1859,6 +1859,70 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/mission_modes": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Modes
+         * @description The missions of this server that are registered with PX4 as flight modes.
+         */
+        readonly get: operations["show_modes_api_v1_vehicles__v__mission_modes_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mission_modes/register": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Register
+         * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
+         *
+         *     The mode begins in the air, so the mission must not begin with a take-off. It is compiled and checked from
+         *     the vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list.
+         *     It is compiled again from the position at which the mode is selected.
+         */
+        readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mission_modes/unregister": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Unregister
+         * @description Removes a mode from PX4; refused while the vehicle flies in it.
+         */
+        readonly post: operations["unregister_api_v1_vehicles__v__mission_modes_unregister_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/offboard_mission": {
         readonly parameters: {
             readonly query?: never;
@@ -7494,6 +7558,74 @@ export interface components {
             readonly still_held: boolean | null;
         };
         /**
+         * MissionModeStatus
+         * @description A mission that is registered with PX4 as a flight mode.
+         */
+        readonly MissionModeStatus: {
+            /**
+             * Name
+             * @description The mode's name, as all ground stations show it.
+             */
+            readonly name: string;
+            /**
+             * State
+             * @description registering; registered: it can be selected in the air; refused or lost: it cannot.
+             * @enum {string}
+             */
+            readonly state: "registering" | "registered" | "refused" | "lost";
+            /**
+             * Mode
+             * @description The mode as in `status.mode`: external_1 to external_8; null while it is not registered.
+             */
+            readonly mode: string | null;
+            /**
+             * Reason
+             * @description Why the registration was refused or lost; otherwise empty.
+             */
+            readonly reason: string;
+            /**
+             * Mission
+             * @description Name of the mission.
+             */
+            readonly mission: string;
+            /**
+             * Plan Id
+             * @description Plan id.
+             */
+            readonly plan_id: string | null;
+            /**
+             * Version
+             * @description Version of the stored plan that is flown, also if newer versions were saved since.
+             */
+            readonly version: number | null;
+            /**
+             * Client
+             * @description Client that registered it.
+             */
+            readonly client: string;
+        };
+        /**
+         * MissionModesView
+         * @description The missions of this server that are registered with a vehicle as flight modes.
+         */
+        readonly MissionModesView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            readonly vehicle: string;
+            /**
+             * Possible
+             * @description Whether the vehicle is reached over ROS 2, which modes need.
+             */
+            readonly possible: boolean;
+            /**
+             * Modes
+             * @description The modes.
+             */
+            readonly modes: readonly components["schemas"]["MissionModeStatus"][];
+        };
+        /**
          * MissionPosition
          * @description A position: local, relative to the start of the mission, or latitude and longitude.
          */
@@ -8275,6 +8407,11 @@ export interface components {
              * @description Id of the dry run whose corridor is monitored.
              */
             readonly dry_run: string | null;
+            /**
+             * Mode
+             * @description Mode in which it is flown: offboard, or the mode as which it is registered (`external_1` …).
+             */
+            readonly mode: string;
             /**
              * Question
              * @description Question to the operator; answered by `go_on`.
@@ -10389,6 +10526,34 @@ export interface components {
             readonly wait?: boolean;
         };
         /**
+         * RegisterMode
+         * @description The mission to register, and the name of its mode.
+         */
+        readonly RegisterMode: {
+            /**
+             * Plan Id
+             * @description Id of a stored offboard mission.
+             */
+            readonly plan_id?: string | null;
+            /**
+             * Version
+             * @description Version of that plan; default: the newest.
+             */
+            readonly version?: number | null;
+            /** @description A mission that is not stored on the server. */
+            readonly mission?: components["schemas"]["OffboardMission"] | null;
+            /**
+             * Despite
+             * @description Codes of the mission's error findings that the caller accepts.
+             */
+            readonly despite?: readonly string[];
+            /**
+             * Name
+             * @description Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, without a space at either end.
+             */
+            readonly name: string;
+        };
+        /**
          * Repeat
          * @description Repeat the same steps several times.
          */
@@ -12181,6 +12346,17 @@ export interface components {
              * @default 0
              */
             readonly camera: number | null;
+        };
+        /**
+         * UnregisterMode
+         * @description The mode to remove.
+         */
+        readonly UnregisterMode: {
+            /**
+             * Name
+             * @description Name of the mode.
+             */
+            readonly name: string;
         };
         /**
          * UploadRequest
@@ -19042,6 +19218,191 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_modes_api_v1_vehicles__v__mission_modes_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MissionModesView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly register_api_v1_vehicles__v__mission_modes_register_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RegisterMode"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MissionModesView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly unregister_api_v1_vehicles__v__mission_modes_unregister_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["UnregisterMode"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MissionModesView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -54,6 +54,10 @@ function flown(status: Status, stream: StatusFacts['stream']): Flown {
     const client = stream.client === null ? '' : `, ${stream.client}`;
     return { title: 'Offboard', who: `setpoints from this server: ${stream.type}${rate}${client}` };
   }
+  if (status.mode.startsWith('external_')) {
+    const who = stream === null ? 'an external flight mode of PX4' : 'a mission of this server, as a flight mode of PX4';
+    return { title: status.mode_label || status.mode, who };
+  }
   return FLOWN[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
 }
 

@@ -26,6 +26,9 @@ describe('status words', () => {
       tone: 'target',
     });
     expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
+    const named = status({ mode: 'external_1', mode_label: 'Short line' });
+    expect(words({ status: named })).toMatchObject({ title: 'Short line', who: 'an external flight mode of PX4' });
+    expect(words({ status: named, stream: { type: 'path', rate_hz: 50, client: 'a' } }).who).toContain('mission of this server');
     expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
     expect(words({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
   });

@@ -125,7 +125,7 @@ def test_each_kind_has_its_control_mode_and_its_topics(
 def test_before_offboard_only_the_control_mode_is_sent() -> None:
     transport, topics = _transport(), Topics()
     transport.load(Position((1.0, 2.0, -3.0)))
-    assert transport.send(SetpointDue(0.0, in_offboard=False), topics)
+    assert transport.send(SetpointDue(0.0, in_mode=False), topics)
     assert [topic for topic, _ in topics.sent] == ["offboard_control_mode"]
 
 

@@ -34,6 +34,7 @@ const FLOWN: Flown = {
   deviation_m: 0.34,
   outside_corridor_m: null,
   dry_run: null,
+  mode: 'offboard',
   question: null,
   reason: null,
   if_stream_stops: 'it lands.',
@@ -108,6 +109,8 @@ describe('an offboard mission in flight', () => {
     expect(deviationText(FLOWN)).toBe('0.3 m from its setpoint');
     expect(deviationText(as({ deviation_m: null }))).toBeNull();
     expect(stateWords(as({ state: 'suspended' }))).toEqual({ text: 'Suspended', tone: 'caution' });
+    expect(stateWords(as({ state: 'starting' })).text).toBe('Switching to Offboard');
+    expect(stateWords(as({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
     expect([isOver(FLOWN), isOver(as({ state: 'done' }))]).toEqual([false, true]);
   });
 });

@@ -36,7 +36,7 @@ export function isOver(flown: Flown): boolean {
 }
 
 export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
-  const text = WORDS[flown.state];
+  const text = flown.state === 'starting' && flown.mode !== 'offboard' ? 'Starting' : WORDS[flown.state];
   if (flown.state === 'done') return { text, tone: 'ok' };
   if (isOver(flown) || flown.state === 'suspended') return { text, tone: 'caution' };
   return { text, tone: flown.state === 'paused' ? 'dim' : 'target' };

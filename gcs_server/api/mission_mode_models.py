@@ -1,0 +1,42 @@
+"""Bodies and answers of the routes for missions that are registered with PX4 as flight modes."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.api.offboard_mission_models import WhichMission
+from gcs_server.api.reflect import model_of
+from gcs_server.api.strict_body import StrictBody
+from gcs_server.streamer.missions.modes import MissionModeStatus
+
+PRINTABLE = r"^[!-~]([ -~]{0,22}[!-~])?$"
+
+
+class RegisterMode(WhichMission):
+    """The mission to register, and the name of its mode."""
+
+    name: str = Field(
+        pattern=PRINTABLE,
+        max_length=24,
+        description="Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, "
+        "without a space at either end.",
+    )
+
+
+class UnregisterMode(StrictBody):
+    """The mode to remove."""
+
+    name: str = Field(max_length=24, description="Name of the mode.")
+
+
+MissionModeModel = model_of(MissionModeStatus)
+
+
+class MissionModesView(BaseModel):
+    """The missions of this server that are registered with a vehicle as flight modes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vehicle: str = Field(description="The vehicle's id.")
+    possible: bool = Field(description="Whether the vehicle is reached over ROS 2, which modes need.")
+    modes: list[MissionModeModel] = Field(description="The modes.")  # type: ignore[valid-type]

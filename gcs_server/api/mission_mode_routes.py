@@ -1,0 +1,78 @@
+"""Routes of offboard missions that are registered with PX4 as flight modes: list, register, unregister."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fastapi import APIRouter, Response
+
+from gcs_server.api import mission_mode_models as m
+from gcs_server.api.authorized import authorized_command
+from gcs_server.api.offboard_mission_routes import chosen_mission, prepared_start
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.errors import Refused
+from gcs_server.streamer.missions.modes import MissionMode, dds_address
+from gcs_server.streamer.missions.start import Start
+
+router = APIRouter(prefix="/vehicles/{v}/mission_modes", tags=["offboard mission"], responses=RESPONSES)
+
+
+@router.get("", response_model=m.MissionModesView)
+async def show_modes(vehicle: VehicleDep, station: StationDep) -> Response:
+    """The missions of this server that are registered with PX4 as flight modes."""
+    return _view(station, vehicle.id)
+
+
+@router.post("/register", response_model=m.MissionModesView)
+async def register(v: str, body: m.RegisterMode, station: StationDep, principal: PrincipalDep) -> Response:
+    """Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
+
+    The mode begins in the air, so the mission must not begin with a take-off. It is compiled and checked from
+    the vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list.
+    It is compiled again from the position at which the mode is selected.
+    """
+    arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
+    with authorized_command(station, principal, "mission_modes/register", v, arguments):
+        vehicle = station.fleet.get(v)
+        vehicle.require_commandable()
+        name, text = await chosen_mission(station, body)
+        start = await prepared_start(station, v, name, text, body.despite, principal.name, begins_in_air=True)
+        needs = start.timeline.needs
+        mode = MissionMode(body.name, name, text, tuple(body.despite), needs, principal.name)
+        await station.mission_modes.register(v, mode)
+        return _view(station, v)
+
+
+@router.post("/unregister", response_model=m.MissionModesView)
+async def unregister(
+    v: str, body: m.UnregisterMode, station: StationDep, principal: PrincipalDep
+) -> Response:
+    """Removes a mode from PX4; refused while the vehicle flies in it."""
+    with authorized_command(station, principal, "mission_modes/unregister", v, body.model_dump()):
+        station.mission_modes.unregister(v, body.name)
+        return _view(station, v)
+
+
+async def start_in_mode(station: Station, vehicle_id: str, entry: MissionMode) -> Start:
+    """The mission of a mode that has become active, from the vehicle's present position.
+
+    Raises:
+        GcsError: it cannot be flown from there.
+    """
+    prepared = await prepared_start(
+        station, vehicle_id, entry.mission, entry.text, entry.despite, entry.client, begins_in_air=True
+    )
+    mode = station.fleet.get(vehicle_id).status.mode
+    if not mode.startswith("external_"):
+        raise Refused("The vehicle has left the mode.")
+    return replace(prepared, mode=mode)
+
+
+def _view(station: Station, vehicle_id: str) -> Response:
+    vehicle = station.fleet.get(vehicle_id)
+    possible = dds_address(vehicle) is not None
+    modes = station.mission_modes.all(vehicle_id)
+    return answer({"vehicle": vehicle_id, "possible": possible, "modes": modes})

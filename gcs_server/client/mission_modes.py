@@ -1,0 +1,54 @@
+"""Registers offboard missions with PX4 as flight modes, which all ground stations can select."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from gcs_server.client.control import Requester
+from gcs_server.client.offboard_mission import start_body
+from gcs_server.client.plans import Plan
+
+
+class MissionModes:
+    """The offboard missions that this server has registered as flight modes of a vehicle.
+
+    The vehicle must be reached over ROS 2. PX4 starts the mission when anybody selects the mode in the air:
+    `vehicle.set_mode(mode["mode"])`, another ground station, or a transmitter. A mode is unregistered when
+    the server ends.
+    """
+
+    def __init__(self, vehicle: Requester) -> None:
+        self._vehicle = vehicle
+
+    async def all(self) -> list[dict[str, Any]]:
+        """The modes: `name`, `state`, `mode` (as in the vehicle's status), `mission`, …"""
+        return (await self._vehicle.request("GET", "/mission_modes"))["modes"]
+
+    async def register(
+        self,
+        name: str,
+        mission: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        despite: Sequence[str] = (),
+    ) -> dict[str, Any]:
+        """Registers a mission (a document, or one stored on the server) under this name; returns the mode
+        once PX4 can select it.
+
+        Raises:
+            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode, the mission has errors that
+                `despite` does not list, or the vehicle has a mode of this name.
+        """
+        body = start_body(mission, plan_id, version, despite, name=name)
+        modes = (await self._vehicle.request("POST", "/mission_modes/register", body))["modes"]
+        return next(mode for mode in modes if mode["name"] == name)
+
+    async def unregister(self, name: str) -> list[dict[str, Any]]:
+        """Removes a mode; returns the others.
+
+        Raises:
+            Refused: there is no such mode, or the vehicle flies in it.
+        """
+        return (await self._vehicle.request("POST", "/mission_modes/unregister", {"name": name}))["modes"]

@@ -1,0 +1,242 @@
+"""One flight mode of this server in PX4: registration, arming checks, completion, removal.
+
+PX4 v1.16 gives a registered mode one of eight navigation states, shows its name to every ground station, and
+asks its component about three times a second whether the mode can run. A mode whose component does not answer
+is removed; in flight PX4 then returns (RTL). The times here follow from recordings of PX4 and from its own
+interface library. No I/O and no clock: the caller passes the time and sends the messages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final, Literal
+
+from gcs_server.ros2.message_types import MESSAGES, Values
+
+REGISTER: Final = "/fmu/in/register_ext_component_request"
+UNREGISTER: Final = "/fmu/in/unregister_ext_component"
+CHECK_REPLY: Final = "/fmu/in/arming_check_reply"
+COMPLETED: Final = "/fmu/in/mode_completed"
+CONTROLLERS: Final = "/fmu/in/config_control_setpoints"
+REPLY: Final = "/fmu/out/register_ext_component_reply"
+CHECK_REQUEST: Final = "/fmu/out/arming_check_request"
+SENT_TYPES: Final = {
+    REGISTER: "RegisterExtComponentRequest",
+    UNREGISTER: "UnregisterExtComponent",
+    CHECK_REPLY: "ArmingCheckReply",
+    COMPLETED: "ModeCompleted",
+    CONTROLLERS: "VehicleControlMode",
+}
+"""Type of every topic that a mode sends, besides its setpoints."""
+API_VERSION: Final = 1
+NAME_BYTES: Final = 24
+"""Longest name of a mode."""
+FIRST_STATE, LAST_STATE = 23, 30
+"""Navigation states of external modes."""
+NO_ID: Final = -1
+ATTEMPTS, ATTEMPT_EVERY_S = 5, 1.0
+CHECKS: Final = 2
+"""PX4 selects a mode only after it has evaluated an answer, at the latest when it asks again."""
+LOST_S: Final = 1.5
+"""PX4 asks every 0.31 s and removes a mode 1.25 s after its last answer at the latest."""
+ANSWERS_ENDED: Final = "the process of the server that answers PX4 ended"
+IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more answers for its mode."
+"""What the vehicle does in one of these modes when its component ends."""
+FAILED: Final = 100
+"""ModeCompleted.RESULT_FAILURE_OTHER."""
+REQUIREMENTS: Final = frozenset(
+    {"angular_velocity", "attitude", "local_alt", "local_position", "global_position", "home_position"}
+)
+"""What a mode may need of the vehicle: fields `mode_req_*` of ArmingCheckReply."""
+RegistrationState = Literal["registering", "registered", "refused", "lost"]
+Message = tuple[str, bytes]
+"""Topic and message."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModeDeclaration:
+    """What a mode states about itself."""
+
+    name: str
+    """ASCII, at most `NAME_BYTES`."""
+    requires: frozenset[str]
+    """Of `REQUIREMENTS`; PX4 checks them when the mode is selected, and fails safe if one is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """State of a mode's registration."""
+
+    name: str
+    state: RegistrationState
+    nav_state: int | None
+    """Its navigation state in PX4; None: it never had one."""
+    why: str = ""
+    """Why it was refused or lost."""
+
+    @property
+    def mode(self) -> str | None:
+        """The mode as in `Status.mode` (`external_1` …); None while it is not registered."""
+        return f"external_{self.nav_state - 22}" if self.state == "registered" and self.nav_state else None
+
+
+class ExternalMode:
+    """The registration of one mode with one vehicle.
+
+    Args:
+        declaration: what the mode states about itself.
+        request_id: distinguishes its requests from those of other programs.
+        now_s: monotonic.
+    """
+
+    def __init__(self, declaration: ModeDeclaration, request_id: int, now_s: float) -> None:
+        self.declaration, self._request_id = declaration, request_id
+        self._state: RegistrationState = "registering"
+        self._why = ""
+        self._check_id = self._mode_id = NO_ID
+        self._attempts, self.due_s = 0, now_s
+        self._asked_s, self._checks = now_s, 0
+        """When PX4 last asked for an arming check, and how often."""
+        self._was_settable = False
+
+    @property
+    def registration(self) -> Registration:
+        """Its state."""
+        nav_state = None if self._mode_id == NO_ID else self._mode_id
+        selectable = self._state != "registered" or self._checks >= CHECKS
+        state = self._state if selectable else "registering"
+        return Registration(self.declaration.name, state, nav_state, self._why)
+
+    def step(self, now_s: float) -> list[Message]:
+        """Requests that are due now; call it at `due_s`."""
+        if self._state == "registered" and now_s - self._asked_s > LOST_S:
+            self._lost("PX4 no longer asks whether the mode can run (it restarted, or ROS 2 was interrupted)")
+        if self._state != "registering":
+            self.due_s = self._asked_s + LOST_S + 0.01 if self._state == "registered" else float("inf")
+            return []
+        if now_s < self.due_s:
+            return []
+        if self._attempts >= ATTEMPTS:
+            self._state, self.due_s = "refused", float("inf")
+            self._why = "PX4 did not answer the registration; it must be v1.16 with its uXRCE-DDS client"
+            return []
+        self._attempts += 1
+        self.due_s = now_s + ATTEMPT_EVERY_S
+        fields = {
+            "request_id": self._request_id,
+            "name": _text(self.declaration.name),
+            "px4_ros2_api_version": API_VERSION,
+            "register_arming_check": True,
+            "register_mode": True,
+        }
+        return [_message(REGISTER, fields)]
+
+    def replied(self, values: Values, now_s: float) -> list[Message]:
+        """Takes a RegisterExtComponentReply, also one to another program."""
+        if values["request_id"] != self._request_id or _name(values["name"]) != self.declaration.name:
+            return []
+        valid = values["success"] and FIRST_STATE <= values["mode_id"] <= LAST_STATE
+        if self._state != "registering":
+            # an earlier request was answered late, and PX4 has registered the mode twice
+            return [self._removal(values["arming_check_id"], values["mode_id"])] if valid else []
+        if not valid:
+            self._state, self.due_s = "refused", float("inf")
+            self._why = (
+                "PX4 refused the registration: all eight of its mode slots are used, or it is armed and "
+                "COM_MODE_ARM_CHK is 0"
+            )
+            return []
+        self._state, self._asked_s, self.due_s = "registered", now_s, now_s + LOST_S
+        self._check_id, self._mode_id = values["arming_check_id"], values["mode_id"]
+        return [controllers_message(self._mode_id, "position")]
+
+    def asked(self, values: Values, now_s: float, *, can_run: bool) -> list[Message]:
+        """Answers an ArmingCheckRequest.
+
+        Args:
+            values: the request.
+            now_s: monotonic.
+            can_run: whether the mode can be started, or may continue.
+        """
+        if self._state != "registered":
+            return []
+        self._asked_s, self._checks = now_s, self._checks + 1
+        fields = {
+            "request_id": values["request_id"],
+            "registration_id": self._check_id,
+            "can_arm_and_run": can_run,
+            # it begins in the air: a vehicle that is armed in it would fly to its path at once
+            "mode_req_prevent_arming": True,
+            **{f"mode_req_{name}": True for name in self.declaration.requires},
+        }
+        return [_message(CHECK_REPLY, fields)]
+
+    def status(self, values: Values) -> None:
+        """Takes a VehicleStatus: PX4 may have removed the mode."""
+        if self._state != "registered":
+            return
+        settable = bool(values["can_set_nav_states_mask"] >> self._mode_id & 1)
+        if self._was_settable and not settable:
+            self._lost("PX4 removed the mode, because it received no answers in time")
+        self._was_settable = settable
+
+    def completed(self, *, success: bool) -> list[Message]:
+        """Reports that the mode has reached its end, or that it cannot."""
+        if self._state != "registered":
+            return []
+        return [_message(COMPLETED, {"result": 0 if success else FAILED, "nav_state": self._mode_id})]
+
+    def remove(self) -> list[Message]:
+        """Unregisters the mode; nothing is answered afterwards, so PX4 removes it even if this is lost."""
+        registered, self._state, self.due_s = self._state == "registered", "lost", float("inf")
+        return [self._removal(self._check_id, self._mode_id)] if registered else []
+
+    def _lost(self, why: str) -> None:
+        self._state, self._why = "lost", why
+
+    def _removal(self, check_id: int, mode_id: int) -> Message:
+        fields = {
+            "name": _text(self.declaration.name),
+            "arming_check_id": check_id,
+            "mode_id": mode_id,
+            "mode_executor_id": NO_ID,
+        }
+        return _message(UNREGISTER, fields)
+
+
+_CASCADE: Final = ("position", "attitude", "body_rate", "thrust_and_torque")
+_ENABLES: Final = {
+    "position": ("position", "velocity", "altitude", "climb_rate", "acceleration"),
+    "attitude": ("attitude",),
+    "body_rate": ("rates",),
+    "thrust_and_torque": ("allocation",),
+}
+"""Flags of VehicleControlMode by the level of the control cascade."""
+
+
+@cache
+def controllers_message(nav_state: int, level: str) -> Message:
+    """The controllers that PX4 runs in a mode: the one for the setpoint, and all below it.
+
+    Args:
+        nav_state: the mode's navigation state.
+        level: flag of OffboardControlMode for the same setpoint. Position, velocity and acceleration need
+            the same controllers; direct actuators need none.
+    """
+    level = "position" if level in ("velocity", "acceleration") else level
+    levels = _CASCADE[_CASCADE.index(level) :] if level in _CASCADE else ()
+    flags = {f"flag_control_{flag}_enabled": True for each in levels for flag in _ENABLES[each]}
+    return _message(CONTROLLERS, {"source_id": nav_state, **flags})
+
+
+def _message(topic: str, fields: Values) -> Message:
+    return topic, MESSAGES[SENT_TYPES[topic]].encode(fields)
+
+
+def _text(name: str) -> tuple[int, ...]:
+    return tuple(name.encode("ascii").ljust(NAME_BYTES + 1, b"\0"))
+
+
+def _name(text: tuple[int, ...]) -> str:
+    return bytes(text).split(b"\0", 1)[0].decode("ascii", "replace")

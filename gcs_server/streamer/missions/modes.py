@@ -1,0 +1,303 @@
+"""Offboard missions that are registered with PX4 as flight modes.
+
+Every ground station and the transmitter can then select the mission by its name. PX4 decides when the mode
+is active; this module only reacts: it starts the mission when the vehicle is in the mode, and resumes it when
+the vehicle is in the mode again. It never requests the mode by itself.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, Refused
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import (
+    ANSWERS_ENDED,
+    ModeDeclaration,
+    Registration,
+    RegistrationState,
+)
+from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.start import Start
+from gcs_server.streamer.missions.status import MissionName
+from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Estimate
+
+log = logging.getLogger(__name__)
+CHECK_PERIOD_S: Final = 0.1
+REGISTER_TIMEOUT_S: Final = 10.0
+"""DDS needs up to a few seconds; then PX4 is asked five times, once a second."""
+ALWAYS: Final = frozenset({"angular_velocity", "attitude", "local_alt", "local_position"})
+"""What setpoints of a mission need in any case."""
+REQUIREMENT_OF: Final[Mapping[Estimate, str]] = {
+    "global_position": "global_position",
+    "home": "home_position",
+}
+WARNING, NOTICE = 4, 5
+
+
+@dataclass(frozen=True, slots=True)
+class MissionMode:
+    """A mission that is to be registered as a mode."""
+
+    name: str
+    """The mode's name: 1 to 24 printable ASCII characters."""
+    mission: MissionName
+    text: str
+    """The mission's document."""
+    despite: tuple[str, ...]
+    """Codes of the mission's error findings that the client accepts."""
+    needs: tuple[Estimate, ...]
+    client: str
+
+
+@dataclass(frozen=True, slots=True)
+class MissionModeStatus:
+    """A mission that is registered with PX4 as a flight mode."""
+
+    name: str
+    """The mode's name, as all ground stations show it."""
+    state: RegistrationState
+    """registering; registered: it can be selected in the air; refused or lost: it cannot."""
+    mode: str | None
+    """The mode as in `status.mode`: external_1 to external_8; null while it is not registered."""
+    reason: str
+    """Why the registration was refused or lost; otherwise empty."""
+    mission: str
+    """Name of the mission."""
+    plan_id: str | None
+    version: int | None
+    """Version of the stored plan that is flown, also if newer versions were saved since."""
+    client: str
+    """Client that registered it."""
+
+
+@dataclass(slots=True)
+class _Known:
+    mode: MissionMode
+    state: RegistrationState = "registering"
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    modes: dict[str, _Known] = field(default_factory=dict[str, _Known])
+    flown: tuple[str, float] | None = None
+    """The armed vehicle's mode when it was last read, and since when; a mode may be left and selected again
+    between two readings."""
+
+
+class MissionModes:
+    """The mission modes of all vehicles.
+
+    Args:
+        clock: the server's clock.
+        streamer: the setpoint streams of all vehicles.
+        streams: registers the modes.
+        missions: flies the missions.
+        supervisor: runs background tasks.
+        prepare: compiles a mode's mission from the vehicle's present position, and checks it.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        streamer: Streamer,
+        streams: Streams,
+        missions: OffboardMissions,
+        supervisor: Supervisor,
+        prepare: Callable[[str, MissionMode], Awaitable[Start]],
+    ) -> None:
+        self._clock, self._streamer, self._streams = clock, streamer, streams
+        self._missions, self._supervisor, self._prepare = missions, supervisor, prepare
+        self._vehicles: dict[str, _Vehicle] = {}
+
+    def start(self) -> None:
+        """Starts the periodic update."""
+        self._supervisor.start("mission-modes", self._update_periodically)
+
+    def detach(self, vehicle: Vehicle) -> None:
+        """Drops the modes of a removed vehicle."""
+        self._vehicles.pop(vehicle.id, None)
+
+    # --- requests of clients ----------------------------------------------------------------------
+
+    async def register(self, vehicle_id: str, mode: MissionMode) -> MissionModeStatus:
+        """Registers a mission as a mode; returns when PX4 has accepted it.
+
+        Raises:
+            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode or does not answer, or the
+                vehicle has a mode of this name.
+        """
+        vehicle = self._vehicle(vehicle_id)
+        vehicle.require_commandable()
+        address = dds_address(vehicle)
+        if address is None:
+            raise Refused(
+                f"Vehicle {vehicle_id} is not reached over ROS 2, over which modes are registered.",
+                remedy="Add a ros2:// link to it (see Links).",
+            )
+        requires = ALWAYS | {REQUIREMENT_OF[need] for need in mode.needs if need in REQUIREMENT_OF}
+        try:
+            await self._streams.register_mode(vehicle_id, address, ModeDeclaration(mode.name, requires))
+        except ValueError as error:
+            raise Refused(
+                f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
+            ) from None
+        self._vehicles.setdefault(vehicle_id, _Vehicle()).modes[mode.name] = _Known(mode)
+        until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
+        while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
+            if self._clock.monotonic_s() >= until_s:
+                break
+            await self._clock.sleep(CHECK_PERIOD_S / 2)
+        if registration.state != "registered":
+            self._drop(vehicle_id, mode.name)
+            raise Refused(
+                f"The mode {mode.name!r} was not registered: {registration.why or 'PX4 did not answer'}.",
+                remedy="Check the ros2:// link, and that the vehicle is disarmed; then try again.",
+            )
+        self.update()
+        return self._status(mode, registration)
+
+    def unregister(self, vehicle_id: str, name: str) -> None:
+        """Removes a mode from PX4.
+
+        Raises:
+            Refused: there is no such mode, or the vehicle flies in it.
+        """
+        vehicle = self._vehicle(vehicle_id)
+        known = self._vehicles.get(vehicle_id)
+        if known is None or name not in known.modes:
+            names = ", ".join(map(repr, known.modes)) if known is not None and known.modes else "none"
+            raise Refused(
+                f"Vehicle {vehicle_id} has no mode {name!r} of this server.", remedy=f"Its modes: {names}."
+            )
+        mode = self._registration(vehicle_id, name).mode
+        if mode is not None and vehicle.status.armed and vehicle.status.mode == mode:
+            raise Refused(
+                f"Vehicle {vehicle_id} flies in the mode {name!r}; without it, it would return at once.",
+                remedy="Command Hold or another mode first.",
+            )
+        self._drop(vehicle_id, name)
+
+    def all(self, vehicle_id: str) -> list[MissionModeStatus]:
+        """The modes of a vehicle."""
+        known = self._vehicles.get(vehicle_id)
+        return [
+            self._status(each.mode, self._registration(vehicle_id, name))
+            for name, each in ({} if known is None else known.modes).items()
+        ]
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Reports changes, and starts the mission of a mode that has become active."""
+        for vehicle_id, known in list(self._vehicles.items()):
+            vehicle = self._vehicle(vehicle_id)
+            vehicle.isolation.run("its mission modes", self._update_vehicle, vehicle, known)
+
+    async def _update_periodically(self) -> None:
+        while True:
+            self.update()
+            await self._clock.sleep(CHECK_PERIOD_S)
+
+    def _update_vehicle(self, vehicle: Vehicle, known: _Vehicle) -> None:
+        by_mode: dict[str, MissionMode] = {}
+        for name, each in known.modes.items():
+            registration = self._registration(vehicle.id, name)
+            if registration.mode is not None:
+                by_mode[registration.mode] = each.mode
+                vehicle.mode_names.external[registration.mode] = name
+            if registration.state != each.state:
+                each.state = registration.state
+                self._report(vehicle, name, registration)
+        self._forget_names(vehicle, by_mode)
+        status = vehicle.status
+        if status.link_lost:
+            return
+        since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
+        before, known.flown = known.flown, (status.mode, since_s) if status.armed else None
+        entered = by_mode.get(status.mode) if known.flown != before and status.armed else None
+        if entered is not None:
+            work = self._begin(vehicle, status.mode, entered)
+            self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
+
+    @staticmethod
+    def _forget_names(vehicle: Vehicle, registered: Mapping[str, MissionMode]) -> None:
+        """Drops the names of modes that PX4 no longer has, once the vehicle has left them."""
+        names = vehicle.mode_names.external
+        for mode in [mode for mode in names if mode not in registered and mode != vehicle.status.mode]:
+            del names[mode]
+
+    def _report(self, vehicle: Vehicle, name: str, registration: Registration) -> None:
+        if registration.state == "registered":
+            text = f"PX4 shows the mission as the mode {name!r}; it can be selected in the air."
+            self._tell(vehicle, name, "registered", text, NOTICE)
+        elif registration.state == "lost":
+            text = f"The mode {name!r} is no longer registered: {registration.why}."
+            if vehicle.status.armed and vehicle.mode_names.external.get(vehicle.status.mode) == name:
+                text = f"{text} PX4 returns (RTL) unless another mode is commanded within about 1 s."
+            self._tell(vehicle, name, "lost", f"{text} Register it again to use it.", WARNING)
+
+    async def _begin(self, vehicle: Vehicle, mode: str, entry: MissionMode) -> None:
+        """Starts or resumes the mission; if that is not possible, the vehicle holds."""
+        by = f"The mode {entry.name!r}"
+        try:
+            if vehicle.status.landed_state == "on_ground":
+                raise Refused("It begins in the air.", remedy="Take off first, then select it.")
+            flight = self._missions.flown_in(vehicle.id, mode)
+            if flight is None:
+                start = await self._prepare(vehicle.id, entry)
+                if vehicle.status.mode == mode:
+                    self._missions.begin(vehicle.id, start)
+            elif not flight.runner.in_charge:
+                flight.resume(by)
+        except GcsError as error:
+            remedy = f" {error.remedy}" if error.remedy else ""
+            text = f"The mission of the mode {entry.name!r} cannot be flown: {error}{remedy}"
+            self._tell(vehicle, entry.name, "not_started", f"{text} The vehicle holds.", WARNING)
+            if vehicle.status.mode == mode:
+                self._streams.complete_mode(vehicle.id, mode, False)
+                await vehicle.command.hold(by=by)
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _vehicle(self, vehicle_id: str) -> Vehicle:
+        return self._streamer.offboard(vehicle_id).vehicle
+
+    def _registration(self, vehicle_id: str, name: str) -> Registration:
+        found = (each for each in self._streams.modes().get(vehicle_id, ()) if each.name == name)
+        return next(found, Registration(name, "lost", None, ANSWERS_ENDED))
+
+    def _drop(self, vehicle_id: str, name: str) -> None:
+        self._streams.unregister_mode(vehicle_id, name)
+        del self._vehicles[vehicle_id].modes[name]
+
+    @staticmethod
+    def _status(mode: MissionMode, registration: Registration) -> MissionModeStatus:
+        return MissionModeStatus(
+            name=mode.name,
+            state=registration.state,
+            mode=registration.mode,
+            reason=registration.why,
+            mission=mode.mission.name,
+            plan_id=mode.mission.plan_id,
+            version=mode.mission.version,
+            client=mode.client,
+        )
+
+    def _tell(self, vehicle: Vehicle, name: str, code: str, text: str, severity: int) -> None:
+        data: dict[str, Any] = {"source": "mission_mode", "code": code, "name": name}
+        kind = "warning" if severity == WARNING else "command"
+        vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
+
+
+def dds_address(vehicle: Vehicle) -> DdsAddress | None:
+    """Where the vehicle is reached over ROS 2; None: it is not."""
+    return next((e.peer.dds for e in vehicle.endpoints if e.peer.dds is not None), None)

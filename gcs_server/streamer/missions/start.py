@@ -1,0 +1,47 @@
+"""What a mission is started with, and how its background tasks are started."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from gcs_server.streamer.missions.status import MissionName
+from gcs_server.streamer.values.stream_request import OFFBOARD
+from missions.offboard.timeline import Timeline
+from missions.runner.corridor import Corridor
+from missions.trajectory.limits import MotionLimits
+
+
+class Task(Protocol):
+    """A background task that can be cancelled."""
+
+    def cancel(self) -> object:
+        """Cancels the task."""
+        ...
+
+    def done(self) -> bool:
+        """Whether it has ended."""
+        ...
+
+
+Spawn = Callable[[str, Coroutine[Any, Any, None]], Task]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A mission to fly, and the client that starts it."""
+
+    mission: MissionName
+    timeline: Timeline
+    motion: MotionLimits
+    client: str
+    low_battery_share: float
+    corridor: Corridor | None = None
+    """Corridor of the dry run given at the start; None: not monitored."""
+    role: str | None = None
+    """Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle."""
+    dry_run: str | None = None
+    """Id of the dry run with this `corridor`."""
+    mode: str = OFFBOARD
+    """Mode in which it is flown: Offboard, or the mode as which it is registered with PX4."""

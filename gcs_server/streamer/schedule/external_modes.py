@@ -1,0 +1,216 @@
+"""The modes that this server has registered with PX4, in the process that sends the setpoints.
+
+PX4 asks three times a second whether a mode can run, and returns (RTL) 1.1 s after the answers have stopped.
+So a stalled event loop must not stop the answers. If the event loop is silent for too long, the answers say
+that the mode cannot run: then PX4 does not start it, and leaves it if it is flying.
+
+Without setpoints PX4 keeps the last one, which may be a velocity. Therefore the vehicle is stopped by a
+velocity of zero while one of the modes is active and no stream flies it, for example before its mission
+begins.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from gcs_server.clock import Clock
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import (
+    CHECK_REQUEST,
+    REPLY,
+    ExternalMode,
+    Message,
+    ModeDeclaration,
+    Registration,
+    controllers_message,
+)
+from gcs_server.ros2.message_types import MESSAGES, MalformedMessage
+from gcs_server.ros2.topics import STATUS
+from gcs_server.streamer.transport.ros2 import encode, with_time
+from missions.setpoints import Velocity
+
+log = logging.getLogger(__name__)
+
+STEP_S: Final = 0.02
+"""Period of reading and answering; PX4 counts an answer within 0.1 s, and not after 0.4 s."""
+REMOVE_EVERY_S: Final = 0.2
+"""Time between two removals: PX4 has room for one."""
+MAX_MODES: Final = 4
+"""Modes of one vehicle: PX4 has room for four simultaneous answers."""
+ARMED: Final = 2
+"""VehicleStatus.ARMING_STATE_ARMED."""
+READ_TYPES: Final = {
+    REPLY: "RegisterExtComponentReply",
+    CHECK_REQUEST: "ArmingCheckRequest",
+    STATUS: "VehicleStatus",
+}
+STOP: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
+
+
+class ModePort(Protocol):
+    """The topics of one vehicle."""
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Raises OSError if the message cannot be sent now."""
+        ...
+
+    def take(self) -> Iterable[tuple[str, bytes]]:
+        """Messages received since the last call: topics with their bytes."""
+        ...
+
+
+OpenModePort = Callable[[DdsAddress], ModePort]
+
+
+def no_mode_port(address: DdsAddress) -> ModePort:
+    """Where no vehicle is reached over ROS 2."""
+    raise ValueError(f"ROS 2 is not available for {address}")
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    address: DdsAddress
+    port: ModePort
+    modes: list[ExternalMode] = field(default_factory=list[ExternalMode])
+    leaving: list[Message] = field(default_factory=list[Message])
+    """Removals that are still to be sent."""
+    leave_s: float = 0.0
+    active: int | None = None
+    """The present mode of an armed vehicle, as `nav_state`; None: disarmed or unknown."""
+
+
+class ExternalModes:
+    """The registered modes of all vehicles.
+
+    Args:
+        clock: monotonic time, and the time of messages.
+        open_port: opens the topics of a vehicle; does not wait.
+    """
+
+    def __init__(self, clock: Clock, open_port: OpenModePort) -> None:
+        self._clock, self._open_port = clock, open_port
+        self._vehicles: dict[str, _Vehicle] = {}
+        self._next_s = 0.0
+
+    def register(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
+        """Begins to register a mode.
+
+        Raises:
+            ValueError: the vehicle has a mode of this name, or too many.
+        """
+        vehicle = self._vehicles.get(vehicle_id)
+        known = [] if vehicle is None else [m for m in vehicle.modes if not _is_over(m)]
+        if any(mode.declaration.name == declaration.name for mode in known):
+            raise ValueError(f"the mode {declaration.name!r} is already registered")
+        if len(known) >= MAX_MODES:
+            raise ValueError(f"{MAX_MODES} modes are already registered")
+        if vehicle is None or vehicle.address != address:
+            if known:
+                raise ValueError("modes are already registered over another ROS 2 link")
+            vehicle = self._vehicles[vehicle_id] = _Vehicle(address, self._open_port(address))
+        vehicle.modes = [mode for mode in vehicle.modes if mode.declaration.name != declaration.name]
+        mode = ExternalMode(declaration, secrets.randbits(63), self._clock.monotonic_s())
+        vehicle.modes.append(mode)
+
+    def unregister(self, vehicle_id: str, name: str) -> None:
+        """Removes a mode, also one whose registration was refused or lost."""
+        vehicle = self._vehicles.get(vehicle_id)
+        for mode in [] if vehicle is None else vehicle.modes:
+            if vehicle is not None and mode.declaration.name == name:
+                vehicle.leaving += mode.remove()
+                vehicle.modes = [other for other in vehicle.modes if other is not mode]
+
+    def complete(self, vehicle_id: str, mode: str, *, success: bool) -> None:
+        """Reports to PX4 that a mode (`external_1` …) has reached its end, or that it cannot."""
+        vehicle = self._vehicles.get(vehicle_id)
+        for each in [] if vehicle is None else vehicle.modes:
+            if vehicle is not None and each.registration.mode == mode:
+                self._send(vehicle, each.completed(success=success))
+
+    def forget(self, vehicle_id: str) -> None:
+        """Removes all modes of a vehicle."""
+        vehicle = self._vehicles.get(vehicle_id)
+        for mode in [] if vehicle is None else list(vehicle.modes):
+            self.unregister(vehicle_id, mode.declaration.name)
+
+    def close(self) -> None:
+        """Unregisters all modes at once; PX4 may miss some, and removes them because they do not answer."""
+        for vehicle in self._vehicles.values():
+            for mode in vehicle.modes:
+                self._send(vehicle, mode.remove())
+        self._vehicles.clear()
+
+    def states(self) -> dict[str, tuple[Registration, ...]]:
+        """The modes by vehicle."""
+        return {
+            vehicle_id: tuple(mode.registration for mode in vehicle.modes)
+            for vehicle_id, vehicle in self._vehicles.items()
+        }
+
+    def step(self, now_s: float, *, server_alive: bool, flown: Callable[[str], bool]) -> float:
+        """Reads, answers and sends what is due; returns the time of the next step.
+
+        Args:
+            now_s: monotonic.
+            server_alive: whether the event loop is running.
+            flown: whether a stream flies the vehicle of this id.
+        """
+        if not self._vehicles:
+            return float("inf")
+        if now_s < self._next_s:
+            return self._next_s
+        self._next_s = now_s + STEP_S
+        for vehicle_id, vehicle in list(self._vehicles.items()):
+            try:
+                self._read(vehicle, now_s, server_alive)
+                self._send_due(vehicle, now_s, stop=not flown(vehicle_id))
+            except Exception:  # PX4 fails safe, because it receives no more answers for this vehicle's modes
+                log.exception("the modes of vehicle %s failed", vehicle_id)
+                vehicle.modes.clear()
+            if not vehicle.modes and not vehicle.leaving and now_s >= vehicle.leave_s:
+                del self._vehicles[vehicle_id]
+        return self._next_s
+
+    def _read(self, vehicle: _Vehicle, now_s: float, server_alive: bool) -> None:
+        for topic, data in vehicle.port.take():
+            try:
+                values = MESSAGES[READ_TYPES[topic]].decode(data)
+            except MalformedMessage:
+                continue  # the vehicle's link reports messages of other types
+            if topic == STATUS:
+                vehicle.active = values["nav_state"] if values["arming_state"] == ARMED else None
+            for mode in vehicle.modes:
+                if topic == STATUS:
+                    mode.status(values)
+                elif topic == REPLY:
+                    self._send(vehicle, mode.replied(values, now_s))
+                else:
+                    self._send(vehicle, mode.asked(values, now_s, can_run=server_alive))
+
+    def _send_due(self, vehicle: _Vehicle, now_s: float, *, stop: bool) -> None:
+        registering = [mode for mode in vehicle.modes if mode.registration.state == "registering"]
+        for mode in vehicle.modes:
+            # PX4 has room for two requests at once
+            if mode not in registering[1:] and now_s >= mode.due_s:
+                self._send(vehicle, mode.step(now_s))
+        if vehicle.leaving and now_s >= vehicle.leave_s:
+            self._send(vehicle, [vehicle.leaving.pop(0)])
+            vehicle.leave_s = now_s + REMOVE_EVERY_S
+        states = [mode.registration.nav_state for mode in vehicle.modes if mode.registration.mode]
+        if stop and vehicle.active is not None and vehicle.active in states:
+            self._send(vehicle, [controllers_message(vehicle.active, "velocity"), *STOP])
+
+    def _send(self, vehicle: _Vehicle, messages: Iterable[Message]) -> None:
+        for topic, data in messages:
+            try:
+                vehicle.port.send(topic, with_time(data, int(self._clock.unix_s() * 1e6)))
+            except OSError:
+                return  # not connected yet: registrations are repeated, and PX4 asks again
+
+
+def _is_over(mode: ExternalMode) -> bool:
+    return mode.registration.state in ("refused", "lost")

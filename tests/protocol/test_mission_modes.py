@@ -1,0 +1,343 @@
+"""Offboard missions as flight modes of PX4, over ROS 2, on simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from gcs_server.api import mission_mode_models, mission_mode_routes
+from gcs_server.api import offboard_mission_routes as mission_routes
+from gcs_server.control.principal import Principal
+from gcs_server.errors import GcsError, NotInControl, PlanFindings, Refused
+from gcs_server.ros2.external_mode import CHECK_REPLY, COMPLETED, CONTROLLERS, UNREGISTER
+from gcs_server.ros2.message_types import MESSAGES
+from tests.protocol.api_calls import ANNA, BOB, WorkHere, lines, station_of, view
+from tests.protocol.offboard_world import seconds
+from tests.protocol.ros2_world import Ros2World
+from tests.protocol.simulated_world import until
+from vehicle_sim.mavlink import generated_dialect as sim
+
+NAME = "Short line"
+MISSION: dict[str, Any] = {
+    "format": "offboard-gcs-mission",
+    "version": 1,
+    "name": "Line",
+    "steps": [
+        {"step": "fly", "points": [{"offset_ned_m": [8, 0, 0]}], "speed_m_s": 3},
+        {"step": "hold", "duration_s": 2},
+    ],
+}
+OF_MODES = (CHECK_REPLY, CONTROLLERS, COMPLETED, "/fmu/in/trajectory_setpoint")
+
+
+class OtherStation:
+    """Another ground station or a transmitter: it commands the vehicle over a MAVLink link of its own."""
+
+    def __init__(self, world: Ros2World) -> None:
+        self._sim = world.sim
+        self._pack = sim.MAVLink(None, srcSystem=254, srcComponent=190)
+
+    def command(self, command: int, *params: float) -> None:
+        filled = (*params, *(0.0,) * (7 - len(params)))
+        message = sim.MAVLink_command_long_message(1, 1, command, 0, *filled)
+        self._sim.feed(0, "gcs", message.pack(self._pack))
+
+    def choose(self, mode: str) -> None:
+        number = int(mode.removeprefix("external_"))
+        self.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 10 + number)
+
+    async def modes(self) -> list[str]:
+        """Names of the modes that can be selected, from AVAILABLE_MODES."""
+        self._sim.drain(0, "gcs")
+        self.command(sim.MAV_CMD_REQUEST_MESSAGE, sim.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
+        await seconds(1.0)
+        messages = sim.MAVLink(None).parse_buffer(self._sim.drain(0, "gcs")) or []
+        modes = [m for m in messages if m.get_type() == "AVAILABLE_MODES"]
+        return [m.mode_name for m in modes if not m.properties & sim.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE]
+
+
+class Modes:
+    """The server's routes for vehicle 1, which is reached over ROS 2."""
+
+    def __init__(self, world: Ros2World, vehicle: Any) -> None:
+        self.world, self.vehicle, self.other = world, vehicle, OtherStation(world)
+        self.station = station_of(world)
+        self.station.plan_work = WorkHere()
+        self.station.missions.attach(vehicle)
+        self.station.missions.start()
+        self.station.mission_modes.start()
+        self.station.authority.start()
+
+    async def register(self, *, by: Principal = ANNA, **body: Any) -> dict[str, Any]:
+        request = mission_mode_models.RegisterMode.model_validate({"mission": MISSION, "name": NAME, **body})
+        return view(await mission_mode_routes.register("1", request, self.station, by))["modes"][-1]
+
+    async def unregister(self, name: str = NAME, *, by: Principal = ANNA) -> list[dict[str, Any]]:
+        request = mission_mode_models.UnregisterMode(name=name)
+        return view(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
+
+    async def shown(self) -> dict[str, Any]:
+        return view(await mission_mode_routes.show_modes(self.vehicle, self.station))
+
+    @property
+    def mission(self) -> str | None:
+        """State of the vehicle's mission."""
+        status = self.station.missions.status("1")
+        return None if status is None else status.state
+
+    def warnings(self) -> list[str]:
+        return [event.text for event in self.vehicle.events.since() if event.kind == "warning"]
+
+    def texts(self) -> str:
+        return "\n".join(event.text for event in self.vehicle.events.since())
+
+    def sent(self, topic: str) -> list[bytes]:
+        return [data for name, data in self.world.topics[0].sent if name == topic]
+
+    def x_m(self) -> float:
+        return self.vehicle.topic("local_position").value.position_ned_m[0]
+
+    async def mode(self, mode: str, patience_s: float = 5.0) -> None:
+        await until(lambda: self.vehicle.status.mode == mode, patience_s)
+
+    async def flying(self) -> str:
+        """Registers the mission and starts it from another station; returns its mode on the way."""
+        mode = (await self.register())["mode"]
+        self.other.choose(mode)
+        await self.mode(mode)
+        begun_m = self.x_m()
+        await until(lambda: self.x_m() > begun_m + 2, 15)
+        return mode
+
+
+Story = Callable[[Modes], Awaitable[None]]
+
+
+def fly(jump: Any, story: Story, *, in_air: bool = True) -> None:
+    async def run() -> None:
+        world = Ros2World(mavlink=True)
+        world.mavlink_on = False
+        try:
+            vehicle = await (world.in_the_air() if in_air else world.ready_to_arm())
+            await story(Modes(world, vehicle))
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        assert NAME not in await at.other.modes()
+        began_s = at.world.loop.time()
+        mode = await at.register()
+        assert at.world.loop.time() - began_s < 1.0
+        assert (mode["name"], mode["state"], mode["mode"], mode["mission"]) == (
+            NAME, "registered", "external_1", "Line",
+        )  # fmt: skip
+        assert NAME in await at.other.modes()
+        assert await at.shown() == {"vehicle": "1", "possible": True, "modes": [mode]}
+        assert lines(at.station)[-1] == ("anna", "mission_modes/register", "1", "ok")
+        assert await at.unregister() == []
+        await seconds(1)
+        assert NAME not in await at.other.modes()
+        assert not at.warnings()
+
+    fly(jump, story, in_air=False)
+
+
+def test_another_station_starts_it_and_it_completes_in_hold(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = await at.flying()
+        assert at.vehicle.status.mode_label == NAME
+        assert at.station.missions.status("1").mode == mode
+        assert "RTL" in at.station.missions.status("1").if_stream_stops
+        await until(lambda: at.mission == "done", 20)
+        await at.mode("hold")
+        completed = [MESSAGES["ModeCompleted"].decode(data) for data in at.sent(COMPLETED)]
+        assert [(each["result"], each["nav_state"]) for each in completed] == [(0, 23)]
+        assert f"Mode {NAME}" in at.texts()
+        before = len(at.world.topics[0].sent)
+        await seconds(2)
+        assert {topic for topic, _ in at.world.topics[0].sent[before:]} == {CHECK_REPLY}
+        assert (await at.shown())["modes"][0]["state"] == "registered"
+
+    fly(jump, story)
+
+
+def test_this_server_starts_it_and_starts_it_again(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = (await at.register())["mode"]
+        for _ in range(2):
+            await at.vehicle.command.set_mode(mode)
+            await until(lambda: at.mission == "flying", 5)
+            await until(lambda: at.mission == "done", 20)
+            await at.mode("hold")
+        assert at.x_m() == pytest.approx(16, abs=1.5)
+
+    fly(jump, story)
+
+
+def test_a_takeover_suspends_it_and_the_mode_resumes_it(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = await at.flying()
+        at.other.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+        await at.mode("hold")
+        await until(lambda: at.mission == "suspended", 2)
+        before = len(at.world.topics[0].sent)
+        await seconds(2)
+        assert {topic for topic, _ in at.world.topics[0].sent[before:]} == {CHECK_REPLY}
+        at.other.choose(mode)
+        await until(lambda: at.mission == "flying", 5)
+        await until(lambda: at.mission == "done", 20)
+
+    fly(jump, story)
+
+
+def test_released_control_suspends_it_and_px4_is_told_that_it_has_failed(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        await at.flying()
+        flight = at.station.missions.flight("1")
+        assert flight.runner.flight.actions.control_lost == "hold"
+        at.station.authority.control("1").lease.release(ANNA)
+        await at.mode("hold")
+        assert at.mission == "suspended"
+        completed = [MESSAGES["ModeCompleted"].decode(data) for data in at.sent(COMPLETED)]
+        assert [each["result"] for each in completed] == [100]
+
+    fly(jump, story)
+
+
+def test_when_the_answers_end_px4_returns_and_the_operator_is_told(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = await at.flying()
+        at.world.streamer._streams.mode_ports[-1].working = False
+        began_s = at.world.loop.time()
+        await at.mode("rtl")
+        assert 0.8 < at.world.loop.time() - began_s < 1.8
+        await until(lambda: at.mission == "suspended", 2)
+        assert at.vehicle.status.mode != mode
+        await until(lambda: any("is no longer registered" in text for text in at.warnings()), 5)
+        assert at.station.mission_modes.all("1")[0].state == "lost"
+        assert at.station.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
+
+    fly(jump, story)
+
+
+def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        await at.flying()
+        streams = at.world.streamer._streams
+        flight = at.station.missions.flight("1")
+        alive, tick = streams._loop_alive, flight.tick
+        streams._loop_alive, flight.tick = lambda _: None, lambda: None
+        began_s = at.world.loop.time()
+        await at.mode("rtl")
+        assert 1.0 < at.world.loop.time() - began_s < 2.5
+        streams._loop_alive, flight.tick = alive, tick
+        await until(lambda: at.mission == "suspended", 2)
+
+    fly(jump, story)
+
+
+def test_it_does_not_begin_on_the_ground(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = (await at.register())["mode"]
+        at.other.choose(mode)
+        await at.mode(mode)
+        with pytest.raises(GcsError):
+            await at.vehicle.command.arm()
+        assert not at.vehicle.status.armed
+        assert at.mission is None
+
+    fly(jump, story, in_air=False)
+
+
+def test_a_mode_that_cannot_begin_holds_and_says_why(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = (await at.register())["mode"]
+        at.station.plan_work = NoWork()
+        at.other.choose(mode)
+        await until(lambda: any("cannot be flown" in text for text in at.warnings()), 5)
+        await at.mode("hold")
+        assert any("No worker. Try later. The vehicle holds." in text for text in at.warnings())
+        assert at.mission is None
+
+    fly(jump, story)
+
+
+class NoWork:
+    """Plans cannot be compiled now."""
+
+    async def run(self, *_: Any, **__: Any) -> Any:
+        raise Refused("No worker.", remedy="Try later.")
+
+
+def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        await at.register()
+        with pytest.raises(Refused, match="already registered"):
+            await at.register()
+        with pytest.raises(NotInControl):
+            await at.register(by=BOB, name="Other")
+        with pytest.raises(NotInControl):
+            await at.unregister(by=BOB)
+        with pytest.raises(Refused, match="has no mode 'Other'") as unknown:
+            await at.unregister("Other")
+        assert NAME in (unknown.value.remedy or "")
+        climbs = {**MISSION, "steps": [{"step": "take_off", "height_m": 5}]}
+        with pytest.raises(PlanFindings):
+            await at.register(name="Errors", mission=climbs)
+        sent = len(at.sent(UNREGISTER))
+        at.other.choose("external_1")
+        await until(lambda: at.mission == "flying", 5)
+        with pytest.raises(Refused, match="flies in the mode"):
+            await at.unregister()
+        assert len(at.sent(UNREGISTER)) == sent
+
+    fly(jump, story)
+
+
+def test_over_mavlink_alone_a_mode_is_not_possible(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = await at.register()
+        for endpoint in at.vehicle.endpoints:
+            at.vehicle.detach(endpoint)
+        assert (await at.shown())["possible"] is False
+        with pytest.raises(GcsError):
+            await at.register(name="Other")
+        assert mode["state"] == "registered"
+
+    fly(jump, story, in_air=False)
+
+
+def test_the_missions_resume_selects_the_mode(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = await at.flying()
+        await at.vehicle.command.hold()
+        await until(lambda: at.mission == "suspended", 2)
+        await mission_routes.resume("1", at.station, ANNA)
+        await at.mode(mode)
+        await until(lambda: at.mission == "done", 20)
+
+    fly(jump, story)
+
+
+def test_over_both_links_the_arming_report_has_the_name(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        at.world.mavlink_on = True
+        await until(lambda: "MAVLink" in at.vehicle.reach.protocols, 10)
+        mode = (await at.register())["mode"]
+        labels: dict[str, str] = {}
+
+        def named() -> bool:
+            labels.update({each.mode: each.label for each in at.vehicle.health.readiness.modes})
+            return mode in labels
+
+        await until(named, 15)
+        assert labels[mode] == NAME
+        assert labels["hold"] == "Hold"
+
+    fly(jump, story, in_air=False)

@@ -1,0 +1,193 @@
+"""One mode of this server in PX4: what is sent, and when; with recorded messages of a real PX4."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from gcs_server.ros2.external_mode import (
+    ATTEMPTS,
+    CHECK_REPLY,
+    CHECK_REQUEST,
+    COMPLETED,
+    CONTROLLERS,
+    LOST_S,
+    REGISTER,
+    REPLY,
+    SENT_TYPES,
+    UNREGISTER,
+    ExternalMode,
+    Message,
+    ModeDeclaration,
+    controllers_message,
+)
+from gcs_server.ros2.message_types import MESSAGES, Values
+from tests.support.dds_samples import recorded
+
+RECORDED = recorded()
+NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
+"""Of the recorded registration."""
+REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REPLY])
+ASKED: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
+MASK = 1 << 23
+
+
+def mode(now_s: float = 0.0) -> ExternalMode:
+    return ExternalMode(ModeDeclaration(NAME, frozenset({"attitude", "local_position"})), REQUEST_ID, now_s)
+
+
+def registered(now_s: float = 0.0) -> ExternalMode:
+    made = mode(now_s)
+    made.step(now_s)
+    made.replied(REGISTERED, now_s)
+    for _ in range(2):
+        made.asked(ASKED, now_s, can_run=True)
+    return made
+
+
+def fields(messages: list[Message], topic: str) -> dict[str, Any]:
+    """Fields of the only message, which has this topic."""
+    ((sent, data),) = messages
+    assert sent == topic
+    return dict(MESSAGES[SENT_TYPES[topic]].decode(data))
+
+
+def test_the_request_is_the_recorded_one_of_the_interface_library() -> None:
+    ((topic, data),) = mode().step(0.0)
+    assert topic == REGISTER
+    assert RECORDED[REGISTER].removeprefix(data).strip(b"\0") == b"", "only DDS's padding differs"
+
+
+def test_it_can_be_selected_once_px4_has_evaluated_an_answer() -> None:
+    made = mode()
+    made.step(0.0)
+    controllers = fields(made.replied(REGISTERED, 0.02), CONTROLLERS)
+    assert controllers["source_id"] == 23
+    assert controllers["flag_control_position_enabled"]
+    assert controllers["flag_control_allocation_enabled"]
+    assert (made.registration.state, made.registration.mode) == ("registering", None)
+    made.asked(ASKED, 0.3, can_run=True)
+    assert made.registration.state == "registering"
+    made.asked(ASKED, 0.6, can_run=True)
+    assert (made.registration.state, made.registration.mode) == ("registered", "external_1")
+    assert made.registration.nav_state == 23
+
+
+def test_each_arming_check_is_answered_at_once_with_the_requirements() -> None:
+    reply = fields(registered().asked(ASKED, 0.9, can_run=True), CHECK_REPLY)
+    assert (reply["request_id"], reply["registration_id"]) == (115, 0)
+    needs = {name for name, value in reply.items() if name.startswith("mode_req_") and value}
+    assert needs == {"mode_req_attitude", "mode_req_local_position", "mode_req_prevent_arming"}
+    assert reply["can_arm_and_run"]
+    assert not fields(registered().asked(ASKED, 0.9, can_run=False), CHECK_REPLY)["can_arm_and_run"]
+
+
+def test_the_reply_differs_from_the_recorded_one_only_in_what_it_states() -> None:
+    theirs = MESSAGES["ArmingCheckReply"].decode(RECORDED[CHECK_REPLY])
+    ours = fields(registered().asked({"request_id": theirs["request_id"]}, 0.9, can_run=True), CHECK_REPLY)
+    assert {name for name in ours if ours[name] != theirs[name]} == {"mode_req_prevent_arming"}
+
+
+def test_without_a_reply_it_asks_five_times_and_then_says_why() -> None:
+    made, sent, now_s = mode(), 0, 0.0
+    while made.registration.state == "registering" and now_s < 20.0:
+        sent += len(made.step(now_s))
+        now_s += 0.02
+    assert sent == ATTEMPTS
+    assert now_s == pytest.approx(5.0, abs=0.1)
+    assert made.registration.state == "refused"
+    assert "did not answer" in made.registration.why
+    assert made.step(now_s + 10) == []
+    assert made.asked(ASKED, now_s, can_run=True) == []
+
+
+@pytest.mark.parametrize(
+    "refusal",
+    [
+        {"success": False, "arming_check_id": -1, "mode_id": -1},
+        {"success": False, "arming_check_id": 0, "mode_id": 0},
+        {"mode_id": 4},
+    ],
+)
+def test_a_refusal_ends_the_registration(refusal: dict[str, Any]) -> None:
+    made = mode()
+    made.step(0.0)
+    assert made.replied({**REGISTERED, **refusal}, 0.02) == []
+    assert made.registration.state == "refused"
+    assert "COM_MODE_ARM_CHK" in made.registration.why
+    assert made.step(5.0) == []
+
+
+@pytest.mark.parametrize("other", [{"request_id": 7}, {"name": (79, *[0] * 24)}])
+def test_a_reply_to_another_program_is_not_ours(other: dict[str, Any]) -> None:
+    made = mode()
+    made.step(0.0)
+    assert made.replied({**REGISTERED, **other}, 0.02) == []
+    assert made.registration.nav_state is None
+
+
+def test_a_second_registration_by_a_repeated_request_is_removed() -> None:
+    made = registered()
+    again = {**REGISTERED, "arming_check_id": 1, "mode_id": 24}
+    removal = fields(made.replied(again, 1.2), UNREGISTER)
+    assert (removal["arming_check_id"], removal["mode_id"], removal["mode_executor_id"]) == (1, 24, -1)
+    assert made.registration.mode == "external_1"
+
+
+def test_when_px4_stops_asking_the_mode_is_lost() -> None:
+    made = registered()
+    assert made.step(LOST_S - 0.01) == []
+    assert made.registration.state == "registered"
+    made.step(LOST_S + 0.01)
+    assert made.registration.state == "lost"
+    assert "restarted" in made.registration.why
+    assert made.registration.mode is None
+    assert made.asked(ASKED, 5.0, can_run=True) == []
+    assert made.completed(success=True) == []
+
+
+def test_a_mode_that_px4_has_removed_is_lost() -> None:
+    made = registered()
+    made.status({"can_set_nav_states_mask": 0})
+    assert made.registration.state == "registered", "the status is older than the registration"
+    made.status({"can_set_nav_states_mask": MASK})
+    made.status({"can_set_nav_states_mask": MASK})
+    assert made.registration.state == "registered"
+    made.status({"can_set_nav_states_mask": 0})
+    assert made.registration.state == "lost"
+    assert "no answers in time" in made.registration.why
+
+
+def test_it_reports_its_end_and_its_failure() -> None:
+    made = registered()
+    assert fields(made.completed(success=True), COMPLETED) == {
+        "timestamp": 0, "result": 0, "nav_state": 23,
+    }  # fmt: skip
+    assert fields(made.completed(success=False), COMPLETED)["result"] == 100
+    assert mode().completed(success=True) == []
+
+
+def test_a_removed_mode_is_unregistered_as_recorded_and_answers_nothing() -> None:
+    made = registered()
+    ((topic, data),) = made.remove()
+    assert (topic, data) == (UNREGISTER, RECORDED[UNREGISTER])
+    assert made.asked(ASKED, 2.0, can_run=True) == []
+    assert made.remove() == []
+    assert mode().remove() == []
+
+
+@pytest.mark.parametrize(
+    ("level", "enabled"),
+    [
+        ("velocity", "position velocity altitude climb_rate acceleration attitude rates allocation"),
+        ("attitude", "attitude rates allocation"),
+        ("body_rate", "rates allocation"),
+        ("thrust_and_torque", "allocation"),
+        ("direct_actuator", ""),
+    ],
+)
+def test_each_level_runs_its_controller_and_all_below(level: str, enabled: str) -> None:
+    values = fields([controllers_message(23, level)], CONTROLLERS)
+    flags = {name for name, value in values.items() if name.startswith("flag_") and value}
+    assert flags == {f"flag_control_{each}_enabled" for each in enabled.split()}

@@ -1,0 +1,256 @@
+"""The modes of several vehicles in the process of the setpoint streams, with a clock that is a number."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import (
+    CHECK_REPLY,
+    CHECK_REQUEST,
+    COMPLETED,
+    CONTROLLERS,
+    REGISTER,
+    REPLY,
+    SENT_TYPES,
+    UNREGISTER,
+    ModeDeclaration,
+)
+from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.topics import STATUS
+from gcs_server.streamer.schedule.external_modes import MAX_MODES, READ_TYPES, ExternalModes
+from tests.support.dds_samples import recorded
+
+RECORDED = recorded()
+TRAJECTORY = "/fmu/in/trajectory_setpoint"
+ADDRESS = DdsAddress(0, None, "px4_1")
+
+
+class Clock:
+    now_s = 10.0
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def unix_s(self) -> float:
+        return 1_700_000_000.0 + self.now_s
+
+    async def sleep(self, seconds: float) -> None:
+        raise AssertionError("nothing waits")
+
+
+class Px4:
+    """PX4's side of one vehicle: answers registrations, asks every 0.3 s."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, dict[str, Any]]] = []
+        self.open, self.answers, self.asks_s = True, True, 0.0
+        self.modes: dict[int, str] = {}
+        self._to_server: list[tuple[str, bytes]] = []
+
+    def send(self, topic: str, data: bytes) -> None:
+        if not self.open:
+            raise OSError("DDS is not open yet")
+        kind = SENT_TYPES.get(topic, "TrajectorySetpoint")
+        values = dict(MESSAGES[kind].decode(data))
+        assert values["timestamp"] >= 1_700_000_000_000_000
+        self.sent.append((topic, values))
+        if topic == REGISTER and self.answers:
+            number = 23 + len(self.modes)
+            self.modes[number] = bytes(values["name"]).rstrip(b"\0").decode()
+            known = MESSAGES[READ_TYPES[REPLY]].decode(RECORDED[REPLY])
+            changed = {"request_id": values["request_id"], "name": values["name"]}
+            self.give(REPLY, {**known, **changed, "arming_check_id": number - 23, "mode_id": number})
+
+    def take(self) -> list[tuple[str, bytes]]:
+        taken, self._to_server = self._to_server, []
+        return taken
+
+    def give(self, topic: str, fields: dict[str, Any]) -> None:
+        self._to_server.append((topic, MESSAGES[READ_TYPES[topic]].encode(fields)))
+
+    def give_bytes(self, topic: str, data: bytes) -> None:
+        self._to_server.append((topic, data))
+
+    def ask(self, now_s: float) -> None:
+        if self.modes and now_s >= self.asks_s:
+            self.asks_s = now_s + 0.312
+            self.give(CHECK_REQUEST, {"request_id": int(now_s * 10) % 256})
+
+    def flies(self, nav_state: int, *, armed: bool = True) -> None:
+        mask = sum(1 << each for each in self.modes)
+        fields = {"nav_state": nav_state, "arming_state": 2 if armed else 1, "can_set_nav_states_mask": mask}
+        self.give(STATUS, fields)
+
+    def topics(self) -> list[str]:
+        """Topics sent since the last call."""
+        sent, self.sent = self.sent, []
+        return [topic for topic, _ in sent]
+
+
+class Bench:
+    """The modes of one vehicle, run by hand."""
+
+    def __init__(self) -> None:
+        self.clock, self.px4 = Clock(), Px4()
+        self.modes = ExternalModes(self.clock, lambda _: self.px4)
+        self.alive, self.flown = True, False
+
+    def register(self, name: str = "Line", vehicle: str = "1", address: DdsAddress = ADDRESS) -> None:
+        self.modes.register(vehicle, address, ModeDeclaration(name, frozenset({"attitude"})))
+
+    def run(self, seconds: float) -> None:
+        until_s = self.clock.now_s + seconds
+        while self.clock.now_s < until_s:
+            self.px4.ask(self.clock.now_s)
+            self.modes.step(self.clock.now_s, server_alive=self.alive, flown=lambda _: self.flown)
+            self.clock.now_s = round(self.clock.now_s + 0.01, 3)
+
+    def states(self) -> list[tuple[str, str]]:
+        return [(each.name, each.state) for each in self.modes.states().get("1", ())]
+
+    def answers(self) -> list[bool]:
+        """Each answer sent so far: whether the mode can run."""
+        return [values["can_arm_and_run"] for topic, values in self.px4.sent if topic == CHECK_REPLY]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    made = Bench()
+    made.register()
+    made.run(1.0)
+    assert made.states() == [("Line", "registered")]
+    made.px4.sent.clear()
+    return made
+
+
+def test_without_modes_it_has_nothing_to_do() -> None:
+    assert Bench().modes.step(10.0, server_alive=True, flown=lambda _: False) == float("inf")
+
+
+def test_every_request_is_answered_within_a_tenth_of_a_second(bench: Bench) -> None:
+    bench.run(5.0)
+    assert len(bench.answers()) == pytest.approx(5.0 / 0.312, abs=1.5)
+    bench.px4.sent.clear()
+    bench.px4.asks_s = float("inf")
+    bench.px4.give(CHECK_REQUEST, {"request_id": 3})
+    bench.run(0.03)
+    assert bench.answers() == [True]
+
+
+def test_while_the_event_loop_is_silent_the_answers_say_that_it_cannot_run(bench: Bench) -> None:
+    bench.alive = False
+    bench.run(1.0)
+    assert set(bench.answers()) == {False}
+    bench.px4.sent.clear()
+    bench.alive = True
+    bench.run(1.0)
+    assert set(bench.answers()) == {True}
+
+
+def test_without_a_stream_the_vehicle_is_stopped_in_the_mode(bench: Bench) -> None:
+    bench.px4.flies(23)
+    bench.run(0.2)
+    assert {CONTROLLERS, TRAJECTORY} <= set(bench.px4.topics())
+    bench.flown = True
+    bench.px4.flies(23)
+    bench.run(1.0)
+    assert set(bench.px4.topics()) == {CHECK_REPLY}
+
+
+@pytest.mark.parametrize(("nav_state", "armed"), [(4, True), (23, False), (24, True)])
+def test_in_other_modes_and_disarmed_no_setpoint_is_sent(bench: Bench, nav_state: int, armed: bool) -> None:
+    bench.px4.flies(nav_state, armed=armed)
+    bench.run(1.0)
+    assert set(bench.px4.topics()) == {CHECK_REPLY}
+
+
+def test_two_modes_are_registered_one_after_the_other_and_removed_one_after_the_other(bench: Bench) -> None:
+    bench.register("Square")
+    bench.register("Circle")
+    bench.run(3.0)
+    assert [state for _, state in bench.states()] == ["registered"] * 3
+    bench.px4.sent.clear()
+    for name in ("Line", "Square", "Circle"):
+        bench.modes.unregister("1", name)
+    bench.run(0.02)
+    assert bench.px4.topics().count(UNREGISTER) == 1
+    bench.run(1.0)
+    assert bench.px4.topics().count(UNREGISTER) == 2
+    assert bench.modes.states() == {}
+
+
+def test_what_is_refused(bench: Bench) -> None:
+    with pytest.raises(ValueError, match="already registered"):
+        bench.register()
+    with pytest.raises(ValueError, match="another ROS 2 link"):
+        bench.register("Other", address=DdsAddress(1, None, ""))
+    for n in range(MAX_MODES - 1):
+        bench.register(f"Mode {n}")
+    with pytest.raises(ValueError, match="4 modes"):
+        bench.register("One more")
+
+
+def test_a_lost_mode_can_be_registered_again(bench: Bench) -> None:
+    bench.px4.modes.clear()
+    bench.run(2.0)
+    assert bench.states() == [("Line", "lost")]
+    bench.register()
+    bench.run(1.0)
+    assert bench.states() == [("Line", "registered")]
+
+
+def test_a_registration_waits_for_dds_and_is_refused_without_an_answer() -> None:
+    bench = Bench()
+    bench.px4.open = bench.px4.answers = False
+    bench.register()
+    bench.run(2.0)
+    bench.px4.open = True
+    bench.run(1.5)
+    assert bench.states() == [("Line", "registering")]
+    bench.run(3.0)
+    assert bench.states() == [("Line", "refused")]
+
+
+def test_the_end_of_the_mode_is_reported_by_its_name_in_the_status(bench: Bench) -> None:
+    bench.modes.complete("1", "external_2", success=True)
+    bench.modes.complete("2", "external_1", success=True)
+    assert bench.px4.topics() == []
+    bench.modes.complete("1", "external_1", success=False)
+    assert [(topic, each["result"]) for topic, each in bench.px4.sent] == [(COMPLETED, 100)]
+
+
+def test_a_malformed_message_is_skipped(bench: Bench) -> None:
+    bench.px4.give_bytes(CHECK_REQUEST, b"\0\1")
+    bench.px4.give_bytes(STATUS, b"")
+    bench.run(1.0)
+    assert bench.states() == [("Line", "registered")]
+
+
+def test_a_fault_of_one_vehicle_leaves_the_others(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    class Broken(Px4):
+        def take(self) -> list[tuple[str, bytes]]:
+            raise RuntimeError("broken")
+
+    broken = Broken()
+    bench.modes._open_port = lambda _: broken
+    bench.register("Other", vehicle="2", address=DdsAddress(0, None, "px4_2"))
+    bench.run(2.0)
+    assert bench.modes.states().keys() == {"1"}
+    assert "the modes of vehicle 2 failed" in caplog.text
+    assert len(bench.answers()) >= 5
+
+
+def test_at_the_end_all_modes_are_unregistered(bench: Bench) -> None:
+    bench.modes.close()
+    assert bench.px4.topics() == [UNREGISTER]
+    assert bench.modes.states() == {}
+
+
+def test_a_forgotten_vehicles_modes_are_unregistered(bench: Bench) -> None:
+    bench.modes.forget("1")
+    bench.modes.forget("unknown")
+    bench.run(0.5)
+    assert bench.px4.topics() == [UNREGISTER]
