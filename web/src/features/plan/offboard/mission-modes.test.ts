@@ -1,0 +1,80 @@
+import { describe, expect, it } from 'vitest';
+import { canRemove, canSelect, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
+import type { Finding } from '../fixes';
+import type { Mission } from './mission';
+
+const MODE: MissionMode = {
+  name: 'Short line',
+  state: 'registered',
+  mode: 'external_1',
+  reason: '',
+  mission: 'Line',
+  plan_id: 'p1',
+  version: 3,
+  client: 'Anna',
+};
+const as = (more: Partial<MissionMode>): MissionMode => ({ ...MODE, ...more });
+const FLIES = { steps: [{ step: 'fly' }] } as unknown as Mission;
+const ERROR = { code: 'fence_crossed', severity: 'error', text: 'The path leaves the geofence.' } as unknown as Finding;
+
+describe('the name of a mode', () => {
+  it('is the name of the mission as PX4 can show it', () => {
+    expect(modeName('Tower survey')).toBe('Tower survey');
+    expect(modeName(' Überflug Süd → 2 ')).toBe('Uberflug Sud  2');
+    expect(modeName('A mission with a very long name')).toBe('A mission with a very lo');
+    expect(modeName('日本')).toBe('');
+  });
+
+  it('is refused with a reason if PX4 cannot show it or has it already', () => {
+    expect(registerProblem('Line 2', FLIES, [], [MODE])).toBeNull();
+    expect(registerProblem('', FLIES, [], [])).toContain('1 to 24');
+    expect(registerProblem('Süd', FLIES, [], [])).toContain('ASCII');
+    expect(registerProblem('Short line', FLIES, [], [MODE])).toContain('already registered');
+    expect(registerProblem('Short line', FLIES, [], [as({ state: 'lost', mode: null })])).toBeNull();
+  });
+});
+
+describe('registering', () => {
+  it('needs a checked mission without errors', () => {
+    expect(registerProblem('Line 2', FLIES, null, [])).toContain('not been checked');
+    expect(registerProblem('Line 2', FLIES, [ERROR], [])).toBe('An error to fix or accept below: The path leaves the geofence.');
+    expect(registerProblem('Line 2', FLIES, [ERROR, ERROR], [])).toContain('2 errors');
+  });
+
+  it('is for missions that begin in the air', () => {
+    const climbs = { steps: [{ step: 'take_off' }] } as unknown as Mission;
+    expect(registerProblem('Line 2', climbs, [], [])).toContain('remove the take-off');
+    expect(registerProblem('Line 2', FLIES, [{ ...ERROR, code: 'takeoff_missing' }], [])).toBeNull();
+  });
+});
+
+describe('a mode', () => {
+  it('has its state as a text', () => {
+    expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected in the air', tone: 'ok' });
+    expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
+    expect(modeText(as({ state: 'registering', mode: null }), null).tone).toBe('dim');
+    expect(modeText(as({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({ text: 'not registered: PX4 restarted', tone: 'caution' });
+  });
+
+  it('is selected in the air only, and not again', () => {
+    expect(canSelect(MODE, 'hold', true)).toBe(true);
+    expect(canSelect(MODE, 'hold', false)).toBe(false);
+    expect(canSelect(MODE, 'external_1', true)).toBe(false);
+    expect(canSelect(as({ state: 'lost', mode: null }), 'hold', true)).toBe(false);
+  });
+
+  it('is removed at any time, except while it flies', () => {
+    expect(canRemove(MODE, 'hold', true)).toBe(true);
+    expect(canRemove(MODE, 'external_1', true)).toBe(false);
+    expect(canRemove(MODE, 'external_1', false)).toBe(true);
+    expect(canRemove(as({ state: 'lost', mode: null }), null, true)).toBe(true);
+    expect(canRemove(as({ state: 'registering', mode: null }), 'hold', false)).toBe(false);
+  });
+
+  it('is started after a question that states the failsafe', () => {
+    const asks = selectQuestion(MODE, 'Quad 1');
+    expect(asks.title).toBe('Start “Short line” with Quad 1');
+    expect(asks.effect).toContain('“Line” (version 3)');
+    expect(asks.effect).toContain('(RTL)');
+  });
+});

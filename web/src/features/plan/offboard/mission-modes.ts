@@ -1,0 +1,67 @@
+/** Offboard missions that are registered with PX4 as flight modes, as texts. Pure. */
+
+import type { Question } from '../../../app/actions/actions';
+import type { components } from '../../../api/schema';
+import type { Finding } from '../fixes';
+import type { Mission } from './mission';
+
+export type MissionMode = Readonly<components['schemas']['MissionModeStatus']>;
+/** Longest name of a mode in PX4. */
+export const NAME_LENGTH = 24;
+const NAME = /^[!-~]([ -~]{0,22}[!-~])?$/;
+
+/** A name for the mode of a mission: printable ASCII characters, at most as long as PX4 permits. */
+export function modeName(mission: string): string {
+  const ascii = mission.normalize('NFKD').replace(/[^ -~]/g, '');
+  return ascii.trim().slice(0, NAME_LENGTH).trim();
+}
+
+/**
+ * Why a mission cannot be registered under this name; null if it can.
+ * @param open errors that are not accepted; null: the mission has not been checked. The mode begins in the air, so a
+ *   missing take-off is none.
+ */
+export function registerProblem(name: string, mission: Mission, open: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
+  if (!NAME.test(name)) return `The name of the mode needs 1 to ${NAME_LENGTH} letters, digits or signs of ASCII.`;
+  if (modes.some((mode) => mode.name === name && (mode.state === 'registered' || mode.state === 'registering')))
+    return `A mode “${name}” is already registered. Remove it first, or choose another name.`;
+  if (mission.steps?.[0]?.step === 'take_off') return 'A flight mode begins in the air: remove the take-off from the mission.';
+  if (open === null) return 'The mission has not been checked for this vehicle yet.';
+  const errors = open.filter((finding) => finding.code !== 'takeoff_missing');
+  if (errors.length === 0) return null;
+  return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to fix or accept below: ${errors[0]?.text ?? ''}`;
+}
+
+/** State of a mode. @param present the vehicle's mode. */
+export function modeText(mode: MissionMode, present: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'target' } {
+  switch (mode.state) {
+    case 'registering':
+      return { text: 'being registered', tone: 'dim' };
+    case 'registered':
+      return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: 'ready to be selected in the air', tone: 'ok' };
+    default:
+      return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
+  }
+}
+
+/** Whether the page can select the mode now. */
+export function canSelect(mode: MissionMode, present: string | null, inAir: boolean): boolean {
+  return mode.state === 'registered' && mode.mode !== null && mode.mode !== present && inAir;
+}
+
+/** Whether the mode can be removed: not while the vehicle flies in it. */
+export function canRemove(mode: MissionMode, present: string | null, inAir: boolean): boolean {
+  return mode.state !== 'registering' && !(inAir && mode.mode !== null && mode.mode === present);
+}
+
+export function selectQuestion(mode: MissionMode, vehicleName: string): Question {
+  const version = mode.version === null ? '' : ` (version ${mode.version})`;
+  return {
+    title: `Start “${mode.name}” with ${vehicleName}`,
+    effect:
+      `Switches to the flight mode “${mode.name}”, and flies the mission “${mode.mission}”${version} from its current position. ` +
+      'If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops it at any time.',
+    verb: 'Start',
+    danger: false,
+  };
+}
