@@ -26,7 +26,7 @@ from vehicle_sim.mavlink import generated_dialect as mavlink
 
 pytest.importorskip("cyclonedds")
 
-DOMAIN = 53
+DOMAIN = 58
 NAMESPACE = f"modes_{os.getpid()}"
 SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
 NAME = "Short line"

@@ -242,6 +242,20 @@ def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
     fly(jump, story)
 
 
+def test_a_server_that_ends_holds_the_vehicle_and_removes_the_mode(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        await at.flying()
+        (stopped,) = await at.station.streamer.stop_all()
+        assert stopped.error is None
+        await at.mode("hold")
+        at.world.streamer._streams.close()
+        await seconds(1)
+        assert NAME not in await at.other.modes()
+        assert at.vehicle.status.mode == "hold"
+
+    fly(jump, story)
+
+
 def test_it_does_not_begin_on_the_ground(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register())["mode"]
