@@ -72,6 +72,8 @@ class SharedDomain:
 
 _domains: weakref.WeakValueDictionary[int, SharedDomain] = weakref.WeakValueDictionary()
 _domains_lock = threading.Lock()
+_types_lock = threading.Lock()
+"""Two threads cannot register a type of Cyclone at once."""
 
 
 def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
@@ -214,11 +216,12 @@ def open_topics(
     """
     domain = open_domain(address.domain_id, address.interface)
     try:
-        participant = DomainParticipant(address.domain_id)
-        writers = Writers(participant, address.namespace, domain)
-        for topic, message in sent.items():
-            writers.prepare(topic, message)
-        return writers, Readers(participant, address.namespace, read)
+        with _types_lock:
+            participant = DomainParticipant(address.domain_id)
+            writers = Writers(participant, address.namespace, domain)
+            for topic, message in sent.items():
+                writers.prepare(topic, message)
+            return writers, Readers(participant, address.namespace, read)
     except DDSException as problem:
         raise DdsUnavailable(_not_opened(address.domain_id, address.interface, problem)) from None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 
@@ -17,26 +18,29 @@ from cyclonedds.topic import Topic
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.dds import open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.external_mode import REGISTER, REPLY
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import wire_name
-from gcs_server.streamer.process.ros2_senders import Ros2Senders
+from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE
+from tests.support.dds_publisher import Publisher
+from tests.support.dds_samples import recorded
 
-DOMAIN = 51
+DOMAIN, MODES_DOMAIN = 51, 54
 NAMESPACE = f"senders_{os.getpid()}"
 
 
 def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used() -> None:
     domain = open_domain(DOMAIN, None)
+    # before the sender's thread: two threads cannot register a type of Cyclone at once
+    participant = DomainParticipant(DOMAIN)
+    topic = Topic(participant, wire_name(CONTROL_MODE, NAMESPACE), idl_type(MESSAGES["OffboardControlMode"]))
     address, senders = DdsAddress(DOMAIN, None, NAMESPACE), Ros2Senders()
     sender = senders.at(address)
     assert senders.at(address) is sender
     data = MESSAGES["OffboardControlMode"].encode({"position": True})
     with pytest.raises(OSError, match=r"not open yet|no vehicle subscribes"):
         sender.send(CONTROL_MODE, data)
-    participant = DomainParticipant(DOMAIN)
-    kind = idl_type(MESSAGES["OffboardControlMode"])
-    topic = Topic(participant, wire_name(CONTROL_MODE, NAMESPACE), kind)
     reader = DataReader(participant, topic, qos=Qos(Policy.Reliability.BestEffort))
     received: list[Sample] = []
     end_s = time.monotonic() + 10.0
@@ -50,4 +54,31 @@ def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used
     assert MESSAGES["OffboardControlMode"].decode(received[0].cdr)["position"] is True
     senders.keep(())
     assert senders.at(address) is not sender
+    assert domain
+
+
+def test_modes_are_registered_on_topics_of_their_own() -> None:
+    namespace = f"modes_{os.getpid()}"
+    domain = open_domain(MODES_DOMAIN, None)
+    vehicle = Publisher(MODES_DOMAIN, namespace)
+    vehicle.prepare(REPLY, "RegisterExtComponentReply")
+    kind = idl_type(MESSAGES["RegisterExtComponentRequest"])
+    topic = Topic(vehicle.participant, wire_name(REGISTER, namespace), kind)
+    reader = DataReader(vehicle.participant, topic, qos=Qos(Policy.Reliability.BestEffort))
+    topics = ModeTopics(DdsAddress(MODES_DOMAIN, None, namespace))
+    requests: list[Sample] = []
+    replies: list[tuple[str, bytes]] = []
+    end_s = time.monotonic() + 10.0
+    while not (requests and replies):
+        assert time.monotonic() < end_s, (len(requests), len(replies))
+        with contextlib.suppress(OSError):  # DDS is not open yet
+            topics.send(REGISTER, recorded()[REGISTER])
+        vehicle.send(REPLY, recorded()[REPLY], "RegisterExtComponentReply")
+        time.sleep(0.02)
+        requests += [sample for sample in reader.take(10) if isinstance(sample, Sample)]
+        replies += topics.take()
+    request = MESSAGES["RegisterExtComponentRequest"]
+    assert request.decode(requests[0].cdr) == request.decode(recorded()[REGISTER])
+    assert replies[0][0] == REPLY
+    assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23
     assert domain
