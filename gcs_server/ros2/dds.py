@@ -108,6 +108,10 @@ def _not_opened(domain_id: int, interface: str | None, problem: DDSException) ->
     )
 
 
+def _has_names(found: object) -> bool:
+    return bool(getattr(found, "topic_name", None) and getattr(found, "type_name", None))
+
+
 @dataclass(frozen=True, slots=True)
 class Publication:
     """A writer that DDS discovered."""
@@ -137,7 +141,8 @@ class DdsPort:
             found = self._publications.take(MAX_PUBLICATIONS)
         except DDSException:
             return []
-        return [Publication(each.topic_name, each.type_name) for each in found if hasattr(each, "topic_name")]
+        # a writer that has ended is announced without its names
+        return [Publication(each.topic_name, each.type_name) for each in found if _has_names(each)]
 
     def vehicle(self, namespace: str) -> VehiclePort:
         """Subscribes to the topics of a vehicle.

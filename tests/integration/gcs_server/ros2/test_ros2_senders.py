@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import time
 
@@ -16,7 +17,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from gcs_server.links.base import DdsAddress
-from gcs_server.ros2.dds import open_domain
+from gcs_server.ros2.dds import DdsPort, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.external_mode import REGISTER, REPLY
 from gcs_server.ros2.message_types import MESSAGES
@@ -26,7 +27,7 @@ from gcs_server.streamer.transport.ros2 import CONTROL_MODE
 from tests.support.dds_publisher import Publisher
 from tests.support.dds_samples import recorded
 
-DOMAIN, MODES_DOMAIN = 51, 54
+DOMAIN, MODES_DOMAIN, ENDS_DOMAIN = 51, 54, 55
 NAMESPACE = f"senders_{os.getpid()}"
 
 
@@ -82,3 +83,20 @@ def test_modes_are_registered_on_topics_of_their_own() -> None:
     assert replies[0][0] == REPLY
     assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23
     assert domain
+
+
+def test_a_writer_that_ends_is_not_announced_as_a_publication() -> None:
+    port, topic = DdsPort(ENDS_DOMAIN, None), "/fmu/out/mode_completed"
+    vehicle = Publisher(ENDS_DOMAIN, f"ends_{os.getpid()}")
+    vehicle.prepare(topic, "ModeCompleted")
+    found: list[str] = []
+    end_s = time.monotonic() + 10.0
+    while not any(each.endswith(topic) for each in found):
+        assert time.monotonic() < end_s
+        found += [each.topic for each in port.discovered()]
+    del vehicle
+    gc.collect()
+    end_s = time.monotonic() + 1.0
+    while time.monotonic() < end_s:
+        assert all(each.topic and each.type for each in port.discovered())
+        time.sleep(0.02)
