@@ -182,6 +182,9 @@ def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
         def guard_phases(self):
             return []
 
+        def modes(self):
+            return {}
+
         has_news = False
 
     class Messages:
