@@ -121,6 +121,8 @@ class Course:
     invalid_at_s: list[float] = field(default_factory=list)
     valid_at_s: list[float] = field(default_factory=list)
     dead_reckoning_at_s: list[float] = field(default_factory=list)
+    aided_again_at_s: list[float] = field(default_factory=list)
+    """Ends of the periods of dead reckoning; the last period may have none."""
     horizontal_ratio: float = 0.0
     """Largest ratio of error to stated accuracy while it flew."""
     vertical_ratio: float = 0.0
@@ -169,8 +171,9 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
         for row in np.flatnonzero(estimate.valid_position != valid):
             changes = courses[row].invalid_at_s if valid[row] else courses[row].valid_at_s
             changes.append(now_s)
-        for row in np.flatnonzero(sim.fusion.dead_reckoning & ~reckoning):
-            courses[row].dead_reckoning_at_s.append(now_s)
+        for row in np.flatnonzero(sim.fusion.dead_reckoning != reckoning):
+            changes = courses[row].aided_again_at_s if reckoning[row] else courses[row].dead_reckoning_at_s
+            changes.append(now_s)
         valid, reckoning = estimate.valid_position.copy(), sim.fusion.dead_reckoning.copy()
         _descend(sim, ~valid)
         flying &= sim.truth.position_ned_m[:, 2] < -FLYING_ABOVE_M

@@ -1,5 +1,7 @@
 """Single random faults of random flights: accuracies are as true as PX4's, validity ends when PX4's would."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -14,40 +16,93 @@ LOOK_S = 0.05
 """Estimates are published, and looked at, so often."""
 FIX_S, STEP_S = 0.124, 0.008
 """Between fixes, and between steps of the estimator."""
+RECKONING_S = DEAD_RECKONING_AFTER_S + HORIZON_S
 
 
 def in_time(moment_s: float, due_s: float, late_s: float = LOOK_S) -> bool:
-    return due_s - LOOK_S <= moment_s <= due_s + late_s
+    return due_s - STEP_S <= moment_s <= due_s + late_s
+
+
+def once(moments_s: list[float], due_s: float) -> bool:
+    return len(moments_s) == 1 and in_time(moments_s[0], due_s)
+
+
+def valid_while_aided(course: Course, seconds: float) -> bool:
+    """Whether validity ended in each long period of dead reckoning when due, and lasted in all others."""
+    invalid_s, valid_s = list(course.invalid_at_s), list(course.valid_at_s)
+    for k, start_s in enumerate(course.dead_reckoning_at_s):
+        end_s = course.aided_again_at_s[k] if k < len(course.aided_again_at_s) else math.inf
+        due_s = start_s + NO_AID_S - RECKONING_S
+        ended = [at for at in invalid_s if start_s <= at <= end_s]
+        if ended:
+            # Both moments are known to within one look.
+            if len(ended) > 1 or abs(invalid_s.pop(0) - due_s) > LOOK_S:
+                return False
+            if end_s < math.inf and not (valid_s and end_s - LOOK_S <= valid_s.pop(0) <= end_s):
+                return False
+        elif min(end_s, seconds) > due_s + LOOK_S:
+            return False
+    return not invalid_s and not valid_s
 
 
 def validity_ended_in_time(course: Course, seconds: float) -> bool:
     """Whether an estimate was valid for as long as it was aided, and five seconds more."""
     last_fix_s = max(at for at in course.fixes_s if at < 0.0)
+    due_s = last_fix_s + NO_AID_S
     if KINDS[course.kind].aided:
         return not course.invalid_at_s
+    if not valid_while_aided(course, seconds):
+        return False
     if KINDS[course.kind].aided is False:
-        return (
-            in_time(course.dead_reckoning_at_s[0], last_fix_s + DEAD_RECKONING_AFTER_S + HORIZON_S)
-            and in_time(course.invalid_at_s[0], last_fix_s + NO_AID_S)
-            and not course.valid_at_s
-        )
-    if course.kind == GONE_FOR_A_WHILE:
-        bad_s = max(at for at in course.fixes_s if at < course.back_s)
-        # A fix that comes just when the wait is over may be the first one or not.
-        again_s = min((at for at in course.fixes_s if at >= bad_s + GOOD_AGAIN_S - STEP_S), default=seconds)
-        if again_s - last_fix_s < NO_AID_S:
-            moments = (*course.invalid_at_s, *course.valid_at_s)
-            return all(in_time(at, again_s, LOOK_S + FIX_S) for at in moments)
-        # A position that drifted out of the gate is taken by a reset, once nothing was fused for 7 s.
-        reset_s = max(again_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
-        ended = in_time(course.invalid_at_s[0], last_fix_s + NO_AID_S)
-        back = course.valid_at_s[0] if course.valid_at_s else seconds
-        return ended and again_s - LOOK_S <= back <= reset_s + LOOK_S
-    return all(
-        any(in_time(at, reckoning_s + NO_AID_S - DEAD_RECKONING_AFTER_S - HORIZON_S)
-            for reckoning_s in course.dead_reckoning_at_s)
-        for at in course.invalid_at_s
-    )  # fmt: skip
+        reckons = once(course.dead_reckoning_at_s, last_fix_s + RECKONING_S)
+        return reckons and once(course.invalid_at_s, due_s) and not course.valid_at_s
+    if course.kind != GONE_FOR_A_WHILE:
+        return True
+    bad_s = max(at for at in course.fixes_s if at < course.back_s)
+    # A fix that comes just when the wait is over may be the first one or not.
+    again_s = min((at for at in course.fixes_s if at >= bad_s + GOOD_AGAIN_S - STEP_S), default=seconds)
+    if again_s + FIX_S + LOOK_S < due_s:
+        return not course.invalid_at_s
+    if again_s < due_s and not course.invalid_at_s:
+        return True
+    # A position that drifted out of the gate is taken by a reset, once nothing was fused for 7 s.
+    reset_s = max(again_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
+    back = course.valid_at_s[0] if course.valid_at_s else seconds
+    return once(course.invalid_at_s, due_s) and again_s - LOOK_S <= back <= reset_s + LOOK_S
+
+
+LOST = {"dead_reckoning_at_s": [1.06], "invalid_at_s": [5.06]}
+LONG_LOST = {"back_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_at_s": [11.06]}
+
+
+@pytest.mark.parametrize(
+    ("kind", "moments", "right"),
+    [
+        ("silent GPS", LOST, True),
+        ("silent GPS", {**LOST, "invalid_at_s": []}, False),
+        ("silent GPS", {**LOST, "invalid_at_s": [4.98]}, False),
+        ("silent GPS", {**LOST, "invalid_at_s": [5.14]}, False),
+        ("silent GPS", {**LOST, "valid_at_s": [9.0]}, False),
+        ("silent GPS", {"dead_reckoning_at_s": [0.9], "invalid_at_s": [5.06]}, False),
+        ("silent barometer", {}, True),
+        ("silent barometer", LOST, False),
+        ("stuck GPS", {}, True),
+        ("stuck GPS", {"dead_reckoning_at_s": [8.0], "aided_again_at_s": [11.5]}, True),
+        ("stuck GPS", {"dead_reckoning_at_s": [8.0], "invalid_at_s": [12.0]}, True),
+        ("stuck GPS", {"dead_reckoning_at_s": [8.0]}, False),
+        ("stuck GPS", {"dead_reckoning_at_s": [8.0], "aided_again_at_s": [13.0]}, False),
+        ("stuck GPS", {"dead_reckoning_at_s": [8.0], "invalid_at_s": [11.8]}, False),
+        ("stuck GPS", {"invalid_at_s": [12.0]}, False),
+        (GONE_FOR_A_WHILE, LONG_LOST, True),
+        (GONE_FOR_A_WHILE, {**LONG_LOST, "back_s": 1.0}, False),
+        (GONE_FOR_A_WHILE, {**LONG_LOST, "valid_at_s": []}, False),
+        (GONE_FOR_A_WHILE, {**LONG_LOST, "valid_at_s": [13.0], "aided_again_at_s": [13.0]}, False),
+    ],
+)
+def test_the_end_of_validity_is_judged_within_a_twentieth_of_a_second(kind, moments, right):
+    fixes_s = [round(-0.06 + 0.124 * k, 3) for k in range(-10, 150)]
+    course = Course(kind, fixes_s, **{"back_s": 20.0, **moments})
+    assert validity_ended_in_time(course, 20.0) is right
 
 
 @pytest.mark.flight
