@@ -85,9 +85,13 @@ def _lifted_accelerometer(sim: Simulation, row: int, random: np.random.Generator
 GONE_FOR_A_WHILE = "GPS gone for a while"
 LEVEL, UPRIGHT = (0.4, 2.1), (0.4, 3.4)
 """Range of the recorded flights whose fault affects neither position nor height."""
-RUNS_AWAY = (100.0, 300.0), (19.0, 300.0)
-"""With a frozen fix the position control has no feedback: the range covers whole flights, as the speed of the
-divergence is random."""
+RUNS_AWAY = (103.0, 413.0), (19.6, 46.7)
+"""With a frozen fix the position control has no feedback, and the speed of the divergence is random: the four
+recorded flights had 103 to 289 horizontally in 20 s, and 413 and more at their end."""
+RECORDED_HEIGHT_M = 10.0
+"""Height of those flights, which kept one setpoint. It limits the height error before the ground; a vehicle
+whose setpoint changes after the freeze diverges faster."""
+STUCK_GPS = "stuck GPS"
 TILTED = (0.4, 2.7)
 """The recorded flights hovered; these vehicles tilt, and a tilted faulty accelerometer also pushes
 sideways."""
@@ -95,7 +99,7 @@ KINDS = {
     GONE_FOR_A_WHILE: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6)),
     "few satellites": FaultKind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
     "silent GPS": FaultKind(_silent(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
-    "stuck GPS": FaultKind(_stuck(Driver.GPS), None, *RUNS_AWAY),
+    STUCK_GPS: FaultKind(_stuck(Driver.GPS), None, *RUNS_AWAY),
     "displaced GPS": FaultKind(_displaced, True, (100.0, 100.2), UPRIGHT),
     "pressure step": FaultKind(_pressure_step, True, LEVEL, (0.4, 7.5)),
     "silent barometer": FaultKind(_silent(Driver.BARO), True, LEVEL, UPRIGHT),
@@ -145,11 +149,12 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
     sim.setpoints.armed[:] = True
     sim.setpoints.level[:] = ControlLevel.TRAJECTORY
     fault_step = round(SETTLED_S / sim.dt_s)
+    stuck = np.array([course.kind == STUCK_GPS for course in courses])
     valid, reckoning = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
     flying = np.ones(count, dtype=bool)
     for step in range(fault_step + round(seconds / sim.dt_s)):
         if step % round(NEW_COURSE_EVERY_S / sim.dt_s) == 0:
-            _new_courses(sim, random)
+            _new_courses(sim, random, stuck, stuck & (step > 0))
         if step == round(LIFT_S / sim.dt_s):
             sim.setpoints.in_air[:] = True
         if step == fault_step:
@@ -207,18 +212,26 @@ def _judge(sim: Simulation, courses: list[Course], flying: np.ndarray) -> None:
         course.vertical_ratio = max(course.vertical_ratio, float(upright[row]))
 
 
-def _new_courses(sim: Simulation, random: np.random.Generator) -> None:
-    """Sets new setpoints: half of the vehicles hold a nearby position, half fly a velocity; all between 15
-    and 25 m."""
+def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, keep: np.ndarray) -> None:
+    """Sets new setpoints, 15 to 25 m high: half of the vehicles hold a nearby position, half fly a velocity.
+
+    Args:
+        sim: the fleet.
+        random: source of the setpoints.
+        low: (N,) vehicles that fly at the recorded height.
+        keep: (N,) vehicles that keep their setpoints.
+    """
     count, setpoints = sim.count, sim.setpoints
+    old_position, old_velocity = setpoints.position_ned_m[keep], setpoints.velocity_ned_m_s[keep]
     holds = random.random(count) < 0.5
     near = sim.estimate.position_ned_m[:, :2] + random.uniform(-8.0, 8.0, (count, 2))
     setpoints.position_ned_m[:, :2] = np.where(holds[:, None], near, np.nan)
-    setpoints.position_ned_m[:, 2] = random.uniform(-25.0, -15.0, count)
+    setpoints.position_ned_m[:, 2] = np.where(low, -RECORDED_HEIGHT_M, random.uniform(-25.0, -15.0, count))
     velocity = random.uniform(-3.0, 3.0, (count, 2))
     setpoints.velocity_ned_m_s[:, :2] = np.where(holds[:, None], np.nan, velocity)
+    setpoints.position_ned_m[keep], setpoints.velocity_ned_m_s[keep] = old_position, old_velocity
     yaw = random.uniform(-np.pi, np.pi, count)
-    np.copyto(setpoints.yaw_ned_rad, yaw, where=sim.estimate.valid_position)
+    np.copyto(setpoints.yaw_ned_rad, yaw, where=sim.estimate.valid_position & ~keep)
 
 
 def _descend(sim: Simulation, who: np.ndarray) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import Fusion
 from vehicle_sim.estimator.kalman import Kalman
-from vehicle_sim.estimator.kalman_loops import GYRO_BIAS, POSITION, SIZE, TILT, UNUSED, VELOCITY
+from vehicle_sim.estimator.kalman_loops import GYRO_BIAS, POSITION, SIZE, TILT, UNUSED, VELOCITY, YAW
 from vehicle_sim.frames import GRAVITY_M_S2, row_norm
 from vehicle_sim.parameters import Parameters
 
@@ -22,8 +22,10 @@ BoolArray = NDArray[np.bool_]
 EVERY_S = 0.2
 RESTS_AFTER_S = 2.5
 """A vehicle that is disarmed on the ground for this time counts as at rest; the recorded flag rises then."""
-_REST_VARIANCE = 0.001**2
-_REST_GYRO_VARIANCE = 0.01**2
+_ALIGNING_SPEED_VARIANCE, _REST_SPEED_VARIANCE = 0.001**2, 0.2**2
+"""Variance of the zero velocity of a vehicle at rest, before and after its tilt is known."""
+_TILT_KNOWN_RAD = math.radians(3.0)
+"""The tilt is known once its standard deviation is smaller."""
 _FAKE_HEIGHT_VARIANCE = 10.0**2
 _FAKE_POSITION_VARIANCE = 0.01**2
 _FAKE_SPEED_VARIANCE = 10.0
@@ -51,8 +53,11 @@ class Constraints:
         self._gravity_variance = np.full(count, np.inf)
         """(N,) variance of one sample's direction, as a part of 1 g; infinite: gravity is not used."""
         self._forget_per_s = np.full(count, math.inf)
+        self._rest_gyro_variance = np.ones(count)
+        """(N,) variance of the mean rate that a vehicle at rest measures, fused every EVERY_S."""
         self._peak_m_s2 = np.zeros(count)
         """(N,) greatest recent specific force."""
+        self._tilt_known = np.zeros(count, dtype=np.bool_)
         self._held_position = np.zeros((count, 3))
         self._sensitivity = np.zeros((count, 2, SIZE))
         self._correctable = np.ones((count, SIZE))
@@ -67,10 +72,11 @@ class Constraints:
         self._angle_sum = np.zeros((count, 3))
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Reads EKF2_GRAV_NOISE, EKF2_ABL_TAU and EKF2_IMU_CTRL of vehicle `i`."""
+        """Reads EKF2_GRAV_NOISE, EKF2_GYR_NOISE, EKF2_ABL_TAU and EKF2_IMU_CTRL of vehicle `i`."""
         used = int(parameters.get("EKF2_IMU_CTRL")) & _GRAVITY_BIT
         noise = max(parameters.usable("EKF2_GRAV_NOISE"), 0.01)
         self._gravity_variance[i] = noise**2 if used else math.inf
+        self._rest_gyro_variance[i] = max(parameters.usable("EKF2_GYR_NOISE"), 1e-4) ** 2
         self._forget_per_s[i] = 1.0 / max(parameters.usable("EKF2_ABL_TAU"), 0.1)
 
     def reset(self, i: int) -> None:
@@ -78,6 +84,7 @@ class Constraints:
         self._rest_time_s[i] = RESTS_AFTER_S
         self._peak_m_s2[i] = 0.0
         self._constrained[i] = True
+        self._tilt_known[i] = False
 
     def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
         """Adds the IMU's measurements of one prediction step (N, 3).
@@ -94,11 +101,10 @@ class Constraints:
         self._force += np.where(near_gravity[:, None], delta_velocity / dt_s, 0.0)
         self._level_samples += near_gravity
 
-    def update(self, samples: int, aided: BoolArray, moving: BoolArray, ready: BoolArray) -> None:
+    def update(self, aided: BoolArray, moving: BoolArray, ready: BoolArray) -> None:
         """Applies the constraints, every EVERY_S.
 
         Args:
-            samples: number of steps added since the last call.
             aided: (N,) vehicles with an external position or velocity.
             moving: (N,) armed or in the air.
             ready: (N,) vehicles with a known attitude.
@@ -110,7 +116,7 @@ class Constraints:
         kalman.restore_symmetry()
         unaided = ready & ~aided
         if self.active:
-            self._constrain(samples, unaided & self._constrained, at_rest & self._constrained)
+            self._constrain(unaided & self._constrained, at_rest & self._constrained)
             self._force.fill(0.0)
             self._level_samples.fill(0)
             self._angle_sum.fill(0.0)
@@ -119,23 +125,25 @@ class Constraints:
         self._peak_m_s2[~self._constrained] = 0.0
         self.active = bool(self._constrained.any())
 
-    def _constrain(self, samples: int, unaided: BoolArray, at_rest: BoolArray) -> None:
+    def _constrain(self, unaided: BoolArray, at_rest: BoolArray) -> None:
         unaided_at_rest = unaided & at_rest
         if at_rest.any():
-            self._fuse_rest(at_rest, unaided_at_rest, samples)
+            self._fuse_rest(at_rest, unaided_at_rest)
         if unaided_at_rest.any() or self._fusion.valid_fake_pos.any():
             self._hold_position(unaided_at_rest)
         self._fuse_gravity(unaided)
 
-    def _fuse_rest(self, at_rest: BoolArray, unaided_at_rest: BoolArray, samples: int) -> None:
+    def _fuse_rest(self, at_rest: BoolArray, unaided_at_rest: BoolArray) -> None:
         """A vehicle at rest does not rotate; if it is also unaided, its velocity is zero."""
         kalman = self._kalman
         innovation = np.where(unaided_at_rest[:, None], -kalman.velocity, 0.0)
-        variance = np.where(unaided_at_rest[:, None], np.full((len(at_rest), 3), _REST_VARIANCE), UNUSED)
-        kalman.fuse_states(VELOCITY, innovation, variance)
+        self._tilt_known |= (kalman.variances(TILT, YAW) < _TILT_KNOWN_RAD**2).all(axis=1)
+        speed_variance = np.where(self._tilt_known, _REST_SPEED_VARIANCE, _ALIGNING_SPEED_VARIANCE)
+        variance = np.where(unaided_at_rest, speed_variance, UNUSED)
+        kalman.fuse_states(VELOCITY, innovation, np.repeat(variance[:, None], 3, axis=1))
         innovation = np.where(at_rest[:, None], self._angle_sum / EVERY_S - kalman.gyro_bias, 0.0)
-        gyro_variance = np.full((len(at_rest), 3), _REST_GYRO_VARIANCE / samples)
-        kalman.fuse_states(GYRO_BIAS, innovation, np.where(at_rest[:, None], gyro_variance, UNUSED))
+        gyro_variance = np.where(at_rest, self._rest_gyro_variance, UNUSED)
+        kalman.fuse_states(GYRO_BIAS, innovation, np.repeat(gyro_variance[:, None], 3, axis=1))
 
     def _hold_position(self, unaided_at_rest: BoolArray) -> None:
         """A vehicle at rest without aiding stays at its estimated position."""
@@ -144,7 +152,7 @@ class Constraints:
         np.copyto(self._held_position, kalman.position, where=new[:, None])
         if new.any():
             for k in range(2):
-                kalman.reset_one(new, VELOCITY + k, 0.0, np.full(len(new), _REST_VARIANCE))
+                kalman.reset_one(new, VELOCITY + k, 0.0, np.full(len(new), _REST_SPEED_VARIANCE))
             fusion.xy_reset_counter += new & fusion.aided_once
             fusion.vxy_reset_counter += new & fusion.aided_once
         np.copyto(fusion.valid_fake_pos, unaided_at_rest)

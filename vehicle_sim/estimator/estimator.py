@@ -293,7 +293,7 @@ class Estimator:
         if constrain:
             aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.fresh(now_s)
             moving = self._armed | fusion.in_air
-            self._constraints.update(self._constrain_every, aided, moving, self._started)
+            self._constraints.update(aided, moving, self._started)
         self._residual -= kalman.motion - before
         if fusion.resets.tobytes() != resets:
             changed = np.frombuffer(resets, dtype=np.int64).reshape(fusion.resets.shape) != fusion.resets

@@ -63,8 +63,8 @@ class Kalman:
         self.mag_bias = self._view(MAG_BIAS)
         self.covariance = np.zeros((count, SIZE, SIZE))
         self.bad_accel = np.zeros(count, dtype=np.bool_)
-        """(N,) the vertical accelerometer is marked faulty: its noise is raised and its bias is not
-        estimated."""
+        """(N,) the vertical accelerometer is marked faulty: the noise of all three is raised and their biases
+        are not estimated."""
         self.velocity_change = np.zeros((count, 3))
         """(N, 3) change of velocity in the newest prediction [m/s]."""
         self.horizontal_accel_m_s2 = np.zeros((count, 2))

@@ -15,7 +15,8 @@ TILT, YAW, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS, FIELD, MAG_BIAS, SIZE = 0,
 PREDICTION_S = 0.008
 """PX4 adds its process noise once per filter step; this step length converts it to a density."""
 BAD_ACCEL_NOISE_M_S2 = 4.9
-"""Noise of the vertical accelerometer while it is marked faulty (EKF2's BADACC_BIAS_PNOISE)."""
+"""Noise of all accelerometers while the vertical one is marked faulty (EKF2's BADACC_BIAS_PNOISE); the
+recorded horizontal speed accuracy grows with it."""
 ACCEL_SMOOTHING_S = 1.0
 _LEAST_VARIANCE = 1e-12
 UNUSED = 1e18
@@ -28,7 +29,7 @@ def _apply_correction(
 ) -> None:
     """Corrects the states by the first column of `change` (21, m), and the attitude by a small rotation."""
     for k in range(SIZE - VELOCITY):
-        if not (bad_accel and k == ACCEL_BIAS + 2 - VELOCITY):
+        if not (bad_accel and ACCEL_BIAS <= VELOCITY + k < FIELD):
             vector[k] += change[VELOCITY + k, 0]
     for k in range(6):
         bias = GYRO_BIAS - VELOCITY + k
@@ -128,7 +129,8 @@ def propagate_covariance(
         for k in range(SIZE):
             covariance[i, k, k] += noise[i, k] * dt_s
         if bad_accel[i]:
-            covariance[i, VELOCITY + 2, VELOCITY + 2] += BAD_ACCEL_NOISE_M_S2**2 * PREDICTION_S * dt_s
+            for k in range(VELOCITY, POSITION):
+                covariance[i, k, k] += BAD_ACCEL_NOISE_M_S2**2 * PREDICTION_S * dt_s
 
 
 @kernel

@@ -60,7 +60,7 @@ def test_vision_is_not_heard_unless_the_parameter_says_so():
 def test_vision_gives_a_position_and_its_end_takes_it_away():
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 15})
     truth(station).position_ned_m[0] = (4.0, -3.0, 0.0)
-    station.run(8, lambda: see(station))
+    station.run(12, lambda: see(station))
     assert estimate(station).valid_position[0]
     assert estimate(station).position_ned_m[0, :2] == pytest.approx([4.0, -3.0], abs=0.15)
     station.run(12)

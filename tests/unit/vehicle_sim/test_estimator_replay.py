@@ -1,0 +1,156 @@
+"""The estimator on the sensor samples of a real PX4's onboard log, beside PX4's own estimate and the truth.
+
+The log has every IMU sample, fix, pressure and magnetic field: what differs is the filter, not the noise.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pyulog import ULog
+
+from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.simulation import STEP_S
+from vehicle_sim.state import SimulationOrigin
+
+FloatArray = NDArray[np.float64]
+
+STATES = 15
+"""Standard deviations compared: tilt and heading, velocity, position, gyroscope and accelerometer offsets."""
+HEADING = 2
+MAG_SAMPLES = 4
+"""PX4 logs the average of so many samples; the estimator averages as many again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """Both estimates at the same times."""
+
+    t_s: FloatArray
+    """(T,) since boot."""
+    velocity: FloatArray
+    """(T, 3) simulated estimator [m/s], NED,"""
+    recorded_velocity: FloatArray
+    """PX4's,"""
+    true_velocity: FloatArray
+    """and the true one."""
+    sigma: FloatArray
+    """(T, 15) standard deviations of the simulated estimator's states,"""
+    recorded_sigma: FloatArray
+    """and of PX4's."""
+
+
+class _Log:
+    def __init__(self, path: Path) -> None:
+        topics = ULog(io.BytesIO(gzip.decompress(path.read_bytes()))).data_list
+        self._topics = {topic.name: topic.data for topic in topics if topic.multi_id == 0}
+
+    def times_s(self, topic: str) -> FloatArray:
+        return 1e-6 * self._topics[topic]["timestamp"].astype(float)
+
+    def columns(self, topic: str, *names: str) -> FloatArray:
+        return np.stack([self._topics[topic][name].astype(float) for name in names], axis=1)
+
+    def at(self, t_s: FloatArray, topic: str, *names: str) -> FloatArray:
+        times, values = self.times_s(topic), self.columns(topic, *names)
+        return np.stack([np.interp(t_s, times, column) for column in values.T], axis=1)
+
+    def latest(self, t_s: float, topic: str, name: str) -> float:
+        row = max(int(np.searchsorted(self.times_s(topic), t_s)) - 1, 0)
+        return float(self._topics[topic][name][row])
+
+
+def _axes(name: str, count: int = 3) -> list[str]:
+    return [f"{name}[{k}]" for k in range(count)]
+
+
+def fly(log: _Log) -> Replay:
+    """The estimator on the log's samples; a sample is given in the first prediction after it was taken."""
+    imu = log.columns("sensor_combined", *_axes("gyro_rad"), *_axes("accelerometer_m_s2"))
+    times = log.times_s("sensor_combined")
+    fixes = log.columns(
+        "vehicle_gps_position",
+        "latitude_deg", "longitude_deg", "altitude_msl_m", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s",
+    )  # fmt: skip
+    heights = log.columns("vehicle_air_data", "baro_alt_meter")
+    fields = log.columns("vehicle_magnetometer", *_axes("magnetometer_ga"))
+    due = {
+        name: log.times_s(name)
+        for name in ("vehicle_gps_position", "vehicle_air_data", "vehicle_magnetometer")
+    }
+    fix_at, height_at, field_at = (np.searchsorted(each, times) for each in due.values())
+    down = log.at(times, "vehicle_local_position_groundtruth", "z")[:, 0]
+    sensors = SensorSuite(STEP_S, SimulationOrigin(*fixes[0, :3]), seed=0, vehicles=[0], noise=False).state
+    sensors.gps_satellites[:], sensors.gps_fix_type[:] = 10, 3
+    estimator = Estimator(1, STEP_S)
+    estimator.configure(0, Parameters())
+    velocity, sigma, fields_left = [], [], 0
+    for k, t_s in enumerate(times):
+        sensors.gyro_frd_rad_s[:], sensors.accel_frd_m_s2[:] = imu[k, :3], imu[k, 3:]
+        if k % 2 and k > 1:
+            if fix_at[k] > fix_at[k - 2]:
+                fix = fixes[fix_at[k] - 1]
+                sensors.gps_lat_deg[:], sensors.gps_lon_deg[:], sensors.gps_alt_amsl_m[:] = fix[:3]
+                sensors.gps_velocity_ned_m_s[:] = fix[3:]
+                sensors.gps_count += 1
+            if height_at[k] > height_at[k - 2]:
+                sensors.baro_alt_amsl_m[:] = heights[height_at[k] - 1]
+                sensors.baro_count += 2
+            if field_at[k] > field_at[k - 2]:
+                sensors.mag_frd_gauss[:] = fields[field_at[k] - 1]
+                fields_left = MAG_SAMPLES
+            if fields_left:
+                sensors.mag_count += 1
+                fields_left -= 1
+        if k % RANGE_EVERY_STEPS == 0:
+            flies = log.latest(t_s, "vehicle_land_detected", "landed") == 0.0
+            armed = log.latest(t_s, "vehicle_status", "arming_state") == 2.0
+            estimator.take_ranges(np.array([-down[k]]), np.array([flies]), np.array([armed]))
+        estimator.update(sensors)
+        velocity.append(estimator.state.velocity_ned_m_s[0].copy())
+        sigma.append(np.sqrt(estimator.kalman.variances(0, STATES)[0]))
+    return Replay(
+        times,
+        np.array(velocity),
+        log.at(times, "vehicle_local_position", "vx", "vy", "vz"),
+        log.at(times, "vehicle_local_position_groundtruth", "vx", "vy", "vz"),
+        np.array(sigma),
+        np.sqrt(log.at(times, "estimator_states", *_axes("covariances", STATES))),
+    )
+
+
+@pytest.fixture(scope="module")
+def replay(shared: Path) -> Replay:
+    return fly(_Log(shared / "px4/logs/flight-short.ulg.gz"))
+
+
+def rms(values: FloatArray) -> FloatArray:
+    return np.sqrt((values**2).mean(axis=0))
+
+
+def test_the_velocity_is_that_of_px4s_own_estimator(replay):
+    hover = (replay.t_s > 16.0) & (replay.t_s < 42.0)
+    between = rms((replay.velocity - replay.recorded_velocity)[hover])
+    assert (between <= [0.03, 0.08, 0.03]).all(), between
+    error = rms((replay.velocity - replay.true_velocity)[hover])
+    recorded_error = rms((replay.recorded_velocity - replay.true_velocity)[hover])
+    assert (error <= 1.2 * recorded_error).all(), (error, recorded_error)
+    assert (error >= recorded_error / 1.2).all(), (error, recorded_error)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "what"), [(6.0, "at rest"), (12.0, "before arming"), (22.0, "holding"), (40.0, "landing")]
+)
+def test_it_is_as_sure_of_its_states_as_px4(replay, t_s, what):
+    at = int(np.searchsorted(replay.t_s, t_s))
+    ratio = np.delete(replay.sigma[at] / replay.recorded_sigma[at], HEADING)
+    assert (ratio <= 1.25).all(), (what, ratio)
+    assert (ratio >= 0.75).all(), (what, ratio)
