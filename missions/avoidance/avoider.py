@@ -19,6 +19,7 @@ from missions.avoidance.detour import Side, choose_heading
 from missions.avoidance.memory import ObstacleMemory
 from missions.avoidance.scans import Scan, fresh, measures_down, measures_level, range_at_m
 from missions.avoidance.stopping import braking_speed
+from missions.avoidance.track import Track, velocity_towards
 from missions.avoidance.values import (
     AdjustedMotion,
     AvoidanceState,
@@ -27,6 +28,7 @@ from missions.avoidance.values import (
     MotionState,
     WantedMotion,
 )
+from missions.fence import NorthEast
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 
@@ -71,6 +73,7 @@ class Avoider:
         """Climb between two measurements; the top of the obstacle may be anywhere between them."""
         self._level_m = 0.0
         self._hold_position: Vector3 | None = None
+        self._track = Track()
 
     def adjust(
         self,
@@ -93,6 +96,8 @@ class Avoider:
         self._state = adjusted.state
         if adjusted.state != "stopped" and adjusted.state != "turning":
             self._hold_position = None
+        if adjusted.state not in ("over", "back"):
+            self._track.end()
         return adjusted
 
     def _adjusted(
@@ -185,7 +190,8 @@ class Avoider:
             speed = min(DETOUR_M_S, allowed.speed_m_s, _distance(here, wanted), braking_speed(free_m))
         is_ahead = math.isfinite(blocking.first_m)
         text = "Obstacle ahead: climbing over it." if is_ahead else "Above an obstacle: flying over it."
-        return self._fly("over", text, here, wanted, heading, speed, climb, yaw)
+        to_track = self._to_track(now_s, here, wanted)
+        return self._fly("over", text, here, wanted, heading, speed, climb, yaw, to_track)
 
     def _fly_around(
         self,
@@ -242,7 +248,7 @@ class Avoider:
                 text = "No sensor measures below: the vehicle stays above the path."
         if waits or blind:
             climb = max(climb, 0.0)
-        n, e = 0.0, 0.0
+        n, e = self._to_track(now_s, here, wanted)
         if down_m <= BELOW_M or blind:
             n, e, _ = wanted.velocity_ned_m_s
             toward, heading = min(DETOUR_M_S, _distance(here, wanted)), _heading(here, wanted)
@@ -250,6 +256,15 @@ class Avoider:
                 n, e = n + toward * math.cos(heading), e + toward * math.sin(heading)
         speed = min(math.hypot(n, e), allowed.speed_m_s)
         return self._fly("back", text, here, wanted, math.atan2(e, n), speed, climb, yaw)
+
+    def _to_track(self, now_s: float, here: MotionState, wanted: WantedMotion) -> NorthEast:
+        """Velocity back to the track of this detour; zero if an obstacle is on the way there [m/s]."""
+        point = self._track.nearest(here, wanted)
+        aside = WantedMotion((*point, here.position_ned_m[2]))
+        nearby = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
+        if blocking_obstacles(nearby, here, aside, 0.0) is not None:
+            return 0.0, 0.0
+        return velocity_towards(here, point)
 
     def _fly(
         self,
@@ -261,10 +276,11 @@ class Avoider:
         speed_m_s: float,
         climb_m_s: float,
         yaw: float | None,
+        to_track: NorthEast = (0.0, 0.0),
     ) -> AdjustedMotion:
-        n, e = (
-            (0.0, 0.0) if heading is None else (speed_m_s * math.cos(heading), speed_m_s * math.sin(heading))
-        )
+        n, e = to_track
+        if heading is not None:
+            n, e = n + speed_m_s * math.cos(heading), e + speed_m_s * math.sin(heading)
         yaw = _yaw(here, wanted) if yaw is None else yaw
         return AdjustedMotion(state, text, Velocity((n, e, -climb_m_s), yaw), yaw)
 

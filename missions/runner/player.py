@@ -33,7 +33,7 @@ BACK_WITHIN_M = 1.0
 BACK_WITHIN_S = 15.0
 HELD_BACK_M = 8.0
 """Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
-ARRIVED_M = 2.0
+ARRIVED_M = 1.0
 """Horizontal distance to the end of a path below which the path is complete [m]."""
 STILL: Vector3 = (0.0, 0.0, 0.0)
 

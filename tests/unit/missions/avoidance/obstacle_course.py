@@ -74,6 +74,7 @@ class Course:
         blocks: obstacles; the ground is at height zero.
         around: whether the lidar measures in 72 directions; otherwise only straight ahead.
         down: whether there is a downward sensor.
+        drift_ned_m_s: error of the vehicle's velocity estimate: the vehicle moves by this in addition.
     """
 
     def __init__(
@@ -85,10 +86,12 @@ class Course:
         down: bool = True,
         way: AvoidanceWay = "over",
         allowed: DetourLimits | None = None,
+        drift_ned_m_s: Vector3 = (0.0, 0.0, 0.0),
     ) -> None:
         self.blocks = tuple(blocks)
         self.avoider = Avoider(way)
         self.allowed = allowed or DetourLimits()
+        self.drift = np.array(drift_ned_m_s)
         self.at, self.velocity, self.yaw = np.array(start, float), np.zeros(3), 0.0
         self.now_s, self.steps = 100.0, 0
         self.around, self.down, self.blind = around, down, False
@@ -136,7 +139,7 @@ class Course:
         change = (asked - self.velocity) / VELOCITY_LAG_S
         change *= min(1.0, MOST_M_S2 / max(float(np.linalg.norm(change)), 1e-9))
         self.velocity = self.velocity + change * STEP_S
-        self.at = self.at + self.velocity * STEP_S
+        self.at = self.at + (self.velocity + self.drift) * STEP_S
         yaw = wanted.yaw_ned_rad if self.adjusted.yaw_ned_rad is None else self.adjusted.yaw_ned_rad
         turn = 0.0 if yaw is None else (yaw - self.yaw + math.pi) % (2 * math.pi) - math.pi
         self.yaw += max(-1.0 * STEP_S, min(1.0 * STEP_S, turn))

@@ -27,6 +27,24 @@ def test_it_climbs_over_the_box_and_descends_behind(around: bool):
     assert 4.5 < course.highest_m < 6.0, "above the box, and not far above it"
 
 
+@pytest.mark.parametrize("drift_m_s", [-0.4, 0.4])
+def test_it_stays_on_its_track_while_its_velocity_estimate_is_wrong(drift_m_s: float):
+    course = Course([BOX], start=START, drift_ned_m_s=(0.0, drift_m_s, 0.0))
+    farthest_m = 0.0
+    for _ in range(int(60 / STEP_S)):
+        course.step(WantedMotion(GOAL, yaw_ned_rad=0.0))
+        farthest_m = max(farthest_m, abs(float(course.at[1])))
+    assert course.told == ["over", "back", "clear"]
+    assert farthest_m < 0.7
+
+
+def test_it_keeps_its_distance_from_an_obstacle_between_it_and_its_track():
+    beside = BoxObstacle((3.0, 9.0), (2.2, 4.0), 12.0)
+    course = Course([BOX, beside], start=START, drift_ned_m_s=(0.0, 0.3, 0.0))
+    course.fly(GOAL)
+    assert course.nearest_m > 0.5
+
+
 def test_it_descends_behind_the_box_and_not_only_at_the_goal():
     course = Course([BOX], start=START)
     goal = (40.0, 0.0, -1.0)

@@ -1,0 +1,57 @@
+"""Keeps a vehicle that climbs over an obstacle, or descends behind it, on the track that it flew before.
+
+Such a vehicle flies by velocity. Without a correction the error of its velocity estimate, or wind, would move
+it sideways by metres while it climbs.
+"""
+
+from __future__ import annotations
+
+import math
+
+from missions.avoidance.values import MotionState, WantedMotion
+from missions.fence import NorthEast
+
+WIDTH_M = 3.0
+"""A vehicle farther than this from its track gets a new one [m]: its position estimate was reset, or it was
+pushed away."""
+TO_TRACK_M_S, TO_TRACK_PER_S = 1.0, 0.95
+"""Largest speed towards the track [m/s], and its increase with the distance from it [1/s]: PX4's default gain
+of position (MPC_XY_P)."""
+SHORTEST_M = 0.5
+"""A goal nearer than this gives the track no direction [m]."""
+
+
+class Track:
+    """The straight track of one detour, from where it began to the goal, which may move."""
+
+    def __init__(self) -> None:
+        self._point_ne: NorthEast | None = None
+        """Point of the track, next to the vehicle."""
+
+    def end(self) -> None:
+        """The detour is over: the next one has a track of its own."""
+        self._point_ne = None
+
+    def nearest(self, here: MotionState, wanted: WantedMotion) -> NorthEast:
+        """Point of the track next to the vehicle, in the local frame [m]; the vehicle's position at first."""
+        north, east, _ = here.position_ned_m
+        if self._point_ne is None or math.dist(self._point_ne, (north, east)) > WIDTH_M:
+            self._point_ne = (north, east)
+        start_n, start_e = self._point_ne
+        goal_n, goal_e, _ = wanted.position_ned_m
+        length_m = math.dist(self._point_ne, (goal_n, goal_e))
+        if length_m > SHORTEST_M:
+            un, ue = (goal_n - start_n) / length_m, (goal_e - start_e) / length_m
+            along_m = (north - start_n) * un + (east - start_e) * ue
+            self._point_ne = (start_n + un * along_m, start_e + ue * along_m)
+        return self._point_ne
+
+
+def velocity_towards(here: MotionState, point_ne: NorthEast) -> NorthEast:
+    """Horizontal velocity that returns the vehicle to a point of its track [m/s]."""
+    north, east = point_ne[0] - here.position_ned_m[0], point_ne[1] - here.position_ned_m[1]
+    away_m = math.hypot(north, east)
+    if away_m == 0.0:
+        return 0.0, 0.0
+    speed_m_s = min(TO_TRACK_M_S, TO_TRACK_PER_S * away_m)
+    return north / away_m * speed_m_s, east / away_m * speed_m_s
