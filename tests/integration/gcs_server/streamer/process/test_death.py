@@ -185,6 +185,9 @@ def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
         def modes(self):
             return {}
 
+        def close(self):
+            pass
+
         has_news = False
 
     class Messages:
