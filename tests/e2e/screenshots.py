@@ -71,7 +71,7 @@ def offboard(at: PictureSetup) -> None:
     hold_space(page)
     until_pill(page, "Offboard")
     card = page.get_by_label("Offboard", exact=True)
-    card.get_by_role("button", name="5 m", exact=True).click()
+    card.get_by_role("radio", name="5 m", exact=True).click()
 
     def ahead() -> None:
         card.get_by_role("button", name="N 5 m more").click()
@@ -117,7 +117,7 @@ def drag(at: PictureSetup) -> None:
     until_pill(page, "Holding")
     page.keyboard.press("p")
     dock = page.get_by_role("region", name="Offboard room")
-    dock.get_by_role("button", name="Drag in 3D").click()
+    dock.get_by_role("radio", name="Drag in 3D").click()
     dock.get_by_role("button", name="Back to vehicle").click()
     for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
@@ -198,7 +198,7 @@ def group(at: PictureSetup) -> None:
         page.keyboard.press("m")
         page.keyboard.press("p")
         dock = page.get_by_role("region", name="Offboard room")
-        dock.get_by_role("button", name="Group", exact=True).click()
+        dock.get_by_role("radio", name="Group", exact=True).click()
         for box in dock.get_by_role("checkbox").all()[:2]:
             box.check()
         dock.get_by_label("Minimum separation").fill("2")

@@ -49,7 +49,7 @@ def open_group(page: Page) -> Any:
     expect(page.locator(".pill b")).to_have_text("Holding")
     page.keyboard.press("p")
     room = page.get_by_role("region", name="Offboard room")
-    room.get_by_role("button", name="Group", exact=True).click()
+    room.get_by_role("radio", name="Group", exact=True).click()
     return room
 
 
@@ -152,7 +152,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
                 theirs = room.get_by_role("region", name="Group 3")
                 expect(theirs).to_contain_text("from pair")
                 expect(theirs).to_contain_text("Flying")
-                room.get_by_role("button", name="Form", exact=True).click()
+                room.get_by_role("radio", name="Form", exact=True).click()
                 page.keyboard.press("p")
                 alone = page.get_by_label("Offboard", exact=True)
                 expect(alone).to_contain_text("Flies in group 3 of pair.")

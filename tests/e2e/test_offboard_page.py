@@ -164,10 +164,10 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         room.get_by_label("Ground speed, limit").fill("1")
         room.get_by_role("button", name="Set limits").click()
         expect(room.get_by_text("ground speed 1 m/s")).to_be_visible()
-        room.get_by_role("button", name="Position local").click()
-        expect(room.get_by_role("button", name=re.compile("^Thrust and torque"))).to_contain_text("MAVLink")
+        room.get_by_role("combobox", name="Setpoint type").click()
+        expect(page.get_by_role("option", name=re.compile("^Thrust and torque"))).to_contain_text("MAVLink")
         assert in_both_themes(page) == []
-        room.get_by_role("button", name=re.compile("^Velocity local")).click()
+        page.get_by_role("option", name=re.compile("^Velocity local")).click()
         room.get_by_label("Velocity, East").fill("4")
         room.get_by_role("button", name="Send").click()
         sent = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
@@ -184,7 +184,7 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
     drone = hovering.drone
     with opened(browser, hovering.url, scene=False, script=PAD) as page:
         room = open_room(page)
-        room.get_by_role("button", name="Gamepad").click()
+        room.get_by_role("radio", name="Gamepad").click()
         expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
         room.get_by_role("button", name="Start hovering").click()
         hold_space(page)
@@ -225,7 +225,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
     drone = hovering.drone
     with opened(browser, hovering.url, size=(1280, 720)) as page:
         room = open_room(page)
-        room.get_by_role("button", name="Drag in 3D").click()
+        room.get_by_role("radio", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
         wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 4.4, "the camera moving back")

@@ -224,7 +224,7 @@ def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
 
         wait_until(drawn, "a picture in the 3D view")
         expect(frame.locator(".gcs-tags")).to_contain_text("simulated")
-        page.get_by_role("button", name="Top", exact=True).click()
+        page.get_by_role("radio", name="Top", exact=True).click()
         page.keyboard.press("m")
         wait_until(drawn, "a picture in the small 3D view")
 
@@ -301,7 +301,7 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
             page.goto(url)
             chip = page.get_by_role("button", name="101 Quad")
             chip.wait_for()
-            page.get_by_role("button", name="Top", exact=True).click()
+            page.get_by_role("radio", name="Top", exact=True).click()
             end(first, signal.SIGKILL)
             notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()

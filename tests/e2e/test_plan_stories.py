@@ -62,7 +62,7 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
         scrub = dry_run(page, room)
         press(scrub, "End")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m$"))
-        page.get_by_role("group", name="Shown over time").get_by_role("button", name="Speed").click()
+        page.get_by_role("radiogroup", name="Shown over time").get_by_role("radio", name="Speed").click()
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"m/s$"))
         press(scrub, "Home")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:00"))

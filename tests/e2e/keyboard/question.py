@@ -169,9 +169,10 @@ def press_new_buttons(page: Page, pressed: set[str], where: str) -> Iterator[tup
     dialog = page.get_by_role("alertdialog")
     for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
         named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
-        button = page.get_by_role(
-            "button", name=re.compile(f"^{named}")
-        ).first  # and controls that appear later
+        starts = re.compile(f"^{named}")
+        radio, combobox = (page.get_by_role(role, name=starts) for role in ("radio", "combobox"))
+        found = page.get_by_role("button", name=starts).or_(radio).or_(combobox)
+        button = found.first  # and controls that appear later
         if named in pressed or not button.is_visible() or button.is_disabled():
             continue
         pressed.add(named)

@@ -1,7 +1,9 @@
-"""Menus and panels by keyboard: keys move only inside an open menu, Escape closes only the menu or the panel,
-and the safety keys and buttons still work."""
+"""Menus, lists and panels by keyboard: keys choose only inside an open one, Escape closes only it, and the
+safety keys and buttons still work."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
@@ -13,12 +15,54 @@ from tests.e2e.keyboard.question import await_command, refuse_commands
 pytestmark = pytest.mark.browser
 
 
+def add_step(page: Page) -> Locator:
+    """The button of the plan room's menu."""
+    return page.get_by_role("button", name="Add step")
+
+
 def opened_menu(page: Page) -> Locator:
     """The menu of "Add step", opened by keyboard."""
-    page.get_by_role("button", name="Add step").press("ArrowDown")
+    add_step(page).press("ArrowDown")
     menu = page.get_by_role("menu")
     expect(menu.get_by_role("menuitem").first).to_be_focused()
     return menu
+
+
+def setpoint_type(page: Page) -> Locator:
+    """The button of the offboard room's list."""
+    return page.get_by_role("combobox", name="Setpoint type")
+
+
+def opened_list(page: Page) -> Locator:
+    """The list of setpoint types, opened by keyboard."""
+    setpoint_type(page).press("ArrowDown")
+    types = page.get_by_role("listbox", name="Setpoint types")
+    expect(types).to_be_visible()
+    return types
+
+
+def opened_panel(page: Page) -> Locator:
+    """The panel of the vehicle's control, opened by its key."""
+    page.keyboard.press("c")
+    panel = page.get_by_role("dialog", name="Control of 101 Quad")
+    expect(panel.get_by_role("button", name="Release control")).to_be_focused()
+    return panel
+
+
+def open_checks(page: Page) -> Locator:
+    """Opens the panel with the readiness checks, which Escape closes when nothing is open over it."""
+    page.keyboard.press("y")
+    checks = page.get_by_role("region", name="Readiness")
+    expect(checks).to_be_visible()
+    return checks
+
+
+def check_escape(page: Page, overlay: Locator, button: Locator, checks: Locator) -> None:
+    """Escape closes the overlay but not the checks below it, and returns the focus to its button."""
+    page.keyboard.press("Escape")
+    expect(overlay).to_be_hidden()
+    expect(button).to_be_focused()
+    expect(checks).to_be_visible()
 
 
 def test_keys_in_an_open_menu_choose_in_it_and_ask_no_flight_command(
@@ -37,57 +81,65 @@ def test_keys_in_an_open_menu_choose_in_it_and_ask_no_flight_command(
         page.keyboard.press("Enter")
         expect(steps.filter(has_text="Take off")).to_have_count(1)
         expect(menu).to_be_hidden()
-        expect(page.get_by_role("button", name="Add step")).to_be_focused()
+        expect(add_step(page)).to_be_focused()
 
 
-def test_escape_closes_the_menu_only_and_returns_the_focus(browser: Browser, flying: Station) -> None:
-    with opened(browser, flying.url, scene=False) as page:
-        expect(page.locator(".pill b")).to_have_text("Holding")
-        page.keyboard.press("w")
-        page.keyboard.press("y")
-        checks = page.get_by_role("region", name="Readiness")
-        expect(checks).to_be_visible()
-        menu = opened_menu(page)
-        page.keyboard.press("Escape")
-        expect(menu).to_be_hidden()
-        expect(page.get_by_role("button", name="Add step")).to_be_focused()
-        expect(checks).to_be_visible()
-        page.keyboard.press("Escape")
-        expect(checks).to_be_hidden()
-
-
-def test_the_safety_keys_and_the_hold_button_work_while_a_menu_is_open(
+def test_keys_in_an_open_list_choose_in_it_and_ask_no_flight_command(
     browser: Browser, flying: Station
 ) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
-        page.keyboard.press("w")
-        menu = opened_menu(page)
-        page.keyboard.press("h")
-        await_command(page, commands, "Hold in a menu")
-        assert commands.pop().endswith("/vehicles/101/hold")
-
-        page.keyboard.press("Shift+K")
-        question = page.get_by_role("alertdialog")
-        expect(question.get_by_role("slider")).to_be_focused()
-        expect(menu).to_be_hidden()
-        page.keyboard.press("Escape")
-        expect(question).to_be_hidden()
-
-        menu = opened_menu(page)
-        page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Hold").click()
-        await_command(page, commands, "Hold by its button")
-        assert commands.pop().endswith("/vehicles/101/hold")
-        expect(menu).to_be_hidden()
+        page.keyboard.press("p")
+        types = opened_list(page)
+        assert in_both_themes(page) == []
+        for key, name in (("End", "Motors"), ("Home", "Position"), ("t", "Trajectory"), ("l", "Trajectory")):
+            page.keyboard.press(key)
+            expect(types.locator("[data-highlighted]")).to_contain_text(name)
+        page.keyboard.press("Enter")
+        expect(types).to_be_hidden()
+        expect(setpoint_type(page)).to_be_focused()
+        expect(setpoint_type(page)).to_contain_text("Trajectory point")
+        expect(page.get_by_role("alertdialog")).to_have_count(0)
+        page.keyboard.press("l")  # while the list is closed, its button leaves the keys to the page
+        expect(page.get_by_role("alertdialog")).to_contain_text("Land")
+        assert commands == []
 
 
-def test_escape_closes_the_panel_only_and_returns_the_focus(browser: Browser, flying: Station) -> None:
+def test_arrow_keys_choose_among_a_few_options_that_are_one_stop_for_tab(
+    browser: Browser, flying: Station
+) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        page.keyboard.press("y")
-        checks = page.get_by_role("region", name="Readiness")
-        expect(checks).to_be_visible()
+        page.keyboard.press("p")
+        ways = page.get_by_role("radiogroup", name="How setpoints are given")
+        form, group = (ways.get_by_role("radio", name=name, exact=True) for name in ("Form", "Group"))
+        form.focus()
+        page.keyboard.press("ArrowLeft")
+        expect(group).to_be_focused()
+        expect(group).to_be_checked()
+        expect(page.get_by_role("radiogroup", name="What they do together")).to_be_visible()
+        page.keyboard.press("Shift+Tab")
+        expect(page.get_by_role("button", name="Close the offboard room")).to_be_focused()
+        page.keyboard.press("Tab")
+        expect(group).to_be_focused()
+        page.keyboard.press("ArrowRight")
+        expect(form).to_be_checked()
+        expect(setpoint_type(page)).to_be_visible()
+
+
+def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus(
+    browser: Browser, flying: Station
+) -> None:
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        for room, button, open_it in (("w", add_step, opened_menu), ("p", setpoint_type, opened_list)):
+            page.keyboard.press(room)
+            checks = open_checks(page)
+            check_escape(page, open_it(page), button(page), checks)
+            page.keyboard.press("Escape")
+            expect(checks).to_be_hidden()
+        checks = open_checks(page)
         for name, panel_name in (
             ("Battery", "Battery: details"),
             ("You have control", "Control of 101 Quad"),
@@ -97,42 +149,50 @@ def test_escape_closes_the_panel_only_and_returns_the_focus(browser: Browser, fl
             panel = page.get_by_role("dialog", name=panel_name)
             expect(panel).to_be_visible()
             assert in_both_themes(page) == []
-            page.keyboard.press("Escape")
-            expect(panel).to_be_hidden()
-            expect(button).to_be_focused()
-            expect(checks).to_be_visible()
+            check_escape(page, panel, button, checks)
         page.keyboard.press("Escape")
         expect(checks).to_be_hidden()
 
 
-def test_a_panel_closes_when_the_focus_leaves_it_and_hold_works_beside_it(
-    browser: Browser, flying: Station
+@pytest.mark.parametrize(
+    ("room", "open_it"),
+    [("w", opened_menu), ("p", opened_list), (None, opened_panel)],
+    ids=["menu", "list", "panel"],
+)
+def test_the_safety_keys_and_the_hold_button_work_beside_it(
+    browser: Browser, flying: Station, room: str | None, open_it: Callable[[Page], Locator]
 ) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
+        expect(page.get_by_role("button", name="You have control")).to_be_visible()
         commands = refuse_commands(page)
-        page.keyboard.press("c")
-        panel = page.get_by_role("dialog", name="Control of 101 Quad")
-        expect(panel.get_by_role("button", name="Release control")).to_be_focused()
+        if room is not None:
+            page.keyboard.press(room)
+        overlay = open_it(page)
         page.keyboard.press("h")
-        await_command(page, commands, "Hold in the panel")
+        await_command(page, commands, "Hold by its key")
         assert commands.pop().endswith("/vehicles/101/hold")
+
+        page.keyboard.press("Shift+K")
+        question = page.get_by_role("alertdialog")
+        expect(question.get_by_role("slider")).to_be_focused()
+        expect(overlay).to_be_hidden()
+        page.keyboard.press("Escape")
+        expect(question).to_be_hidden()
+
+        overlay = open_it(page)
         page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Hold").click()
         await_command(page, commands, "Hold by its button")
         assert commands.pop().endswith("/vehicles/101/hold")
-        expect(panel).to_be_hidden()
+        expect(overlay).to_be_hidden()
 
-        page.keyboard.press("c")
-        expect(panel.get_by_role("button", name="Release control")).to_be_focused()
+
+def test_a_panel_closes_when_the_focus_leaves_it(browser: Browser, flying: Station) -> None:
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        expect(page.get_by_role("button", name="You have control")).to_be_visible()
+        panel = opened_panel(page)
         land = page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Land", exact=True)
         land.focus()
         expect(panel).to_be_hidden()
         expect(land).to_be_focused()
-
-        page.keyboard.press("c")
-        page.keyboard.press("Shift+K")
-        question = page.get_by_role("alertdialog")
-        expect(question.get_by_role("slider")).to_be_focused()
-        expect(panel).to_be_hidden()
-        page.keyboard.press("Escape")
-        expect(question).to_be_hidden()

@@ -73,7 +73,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
     def way(name: str) -> Callable[[], None]:
         def choose() -> None:
             offboard()
-            ways.get_by_role("button", name=name, exact=True).focus()
+            ways.get_by_role("radio", name=name, exact=True).focus()
             page.keyboard.press("Enter")
 
         return choose

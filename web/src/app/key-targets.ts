@@ -25,6 +25,7 @@ export function takesText(target: KeyTarget | null): boolean {
   const tag = target.tagName?.toUpperCase();
   if (tag === 'INPUT') return target.readOnly !== true && !NOT_TYPED.has((target.type ?? 'text').toLowerCase());
   if (tag === 'TEXTAREA') return target.readOnly !== true;
+  if (tag === 'BUTTON') return false; // also one with the role of a combobox, which opens a list
   return TEXT_ROLES.has(target.getAttribute?.('role') ?? '') && target.getAttribute?.('aria-readonly') !== 'true';
 }
 
@@ -32,8 +33,8 @@ export function takesText(target: KeyTarget | null): boolean {
 export function typesAhead(target: KeyTarget | null): boolean {
   const attribute = (name: string): string => target?.getAttribute?.(name) ?? '';
   if (target?.tagName?.toUpperCase() === 'SELECT' || TYPE_AHEAD_ROLES.has(attribute('role'))) return true;
-  // The button of a menu that is just opening, and has not taken the focus yet.
-  return attribute('aria-haspopup') === 'menu' && attribute('aria-expanded') === 'true';
+  // The button of an open list, or of a menu that is just opening and has not taken the focus yet.
+  return ['menu', 'listbox'].includes(attribute('aria-haspopup')) && attribute('aria-expanded') === 'true';
 }
 
 /**

@@ -6,11 +6,13 @@ import { Shortcuts } from './shortcuts.svelte';
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
 const withRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
 
-const menuButton = (expanded: string): KeyTarget => ({
+const button = (attributes: Readonly<Record<string, string>>): KeyTarget => ({
   tagName: 'BUTTON',
   tabIndex: 0,
-  getAttribute: (name) => ({ 'aria-haspopup': 'menu', 'aria-expanded': expanded })[name] ?? null,
+  getAttribute: (name) => attributes[name] ?? null,
 });
+const menuButton = (expanded: string): KeyTarget => button({ 'aria-haspopup': 'menu', 'aria-expanded': expanded });
+const listButton = (expanded: string): KeyTarget => button({ role: 'combobox', 'aria-haspopup': 'listbox', 'aria-expanded': expanded });
 
 describe('a pressed character', () => {
   it.each(['text', 'search', 'url', 'tel', 'email', 'password', 'number', 'date', 'datetime-local', 'month', 'week', 'time', 'not-a-type-yet'])(
@@ -47,6 +49,7 @@ describe('a pressed character', () => {
       { tagName: 'BUTTON', tabIndex: 0 },
       withRole('slider'),
       menuButton('false'),
+      listButton('false'),
       input('text', { readOnly: true }),
     ]) {
       expect(isShortcut('h', target)).toBe(true);
@@ -58,6 +61,7 @@ describe('a pressed character', () => {
     ['menu', withRole('menu')],
     ['menu item', withRole('menuitem')],
     ['button whose menu is opening', menuButton('true')],
+    ['button whose list is open', listButton('true')],
   ])('selects in a %s, except Hold, Land now and Stop motors', (_, target) => {
     expect(typesAhead(target)).toBe(true);
     for (const key of ['h', 'H', 'L', 'K']) expect(isShortcut(key, target)).toBe(true);

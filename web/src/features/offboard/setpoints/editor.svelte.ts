@@ -35,7 +35,6 @@ export interface DragTarget {
 class SetpointEditor {
   way = $state<Way>('form');
   kind = $state<SetpointKind>('position');
-  choosing = $state(false);
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
   /** Errors are shown after the first press of a button, and then while typing. */
   tried = $state(false);
