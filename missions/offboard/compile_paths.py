@@ -66,7 +66,7 @@ def stay(state: State, duration_s: float, events: tuple[Event, ...] = (), title:
 
 def photo(state: State, step: Photo) -> None:
     """Takes pictures while holding the position."""
-    events = tuple(Event(k * step.interval_s, "photo") for k in range(step.count))
+    events = tuple(Event(k * step.interval_s, "photo", step.component) for k in range(step.count))
     stay(state, (step.count - 1) * step.interval_s, events)
 
 

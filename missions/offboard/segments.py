@@ -23,6 +23,8 @@ class Event:
     t_s: float
     """Time since the start of the segment."""
     kind: Literal["photo", "gimbal"]
+    component: int | None = None
+    """Component id of the camera that takes the picture; None: the lowest that is connected."""
 
 
 @dataclass(frozen=True, slots=True)

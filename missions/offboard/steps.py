@@ -215,6 +215,8 @@ class Photo(Step):
     step: Literal["photo"] = "photo"
     count: Annotated[int, Field(ge=1, le=10_000)] = 1
     interval_s: Annotated[float, Field(ge=0.1, le=3600.0, allow_inf_nan=False)] = 1.0
+    component: Annotated[int, Field(ge=1, le=255)] | None = None
+    """MAVLink component id of the camera; None: the lowest that is connected."""
 
 
 class Condition(Model):

@@ -23,9 +23,9 @@ def photos_due(flight: Flight) -> list[Request]:
     segments = flight.course.segments
     while flight.photo_index < len(segments) and flight.photo_index <= flight.index:
         is_current = flight.photo_index == flight.index
-        times = [e.t_s for e in segments[flight.photo_index].events if e.kind == "photo"]
-        due = sum(t <= flight.t_s + LEAD_S for t in times) if is_current else len(times)
-        requests += [Photo()] * max(0, due - flight.photos_taken)
+        photos = [e for e in segments[flight.photo_index].events if e.kind == "photo"]
+        due = sum(e.t_s <= flight.t_s + LEAD_S for e in photos) if is_current else len(photos)
+        requests += [Photo(e.component) for e in photos[flight.photos_taken : due]]
         flight.photos_taken = max(due, flight.photos_taken)
         if is_current:
             break

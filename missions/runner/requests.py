@@ -51,6 +51,9 @@ class StopStream:
 class Photo:
     """Take one picture now."""
 
+    component: int | None = None
+    """Component id of the camera; None: the lowest that is connected."""
+
 
 @dataclass(frozen=True, slots=True)
 class PointGimbal:

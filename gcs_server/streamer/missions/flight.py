@@ -348,7 +348,7 @@ class MissionFlight:
 
         async def take() -> None:
             try:
-                await self._vehicle.camera.take_picture()
+                await self._vehicle.camera.take_picture(request.component)
             finally:
                 self._pictures -= 1
 

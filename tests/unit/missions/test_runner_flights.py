@@ -43,6 +43,13 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
     assert fake.runner.flight.pointed is None
 
 
+def test_each_photo_step_takes_its_pictures_with_its_camera():
+    photos = "step: photo, count: 2, component: 101", "step: photo, count: 1"
+    fake = FlownMission(mission(flown(*photos))).start().in_state("done")
+    taken = [request.component for request in fake.asked if isinstance(request, Photo)]
+    assert taken == [101, 101, None]
+
+
 def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     steps = "- {step: wait, until: {value: satellites, above: 10, for_s: 2}, timeout_s: 60}\n"
     fake = FlownMission(mission(steps + flown(FLY))).start()

@@ -9436,6 +9436,11 @@ export interface components {
              * @default 1
              */
             readonly interval_s: number;
+            /**
+             * Component
+             * @description MAVLink component id of the camera; None: the lowest that is connected.
+             */
+            readonly component?: number | null;
         };
         /**
          * PhotoCoverage

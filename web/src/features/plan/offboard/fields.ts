@@ -312,7 +312,11 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
     number('duration_s', 'Duration', { min: 0.1, max: 30 }),
   ],
   gimbal: [gimbal],
-  photo: [number('count', 'Pictures', { min: 1, max: 10_000 }), number('interval_s', 'Every', { min: 0.1, max: 3600 })],
+  photo: [
+    number('count', 'Pictures', { min: 1, max: 10_000 }),
+    number('interval_s', 'Every', { min: 0.1, max: 3600 }),
+    number('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
+  ],
   wait: [until, number('timeout_s', 'At most', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
   repeat: [number('times', 'Times', { min: 1, max: 1000 })],
   branch: [condition('condition')],

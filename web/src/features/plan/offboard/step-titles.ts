@@ -98,6 +98,7 @@ export function detailOf(step: Step): string {
       break;
     case 'photo':
       said.push(step['count'] === 1 || step['count'] === undefined ? 'one' : `${String(step['count'])} every ${fixed(number(step['interval_s']) ?? 1, 1)} s`);
+      if (step['component'] != null) said.push(`camera ${String(step['component'])}`);
       break;
     case 'wait':
       said.push(step['until'] === 'person' ? 'for the operator' : `until ${conditionText(step['until'])}`);
