@@ -98,7 +98,7 @@ def uploaded(room: Locator) -> Locator:
     """Uploads the plan to the vehicle; returns the part of the room that confirms it."""
     on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
     on_vehicle.get_by_role("button", name="pload").click()
-    expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
+    expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
     return on_vehicle
 
 

@@ -77,7 +77,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(room).to_contain_text("Choose two vehicles or more.")
         for drone in IDS:
             room.get_by_role("checkbox", name=re.compile(f"^{drone} Quad")).check()
-        expect(room).to_contain_text(re.compile(r"Nearest now: 101 and 102, \d"))
+        expect(room).to_contain_text(re.compile(r"Closest pair now: 101 and 102, \d"))
         room.get_by_label("Move, North").fill("6")
         room.get_by_label("Minimum separation").fill("60")
         room.get_by_role("button", name="Start group…").click()
@@ -155,7 +155,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
                 room.get_by_role("radio", name="Form", exact=True).click()
                 page.keyboard.press("p")
                 alone = page.get_by_label("Offboard", exact=True)
-                expect(alone).to_contain_text("Flies in group 3 of pair.")
+                expect(alone).to_contain_text("In group 3, controlled by pair.")
                 alone.get_by_role("button", name="Show the group").click()
                 room.get_by_role("button", name="Hold group").click()
                 wait_until(lambda: modes(drones) == {"hold"}, "Hold by a client without control")

@@ -147,7 +147,7 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
         tab_to(page, "Save and upload")
         keyboard.press("Enter")
         on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
-        expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
+        expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
         tab_to(page, "Fly…")
         keyboard.press("Enter")
         hold_space(page)

@@ -131,7 +131,7 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'trajectory',
     name: 'Trajectory point',
-    frame: 'local, quantities mixed',
+    frame: 'local: position, velocity, acceleration',
     warning: null,
     yaw: 'angle_or_rate',
     groups: [
@@ -172,9 +172,9 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'follow',
     name: 'Follow a vehicle',
-    frame: 'an offset along the other’s heading',
+    frame: 'an offset along the other vehicle’s heading',
     warning: null,
-    groups: [group('offset_frd_m', 'Offset from the other', axes('o', FRU, 'm', 0.5, UP))],
+    groups: [group('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP))],
     yaw: 'follow',
   },
   {

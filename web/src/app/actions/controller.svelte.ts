@@ -64,7 +64,7 @@ const RETURN_ALT = 'RTL_RETURN_ALT';
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
 function notNow(detail: string): Problem {
-  return { title: 'Not now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };
+  return { title: 'Not possible now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };
 }
 
 export class ActionController {

@@ -145,7 +145,7 @@ export class Plans {
     }
     const { name, plan } = answer.value;
     this.setSaved(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY, ...plan }), { id, version: newest.version, name, plan: { ...EMPTY } });
-    const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. Nothing is changed until it is saved: then it becomes version ${newest.version + 1}.`;
+    const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. If you save it, it becomes version ${newest.version + 1}.`;
     this.notice = { tone: 'caution', text, older: true };
     return true;
   }

@@ -38,9 +38,9 @@ describe('the plan on the vehicle', () => {
     mission.selectVehicle('1');
     await settled();
     expect([mission.hasVersion('abc', 2), mission.hasVersion('abc', 3), mission.hasVersion('other', 2)]).toEqual([true, false, false]);
-    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('101 Quad holds this plan.');
-    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('101 Quad holds version 2 of this plan.');
-    expect(vehiclePlanText('101 Quad', mission.view?.holds, null)).toBe('101 Quad holds the plan “Tower”.');
+    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('This plan is on 101 Quad.');
+    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('On 101 Quad: version 2 of this plan.');
+    expect(vehiclePlanText('101 Quad', mission.view?.holds, null)).toBe('On 101 Quad: the plan “Tower”.');
   });
 
   it('does not match if the vehicle reports another plan or none', async () => {

@@ -18,14 +18,14 @@ const FIELDS: Readonly<Record<string, string>> = {
 
 /** Sentence about the plan on the vehicle. */
 export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
-  if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan ${name} holds.`;
-  if (holds.state === 'another') return `${name} holds a different plan from the one last uploaded.`;
-  if (isOnVehicle(holds, current)) return `${name} holds this plan.`;
+  if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan is on ${name}.`;
+  if (holds.state === 'another') return `The plan on ${name} is not the one last uploaded.`;
+  if (isOnVehicle(holds, current)) return `This plan is on ${name}.`;
   const older =
     current !== null && holds.plan?.id === current.id
       ? `version ${holds.plan.version ?? 0} of this plan`
       : `the plan “${holds.plan?.name ?? 'without a name'}”`;
-  return `${name} holds ${older}.`;
+  return `On ${name}: ${older}.`;
 }
 
 /** Whether exactly this version is on the vehicle. */

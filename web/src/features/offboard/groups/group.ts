@@ -89,7 +89,7 @@ export function memberWords(member: Member, modeLabel: string | null, waits = fa
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
   if (waits && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
-  if (member.held) return { text: `${member.mode === 'hold' ? 'held' : 'left'} · ${mode}`, tone: 'caution' };
+  if (member.held) return { text: `${member.mode === 'hold' ? 'held' : 'left the group'} · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
 

@@ -57,7 +57,7 @@ describe('a group’s state', () => {
     if (member === undefined) throw new Error('no member');
     expect(memberWords(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
     expect(memberWords({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'held · Hold', tone: 'caution' });
-    expect(memberWords({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left · land', tone: 'caution' });
+    expect(memberWords({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left the group · land', tone: 'caution' });
     expect(memberWords({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
     expect(memberWords(member, 'Offboard', true).text).toBe('waiting · Offboard');
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
