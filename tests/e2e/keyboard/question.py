@@ -29,6 +29,7 @@ DESCRIBED = """
   ...['aria-labelledby', 'aria-describedby'].map((a) => document.getElementById(dialog.getAttribute(a)))
     .map((one) => one?.innerText ?? '')]
 """
+DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))"
 FOCUS_OUTSIDE = "() => [...document.querySelectorAll('.dock button')].at(-1).focus()"
 ELSEWHERE = ("body", "[role=alertdialog] [aria-label=Cancel]", ".dock button:last-child")
 HELD_ELSEWHERE = """
@@ -182,6 +183,6 @@ def press_new_buttons(page: Page, pressed: set[str], where: str) -> Iterator[tup
             page.keyboard.press("Enter")
 
         ask()
-        page.wait_for_timeout(20)
+        page.evaluate(DRAWN)
         if dialog.is_visible():
             yield f"{name!r} in {where}", ask
