@@ -1,0 +1,137 @@
+"""A flight with the messages of PX4 v1.17, which a filter makes of those of the simulated v1.16."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gcs_server.errors import Rejected
+from gcs_server.vehicle.services.mission_held import PlanName
+from missions.formats.mavlink_items import fence_items, mission_items, rally_items
+from missions.setpoints import Position
+from tests.protocol.offboard_world import seconds
+from tests.protocol.ros2_world import request_of
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.test_mission_flight import plan_about
+from vehicle_sim.mavlink import generated_dialect as sim
+
+FIRMWARE = 0x011100FF
+REMOVED = "MPC_HOLD_DZ"
+GLOBAL_POSITION = 296
+"""A message of v1.17 that the dialect does not know."""
+NO_MISSION, NOT_ACTIVE = 1, 2
+ALTITUDE_CRUISE = 0x000B0000
+
+
+class NewerPx4:
+    """Between a simulated vehicle and the link: changes what v1.17 sends differently."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        self._sim = world.sim
+        self._parser, self._heard = sim.MAVLink(None), sim.MAVLink(None)
+        self._packers: dict[tuple[int, int], Any] = {}
+        self._answers = b""
+        self.cruises = False
+        self._drain, self._feed = world.sim.drain, world.sim.feed
+        world.sim.drain, world.sim.feed = self.drain, self.feed  # type: ignore[method-assign]
+
+    def feed(self, row: int, link: str, data: bytes) -> None:
+        """To the vehicle, without what v1.17 refuses."""
+        for message in self._heard.parse_buffer(data) or []:
+            name = getattr(message, "param_id", "")
+            if name == REMOVED:
+                error = sim.MAVLink_param_error_message(
+                    message.get_srcSystem(),
+                    message.get_srcComponent(),
+                    name.encode(),
+                    -1,
+                    sim.MAV_PARAM_ERROR_DOES_NOT_EXIST,
+                )
+                self._answers += error.pack(self._packer(1, 1))
+            else:
+                self._feed(row, link, bytes(message.get_msgbuf()))
+
+    def drain(self, row: int, link: str) -> bytes:
+        """From the vehicle, as v1.17 sends it."""
+        answers, self._answers = self._answers, b""
+        messages = self._parser.parse_buffer(self._drain(row, link)) or []
+        return answers + b"".join(self._changed(message) for message in messages)
+
+    def _packer(self, system: int, component: int) -> Any:
+        key = system, component
+        return self._packers.setdefault(key, sim.MAVLink(None, srcSystem=system, srcComponent=component))
+
+    def _changed(self, message: Any) -> bytes:
+        packer = self._packer(message.get_srcSystem(), message.get_srcComponent())
+        extra = b""
+        match message.get_type():
+            case "VFR_HUD":
+                message.airspeed = math.nan
+            case "MISSION_CURRENT" if message.total in (0, 65535):
+                message.mission_state, message.mission_mode = NO_MISSION, NOT_ACTIVE
+            case "AUTOPILOT_VERSION":
+                message.flight_sw_version = FIRMWARE
+            case "HEARTBEAT":
+                if self.cruises:
+                    message.custom_mode = ALTITUDE_CRUISE
+                extra = self._unknown(packer) + self._integrity().pack(packer)
+            case "CURRENT_MODE" if self.cruises:
+                message.custom_mode = message.intended_custom_mode = ALTITUDE_CRUISE
+        return message.pack(packer) + extra
+
+    @staticmethod
+    def _unknown(packer: Any) -> bytes:
+        """A frame that the dialect cannot check: its checksum is of another definition."""
+        payload = bytes(range(1, 40))
+        head = bytes((0xFD, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent))
+        packer.seq = (packer.seq + 1) % 256
+        return head + GLOBAL_POSITION.to_bytes(3, "little") + payload + b"\x12\x34"
+
+    @staticmethod
+    def _integrity() -> Any:
+        fields = sim.MAVLink_gnss_integrity_message.fieldnames
+        return sim.MAVLink_gnss_integrity_message(**dict.fromkeys(fields, 0))
+
+
+def test_a_vehicle_with_px4_1_17_is_read_and_flown_as_one_with_1_16(jump: Any) -> None:
+    async def story() -> None:
+        world = SimulatedWorld()
+        newer = NewerPx4(world)
+        try:
+            vehicle = await world.ready_to_arm()
+            await until(lambda: vehicle.identity.firmware == "1.17.0", 5)
+            assert vehicle.topic("hud").value.airspeed_m_s is None
+            assert vehicle.topic("mission").value.count == 0
+            with pytest.raises(Rejected, match="it has no parameter of that name"):
+                await vehicle.params.set(REMOVED, 0.2)
+            assert (await vehicle.params.set("MPC_XY_CRUISE", 4.0)).value == 4.0
+
+            await vehicle.command.takeoff(5.0)
+            await until(lambda: vehicle.status.mode == "hold", 40)
+            await vehicle.offboard.start(request_of(Position((6.0, 0.0, -5.0), yaw_ned_rad=0.0)))
+            assert vehicle.status.mode == "offboard"
+            await until(lambda: vehicle.topic("local_position").value.position_ned_m[0] > 5.0, 15)
+            await vehicle.offboard.stop()
+            assert vehicle.status.mode == "hold"
+
+            home = vehicle.topic("home").value
+            plan = plan_about(home.lat_deg, home.lon_deg)
+            parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
+            await vehicle.mission.upload(parts, PlanName("a", 1, "Out and back"))
+            await vehicle.command.start_mission()
+            await until(lambda: not vehicle.status.armed, 120)
+
+            newer.cruises = True
+            await until(lambda: vehicle.status.mode == "altitude_cruise", 3)
+            newer.cruises = False
+            await until(lambda: vehicle.status.mode != "altitude_cruise", 3)
+            await seconds(1)
+            (link,) = (connection.info() for connection in world.router.connections())
+            assert (link.frames_lost, link.crc_errors, link.bytes_skipped) == (0, 0, 0)
+            assert link.frames_unknown > 40
+        finally:
+            await world.close()
+
+    jump(story)
