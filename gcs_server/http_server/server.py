@@ -16,6 +16,10 @@ from gcs_server.http_server.acceptor import Acceptor
 from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
 
+KEEP_ALIVE_S = 15
+"""How long an idle connection stays open [s]: longer than clients reuse it (httpx: 5 s). Otherwise the server
+may close it at the moment when a client sends a request, which then has no answer."""
+
 
 class HttpServer(uvicorn.Server):
     """Serves an application on a listening socket, and prints the addresses once it is ready.
@@ -46,6 +50,7 @@ class HttpServer(uvicorn.Server):
                 ws_per_message_deflate=False,
                 ws_max_size=MAX_MESSAGE_BYTES,
                 access_log=False,
+                timeout_keep_alive=KEEP_ALIVE_S,
                 proxy_headers=bool(trusted_proxies),
                 forwarded_allow_ips=list(trusted_proxies),
                 timeout_graceful_shutdown=3,
