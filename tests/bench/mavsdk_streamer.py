@@ -4,6 +4,7 @@ streams."""
 from __future__ import annotations
 
 import asyncio
+import socket
 import sys
 
 from mavsdk import System
@@ -14,7 +15,7 @@ from tests.station import free_port
 
 async def main(port: str) -> None:
     """Runs until it is terminated."""
-    drone = System(port=free_port())
+    drone = System(port=free_port(socket.SOCK_STREAM))
     await drone.connect(system_address=f"udpin://127.0.0.1:{port}")
     async for state in drone.core.connection_state():
         if state.is_connected:

@@ -28,7 +28,7 @@ async def connected_drone(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
     command += ["--gcs-remote-port", str(free_port()), "--tcp-port", str(port), "--speed", str(SPEED), *more]
     with running(command):
         await asyncio.to_thread(wait_until, lambda: _listens(port), "the simulator's start")
-        drone = System(port=free_port())
+        drone = System(port=free_port(socket.SOCK_STREAM))
         try:
             await asyncio.wait(
                 {asyncio.ensure_future(drone.connect(f"tcpout://127.0.0.1:{port}"))}, timeout=90

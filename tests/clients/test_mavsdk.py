@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -76,7 +77,7 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(watched: Watched) -> Non
 
 
 async def _fly(tcp_port: int) -> None:
-    drone = System(port=free_port())
+    drone = System(port=free_port(socket.SOCK_STREAM))
     async with asyncio.timeout(200):
         await drone.connect(system_address=f"tcpout://127.0.0.1:{tcp_port}")
         async for health in drone.telemetry.health():

@@ -38,6 +38,7 @@ from vehicle_sim.storage.files import VehicleFiles
 
 MAV_TYPE_GCS, MAV_TYPE_ONBOARD_CONTROLLER = 6, 18
 RATE_EVERY_US = 1_000_000
+HEARTBEAT = BY_NAME["HEARTBEAT"].id
 
 
 class Node:
@@ -95,7 +96,15 @@ class Node:
 
     def add_camera(self, camera: Camera) -> None:
         """Adds a camera as a separate component."""
-        self._camera = CameraService(self.context, camera)
+        self._camera = service = CameraService(self.context, camera)
+
+        def send_heartbeats(link: Link) -> None:
+            """The camera's follows the vehicle's: MAVSDK never connects to a vehicle if the first heartbeat
+            that it receives is another component's."""
+            self._send(link, HEARTBEAT)
+            service.send_heartbeat(link)
+
+        self._streamers[HEARTBEAT] = send_heartbeats
 
     def open_console(self, console: Callable[[], Terminal]) -> None:
         """Gives ground stations access to the vehicle's console; `console` creates one for each link."""
@@ -149,7 +158,7 @@ class Node:
         if now_us < self._idle_until_us and not context.waits and not self._mission.waits:
             return
         busy = self._serve()
-        telemetry, streamers = context.telemetry, self._streamers
+        streamers = self._streamers
         next_us = self._rate_at_us
         for link in context.links:
             if link.next_due_us <= now_us:
@@ -157,14 +166,17 @@ class Node:
                     streamer = streamers.get(msg_id)
                     if streamer is not None:
                         streamer(link)
-                        continue
-                    built = telemetry.payload(msg_id)
-                    if built is not None:
-                        link.send_payload(*built)
+                    else:
+                        self._send(link, msg_id)
             next_us = min(next_us, link.next_due_us)
         if now_us >= self._rate_at_us:
             self._rate(now_us)
         self._idle_until_us = 0 if busy else next_us
+
+    def _send(self, link: Link, msg_id: int) -> None:
+        built = self.context.telemetry.payload(msg_id)
+        if built is not None:
+            link.send_payload(*built)
 
     def _serve(self) -> bool:
         """Continues running transfers of the services; True if there are any."""

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from tests.unit.vehicle_sim.sim_station import BOTH, NAN, Station
+from vehicle_sim.mavlink.framing import FrameParser
 from vehicle_sim.payload.picture import HEIGHT, WIDTH, Painter
 from vehicle_sim.world.terrain import Hill, Terrain
 from vehicle_sim.world.world import Box, World
@@ -62,6 +63,19 @@ def test_it_has_a_heartbeat_and_tells_what_it_is(station):
     assert (fov.hfov, fov.vfov) == (pytest.approx(60.0, abs=0.1), pytest.approx(46.8, abs=0.2))
     assert ask(station, 512, 269) == [DENIED], "no video stream"
     assert ask(station, 2500) == [UNSUPPORTED], "no video"
+
+
+@pytest.mark.parametrize("opened_after_s", [0.1, 0.4, 0.7, 0.996])
+def test_its_heartbeats_follow_the_vehicles_on_a_link_opened_at_any_time(opened_after_s):
+    station = Station(camera=True)
+    station.run(opened_after_s)
+    station.sim.add_link(0, "tcp", "gcs")
+    station.run(4.0)
+    heard = FrameParser().feed(station.sim.drain(0, "tcp"))
+    for beats in ([m for m in heard if m.name == "HEARTBEAT"], station.heard("HEARTBEAT")):
+        senders = [m.component_id for m in beats if m.system_id == 1]
+        assert senders == [1, 100] * (len(senders) // 2)
+        assert len(senders) >= 6
 
 
 def test_a_picture_is_told_logged_kept_and_asked_for_again(station):

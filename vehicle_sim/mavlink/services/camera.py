@@ -40,7 +40,6 @@ MIB = 1024.0**2
 UNKNOWN_INT32 = 0x7FFFFFFF
 VENDOR, MODEL = b"Simulated", b"Simulated camera"
 FIRMWARE = 1
-HEARTBEAT_US = 1_000_000
 REQUEST_MESSAGE = 512
 
 
@@ -50,7 +49,6 @@ class CameraService:
     def __init__(self, context: Context, camera: Camera) -> None:
         self._context, self._camera = context, camera
         self._last_sequence = 0
-        self._heartbeat_at_us = 0
         self._commands: dict[int, Callable[[Message | _OwnParameters, Link | None], int]] = {
             REQUEST_MESSAGE: lambda m, link: self._request(m, link),
             521: lambda m, link: self._send("CAMERA_INFORMATION", link),
@@ -104,15 +102,15 @@ class CameraService:
             and values.get("target_component") == CAMERA_COMPONENT
         )
 
+    def send_heartbeat(self, link: Link) -> None:
+        """Sends the camera's heartbeat."""
+        link.send_from(
+            CAMERA_COMPONENT, "HEARTBEAT", type=MAV_TYPE_CAMERA, autopilot=MAV_AUTOPILOT_INVALID,
+            system_status=MAV_STATE_ACTIVE, mavlink_version=3,
+        )  # fmt: skip
+
     def step(self) -> None:
-        """Sends the heartbeat and takes the pictures that are due."""
-        now_us = self._context.view.time_boot_us()
-        if now_us >= self._heartbeat_at_us:
-            self._heartbeat_at_us = now_us + HEARTBEAT_US
-            self._broadcast(
-                "HEARTBEAT", type=MAV_TYPE_CAMERA, autopilot=MAV_AUTOPILOT_INVALID,
-                system_status=MAV_STATE_ACTIVE, mavlink_version=3,
-            )  # fmt: skip
+        """Takes the pictures that are due."""
         if self._camera.series_runs:
             capture = self._camera.step()
             if capture is not None:
