@@ -10,6 +10,7 @@ import asyncio
 import math
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,20 @@ async def first(stream: AsyncIterator[Any]) -> Any:
     raise SystemExit("the stream ended without a value")
 
 
+async def ask_for_mode(drone: Drone, ask: Callable[[], Awaitable[None]], mode: str) -> None:
+    """Asks for a flight mode, up to three times.
+
+    PX4 acknowledges DO_SET_MODE twice. MAVSDK takes the second acknowledgement for that of its next
+    DO_SET_MODE, if this is queued, and then never sends it.
+    """
+    for within_s in (15.0, 15.0, 60.0):
+        await ask()
+        with suppress(SystemExit):
+            await drone.until("flight_mode", lambda now: now.name == mode, f"mode {mode}", within_s)
+            return
+    raise SystemExit(f"no mode {mode} after three requests")
+
+
 async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> None:
     """A go-to during take-off is flown; Return directly after Hold ends in Return."""
     home = await first(drone.stream("home"))
@@ -47,8 +62,7 @@ async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> 
         "arrival",
     )
     await drone.action.hold()
-    await drone.action.return_to_launch()
-    await drone.until_mode("RETURN_TO_LAUNCH")
+    await ask_for_mode(drone, drone.action.return_to_launch, "RETURN_TO_LAUNCH")
 
 
 async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
@@ -87,7 +101,10 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     async def lead() -> None:
         while True:
             location = types.TargetLocation(lat_deg, home.longitude_deg, target_alt_m, 0.0, 0.0, 0.0)
-            await drone.follow_me.set_target_location(location)
+            try:
+                await drone.follow_me.set_target_location(location)
+            except types.FollowMeError:  # MAVSDK stops following at a heartbeat from before the start
+                await drone.follow_me.start()
             await asyncio.sleep(0.2)
 
     await drone.follow_me.set_config(config(16.0, "CONSTANT"))
