@@ -2,25 +2,9 @@
 
 from gcs_server.vehicle.services.mission_held import PlanName
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
-from missions.items import Land, Takeoff, Waypoint
-from missions.plan import Plan
-from missions.values import Altitude
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
-
-HEIGHT = Altitude(value_m=5.0, reference="home")
-GROUND = Altitude(value_m=0.0, reference="home")
-
-
-def plan_about(lat_deg, lon_deg):
-    north = lat_deg + 10 / 111_320
-    items = (
-        Takeoff(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
-        Waypoint(lat_deg=north, lon_deg=lon_deg, altitude=HEIGHT),
-        Waypoint(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
-        Land(lat_deg=lat_deg, lon_deg=lon_deg, altitude=GROUND),
-    )
-    return Plan(items=items)
+from tests.protocol.small_plan import plan_about
 
 
 def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):

@@ -14,7 +14,7 @@ from missions.setpoints import Position
 from tests.protocol.offboard_world import seconds
 from tests.protocol.ros2_world import request_of
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.protocol.test_mission_flight import plan_about
+from tests.protocol.small_plan import plan_about
 from vehicle_sim.mavlink import generated_dialect as sim
 
 FIRMWARE = 0x011100FF

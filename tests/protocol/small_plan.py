@@ -1,0 +1,22 @@
+"""A small plan to fly in tests of missions."""
+
+from __future__ import annotations
+
+from missions.items import Land, Takeoff, Waypoint
+from missions.plan import Plan
+from missions.values import Altitude
+
+HEIGHT = Altitude(value_m=5.0, reference="home")
+GROUND = Altitude(value_m=0.0, reference="home")
+
+
+def plan_about(lat_deg: float, lon_deg: float) -> Plan:
+    """Ten metres to the north and back."""
+    north = lat_deg + 10 / 111_320
+    items = (
+        Takeoff(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
+        Waypoint(lat_deg=north, lon_deg=lon_deg, altitude=HEIGHT),
+        Waypoint(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
+        Land(lat_deg=lat_deg, lon_deg=lon_deg, altitude=GROUND),
+    )
+    return Plan(items=items)
