@@ -164,17 +164,25 @@ class Question:
         self.commands.clear()
 
 
-def press_new_buttons(page: Page, pressed: set[str], where: str) -> Iterator[tuple[str, Callable[[], None]]]:
+def press_new_buttons(
+    page: Page, pressed: set[str], where: str, reopen: Callable[[], None]
+) -> Iterator[tuple[str, Callable[[], None]]]:
     """Presses Enter on each visible button not pressed before, last on those that close what is open; returns
-    those with a confirmation, and how to reopen them."""
+    those with a confirmation, and how to reopen them. `reopen` opens again what a pressed button has closed,
+    with the buttons after it."""
     dialog = page.get_by_role("alertdialog")
+    reopen()
     for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
         named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
         starts = re.compile(f"^{named}")
         radio, combobox = (page.get_by_role(role, name=starts) for role in ("radio", "combobox"))
         found = page.get_by_role("button", name=starts).or_(radio).or_(combobox)
         button = found.first  # and controls that appear later
-        if named in pressed or not button.is_visible() or button.is_disabled():
+        if named in pressed:
+            continue
+        if not button.is_visible():
+            reopen()
+        if not button.is_visible() or button.is_disabled():
             continue
         pressed.add(named)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import pytest
 from playwright.sync_api import Browser, expect
@@ -31,11 +32,14 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
         for vehicle_key, some in (("1", None), ("2", 1)):
             pressed: set[str] = {*NOT_PRESSED}
             for room, open_it in rooms(page)[:some]:
-                close_all(page)
-                page.keyboard.press(vehicle_key)
-                open_it()
-                page.wait_for_timeout(50)
-                for where, ask in press_new_buttons(page, pressed, room):
+
+                def reopen(vehicle_key: str = vehicle_key, open_it: Callable[[], None] = open_it) -> None:
+                    close_all(page)
+                    page.keyboard.press(vehicle_key)
+                    open_it()
+                    page.wait_for_timeout(50)
+
+                for where, ask in press_new_buttons(page, pressed, room, reopen):
                     question = Question(page, commands)
                     commands.clear()  # of the previous buttons, which have no confirmation
                     if asked.setdefault(question.title, where) == where:
