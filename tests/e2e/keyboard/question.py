@@ -165,13 +165,18 @@ class Question:
 
 
 def press_new_buttons(
-    page: Page, pressed: set[str], where: str, reopen: Callable[[], None]
+    page: Page, pressed: set[str], where: str, reopen: Callable[[], None] | None
 ) -> Iterator[tuple[str, Callable[[], None]]]:
     """Presses Enter on each visible button not pressed before, last on those that close what is open; returns
-    those with a confirmation, and how to reopen them. `reopen` opens again what a pressed button has closed,
-    with the buttons after it."""
+    those with a confirmation, and how to reopen them.
+
+    Args:
+        page: the page.
+        pressed: names of the buttons pressed before; extended.
+        where: what is open.
+        reopen: opens again what a pressed button outside it has closed; None: it stays open.
+    """
     dialog = page.get_by_role("alertdialog")
-    reopen()
     for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
         named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
         starts = re.compile(f"^{named}")
@@ -180,7 +185,7 @@ def press_new_buttons(
         button = found.first  # and controls that appear later
         if named in pressed:
             continue
-        if not button.is_visible():
+        if reopen is not None and not button.is_visible():
             reopen()
         if not button.is_visible() or button.is_disabled():
             continue
