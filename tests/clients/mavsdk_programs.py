@@ -99,11 +99,15 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
         return types.Config(height_m, 6.0, 0.1, types.Config.FollowAltitudeMode[mode], 8.0, 180.0)
 
     async def lead() -> None:
+        may_start_again = True
         while True:
             location = types.TargetLocation(lat_deg, home.longitude_deg, target_alt_m, 0.0, 0.0, 0.0)
             try:
                 await drone.follow_me.set_target_location(location)
             except types.FollowMeError:  # MAVSDK stops following at a heartbeat from before the start
+                if not may_start_again:
+                    raise
+                may_start_again = False
                 await drone.follow_me.start()
             await asyncio.sleep(0.2)
 

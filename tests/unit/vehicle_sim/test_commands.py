@@ -276,3 +276,12 @@ def test_a_take_off_climbs_as_far_as_was_asked_also_less_than_its_default(ground
     ground.run(12.0)
     assert ground.flown_mode == HOLD
     assert ground.height_m == pytest.approx(1.2, abs=0.3)
+
+
+def test_return_directly_after_hold_is_flown_and_each_is_acknowledged_twice(air: PlanStation) -> None:
+    asked_s = air.now_s
+    air.command(SET_MODE, 1, 4, 3)
+    air.command(SET_MODE, 1, 4, 5)
+    air.run(1.5)
+    assert air.flown_mode == RTL
+    assert air.acks(SET_MODE, asked_s) == [ACCEPTED] * 4
