@@ -22,8 +22,10 @@ CONTROLS = """
 BUTTONS = """
 () => [...new Set([...document.querySelectorAll('button')]
   .filter((one) => !one.disabled && one.ariaDisabled !== 'true' && one.checkVisibility())
-  .map((one) => one.ariaLabel ?? one.textContent.replace(/\\s+/g, ' ').trim()))]
+  .map((one) => one.ariaLabel ?? one.innerText.replace(/\\s+/g, ' ').trim()))]
 """
+"""Names of the usable buttons. `innerText` has a space where the accessible name has one, between parts that
+are laid out beside each other; `textContent` has none."""
 DESCRIBED = """
 (dialog) => [dialog.getAttribute('aria-modal') === 'true' ? 'modal' : '',
   ...['aria-labelledby', 'aria-describedby'].map((a) => document.getElementById(dialog.getAttribute(a)))
@@ -179,7 +181,7 @@ def press_new_buttons(
     dialog = page.get_by_role("alertdialog")
     for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
         named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
-        starts = re.compile(f"^{named}")
+        starts = re.compile(f"^{named}", re.IGNORECASE)  # the text may be drawn in capitals
         radio, combobox = (page.get_by_role(role, name=starts) for role in ("radio", "combobox"))
         found = page.get_by_role("button", name=starts).or_(radio).or_(combobox)
         button = found.first  # and controls that appear later
