@@ -110,8 +110,9 @@ class OffboardPilot:
 
     def _run_runner(self, now_s: float, started_s: float) -> None:
         runner = self.runner
-        self.carry_out(now_s, runner.tick(now_s, self.reading()))
-        status = runner.status(self.reading())
+        reading = self.reading()
+        self.carry_out(now_s, runner.tick(now_s, reading))
+        status = runner.status(reading)
         if status.question is not None:
             self.carry_out(now_s, runner.go_on(HOLDER))
         if status.place is not None:

@@ -6,7 +6,6 @@ import math
 
 from missions.frames import Vector3
 from missions.setpoints import (
-    NOTHING,
     Acceleration,
     Attitude,
     DirectSetpoint,
@@ -16,7 +15,7 @@ from missions.setpoints import (
     Trajectory,
     Velocity,
 )
-from vehicle_sim.autopilot.offboard import LOCAL_NED, YAW_BIT, YAW_RATE_BIT, Offboard
+from vehicle_sim.autopilot.offboard import NAN3, Offboard, trajectory_setpoint
 
 IGNORE_YAW_RATE, IGNORE_RATES, IGNORE_ATTITUDE = 4, 7, 128
 """Bits of SET_ATTITUDE_TARGET's type_mask. With IGNORE_YAW_RATE cleared, the third rate is the yaw rate."""
@@ -44,31 +43,21 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
         return
     if not isinstance(setpoint, Position | Velocity | Acceleration | Trajectory):
         raise ValueError(f"a mission sends no {setpoint.type}")
-    position, velocity, acceleration = NOTHING, NOTHING, NOTHING
+    position, velocity, acceleration = NAN3, NAN3, NAN3
     if isinstance(setpoint, Position | Trajectory):
-        n, e, d = (_minus(at, start) for at, start in zip(setpoint.position_ned_m, start_ned_m, strict=True))
-        position = (n, e, d)
+        (n, e, d), (n0, e0, d0) = _numbers(setpoint.position_ned_m), start_ned_m
+        position = (n - n0, e - e0, d - d0)
     if isinstance(setpoint, Velocity | Trajectory):
-        velocity = setpoint.velocity_ned_m_s
+        velocity = _numbers(setpoint.velocity_ned_m_s)
     if isinstance(setpoint, Acceleration | Trajectory):
-        acceleration = setpoint.acceleration_ned_m_s2
-    yaw, rate = setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s
-    mask = _mask(position, 1) | _mask(velocity, 8) | _mask(acceleration, 64)
-    mask |= (YAW_BIT if yaw is None else 0) | (YAW_RATE_BIT if rate is None else 0)
-    offboard.local(
-        LOCAL_NED, mask, _numbers(position), _numbers(velocity), _numbers(acceleration),
-        math.nan if yaw is None else yaw, math.nan if rate is None else rate,
-    )  # fmt: skip
+        acceleration = _numbers(setpoint.acceleration_ned_m_s2)
+    yaw, rate = (
+        math.nan if each is None else each for each in (setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s)
+    )
+    offboard.trajectory(trajectory_setpoint(position, velocity, acceleration, yaw, rate))
 
 
-def _minus(value: float | None, by: float) -> float | None:
-    return None if value is None else value - by
-
-
-def _mask(vector: Partial3, first_bit: int) -> int:
-    return sum(first_bit << axis for axis, value in enumerate(vector) if value is None)
-
-
-def _numbers(vector: Partial3) -> tuple[float, float, float]:
-    x, y, z = (math.nan if value is None else value for value in vector)
-    return (x, y, z)
+def _numbers(vector: Partial3) -> Vector3:
+    """NaN for a value that is not controlled."""
+    x, y, z = vector
+    return (math.nan if x is None else x, math.nan if y is None else y, math.nan if z is None else z)

@@ -22,7 +22,7 @@ from missions.offboard.segments import (
     WaitSegment,
 )
 from missions.runner.script import Played, Script, ScriptChange
-from missions.runner.time_scale import TimeScale
+from missions.runner.time_scale import STILL, TimeScale
 from missions.setpoints import Attitude, DirectSetpoint, Position, Setpoint, Trajectory, Velocity, complete
 from missions.setpoints import zeros_for_none as whole
 
@@ -35,7 +35,6 @@ HELD_BACK_M = 8.0
 """Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
 ARRIVED_M = 1.0
 """Horizontal distance to the end of a path below which the path is complete [m]."""
-STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Player:
@@ -164,15 +163,10 @@ class Player:
         return last.at(math.inf)
 
     def _advance(self, dt_s: float, position_ned_m: Vector3 | None) -> None:
-        setpoint = self._sample()
-        velocity, acceleration = STILL, STILL
-        if isinstance(setpoint, Trajectory | Velocity):
-            velocity = whole(setpoint.velocity_ned_m_s)
-        if isinstance(setpoint, Trajectory):
-            acceleration = whole(setpoint.acceleration_ned_m_s2)
         self._held_back = self._away_m(self._position, position_ned_m) > HELD_BACK_M
         goal = 0.0 if self._change.paused or self._held_back else 1.0
-        self._t_s += self._scale.step(dt_s, goal, velocity, acceleration)
+        motion = (STILL, STILL) if self._scale.is_at(goal) else self._motion()
+        self._t_s += self._scale.step(dt_s, goal, *motion)
         while (segment := self._segment()) is not None:
             if isinstance(segment, WaitSegment):
                 self._t_s = 0.0
@@ -190,6 +184,13 @@ class Player:
             else:
                 self._index += 1
         self._t_s = 0.0
+
+    def _motion(self) -> tuple[Vector3, Vector3]:
+        """Velocity and acceleration of the path at rate 1."""
+        setpoint = self._sample()
+        velocity = setpoint.velocity_ned_m_s if isinstance(setpoint, Trajectory | Velocity) else STILL
+        acceleration = setpoint.acceleration_ned_m_s2 if isinstance(setpoint, Trajectory) else STILL
+        return whole(velocity), whole(acceleration)
 
     def _is_back(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
         """Whether the next segment may start: the vehicle has arrived at the end of the current one.

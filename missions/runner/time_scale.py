@@ -23,6 +23,7 @@ MARGIN = 0.8
 NEAR = 2e-3
 MAX_STEP_S = 0.05
 """Longer time steps are split [s]."""
+STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
 class TimeScale:
@@ -39,13 +40,19 @@ class TimeScale:
         self.change = 0.0
         """Current change of the rate [1/s]."""
 
-    def step(self, dt_s: float, goal: float, velocity: Vector3, acceleration: Vector3) -> float:
+    def is_at(self, goal: float) -> bool:
+        """Whether the rate stays as it is, whatever the path."""
+        return self.rate == goal and self.change == 0.0
+
+    def step(
+        self, dt_s: float, goal: float, velocity: Vector3 = STILL, acceleration: Vector3 = STILL
+    ) -> float:
         """Moves the rate towards its goal; returns the passed mission time [s].
 
         Args:
             dt_s: real time.
             goal: 0 to pause, 1 for planned speed.
-            velocity: of the path at rate 1 [m/s].
+            velocity: of the path at rate 1 [m/s]; not used if `is_at(goal)`.
             acceleration: of the path at rate 1 [m/s²].
         """
         passed_s = 0.0

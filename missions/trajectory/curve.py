@@ -7,6 +7,7 @@ The trajectory starts and ends at rest.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,23 +60,20 @@ class TimedCurve:
     def at(self, t_s: float) -> Trajectory:
         """The setpoint `t_s` after the start; before the start and after the end: the first or last point, at
         rest."""
+        # bisect on the memory of an array is several times as fast as NumPy for one number.
         ended = t_s >= self.duration_s
         if ended or t_s <= 0.0:
             u, v, a = (float(self.begins[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
         else:
-            k = int(self.phase_start_s.searchsorted(t_s, side="right")) - 1
-            dt = t_s - float(self.phase_start_s[k])
-            v0, a0, j = (
-                float(self.phase_speed[k]),
-                float(self.phase_acceleration[k]),
-                float(self.phase_jerk[k]),
-            )
-            u = float(self.phase_parameter[k]) + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
+            k = bisect_right(self.phase_start_s.data, t_s) - 1
+            dt = t_s - self.phase_start_s.item(k)
+            v0, a0, j = self.phase_speed.item(k), self.phase_acceleration.item(k), self.phase_jerk.item(k)
+            u = self.phase_parameter.item(k) + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
             v = v0 + dt * (a0 + dt * j / 2.0)
             a = a0 + dt * j
-        n = max(0, int(self.begins.searchsorted(u, side="right")) - 1)
-        span = float(self.spans[n])
-        x = min(1.0, (u - float(self.begins[n])) / span)
+        n = max(0, bisect_right(self.begins.data, u) - 1)
+        span = self.spans.item(n)
+        x = min(1.0, (u - self.begins.item(n)) / span)
         position: list[float] = []
         first: list[float] = []
         second: list[float] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import os
@@ -10,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,9 @@ from .simulator import flying_share
 
 HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 WIND_NED_M_S, GUSTS_M_S = (0.0, 4.0, 0.0), 0.5
-VEHICLE = str(FIRST_TEST_INSTANCE + 1)
+FLOWN_BY = 5
+"""Vehicles that fly a plan after its dry run; the noise of each is its own."""
+VEHICLES = tuple(str(FIRST_TEST_INSTANCE + 1 + k) for k in range(FLOWN_BY))
 CORNERS_NE_M = ((100.0, 0.0), (100.0, 100.0), (0.0, 100.0), (0.0, 20.0))
 HEIGHT_M = 15.0
 FLIGHTS = 100
@@ -57,16 +61,18 @@ print(json.dumps([run.duration_s, spent, wall]))
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A flight beside its dry run; times from arming to disarming."""
+    """Flights beside their dry run; times from arming to disarming."""
 
     predicted_s: float
     """The median of `PREDICTED_BY` flights: how long a landing takes is a matter of seconds' chance."""
     least_s: float
     greatest_s: float
-    flown_s: float
+    flown_s: tuple[float, ...]
+    """Of each vehicle."""
     predicted_m: float
-    flown_m: float
+    flown_m: tuple[float, ...]
     beside_mean_m: float
+    """Of all vehicles."""
     beside_greatest_m: float
 
 
@@ -120,31 +126,39 @@ def compare(plan: dict[str, Any]) -> Comparison:
     """
     udp = free_port()
     weather = f"{WIND_NED_M_S[0]},{WIND_NED_M_S[1]},{GUSTS_M_S}"
-    home = ",".join(str(value) for value in HOME.values())
-    with (
-        server([f"udpin://127.0.0.1:{udp}"]) as (url, _),
-        vehicle(udp, more=["--wind", weather, "--home", home, "--no-log"]),
-    ):
+    options = ["--wind", weather, "--home", ",".join(str(value) for value in HOME.values()), "--no-log"]
+    with contextlib.ExitStack() as stack:
+        url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{udp}"]))
+        for k in range(FLOWN_BY):
+            instance = ["--first-instance", str(FIRST_TEST_INSTANCE + k)]
+            stack.enter_context(vehicle(udp, more=[*options, *instance]))
         return asyncio.run(_compare(url, plan))
 
 
 async def _compare(url: str, plan: dict[str, Any]) -> Comparison:
     async with Gcs(url, client="bench") as gcs:
-        flies = await gcs.wait_for_vehicle(VEHICLE, ready=True)
-        await flies.request("POST", "/params/refresh", {"wait": True})
+        first = await gcs.wait_for_vehicle(VEHICLES[0], ready=True)
+        await first.request("POST", "/params/refresh", {"wait": True})
         conditions = {"wind_ned_m_s": list(WIND_NED_M_S), "gusts_m_s": GUSTS_M_S}
         run = await gcs.dry_runs().run(
-            plan, vehicle_id=VEHICLE, flights=PREDICTED_BY, settings={"conditions": conditions}
+            plan, vehicle_id=VEHICLES[0], flights=PREDICTED_BY, settings={"conditions": conditions}
         )
-        is_mission = "steps" in plan
-        if not is_mission:
-            await flies.mission.upload(plan)
-        flown = Flown([], [])
-        async with asyncio.timeout(600.0), asyncio.TaskGroup() as group:
-            group.create_task(_watch(gcs, flown))
-            await flown.begun.wait()
-            await (flies.offboard_mission.start(plan) if is_mission else flies.mission.start())
-    return _compared(run, flown)
+        async with asyncio.TaskGroup() as group:
+            flights = [group.create_task(_fly(gcs, each, plan)) for each in VEHICLES]
+    return _compared(run, [flight.result() for flight in flights])
+
+
+async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> Flown:
+    flies = await gcs.wait_for_vehicle(vehicle_id, ready=True)
+    is_mission = "steps" in plan
+    if not is_mission:
+        await flies.mission.upload(plan)
+    flown = Flown([], [])
+    async with asyncio.timeout(600.0), asyncio.TaskGroup() as group:
+        group.create_task(_watch(gcs, vehicle_id, flown))
+        await flown.begun.wait()
+        await (flies.offboard_mission.start(plan) if is_mission else flies.mission.start())
+    return flown
 
 
 @dataclass(slots=True)
@@ -160,9 +174,9 @@ class Flown:
     disarmed_at_s: float = math.nan
 
 
-async def _watch(gcs: Gcs, flown: Flown) -> None:
+async def _watch(gcs: Gcs, vehicle_id: str, flown: Flown) -> None:
     """Notes the next flight, until the vehicle says that it is disarmed."""
-    async for told in gcs.telemetry(vehicles=[VEHICLE], topics=["local_position"], rate_hz=10.0):
+    async for told in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
         if told["type"] == "sample":
             flown.begun.set()
             flown.t_s.append(told["vehicle_time_boot_s"])
@@ -174,17 +188,20 @@ async def _watch(gcs: Gcs, flown: Flown) -> None:
             return
 
 
-def _compared(run: dict[str, Any], flown: Flown) -> Comparison:
+def _compared(run: dict[str, Any], flights: Sequence[Flown]) -> Comparison:
     """Times as the vehicle counts them; paths from 0.5 m above the ground to 0.5 m above it."""
     path, duration_s = run["nominal"]["path"], run["monte_carlo"]["duration_s"]
-    ours = _in_air(np.array(path["t_s"]), np.array(path["position_ned_m"]))
-    places = np.array(flown.places)
-    theirs = _in_air(np.array(flown.t_s), places - places[0])
-    across, above = deviation(ours, theirs, ours.t_s, ours.position_ned_m)
-    off_m = np.hypot(across, above)
+    planned = _in_air(np.array(path["t_s"]), np.array(path["position_ned_m"]))
+    off_m, lengths_m = [], []
+    for flown in flights:
+        places = np.array(flown.places)
+        track = _in_air(np.array(flown.t_s), places - places[0])
+        across, above = deviation(planned, track, planned.t_s, planned.position_ned_m)
+        off_m.append(np.hypot(across, above))
+        lengths_m.append(track.length_m)
     return Comparison(
         duration_s["p50"], duration_s["least"], duration_s["greatest"],
-        flown.disarmed_at_s - flown.armed_at_s, ours.length_m, theirs.length_m,
+        tuple(each.disarmed_at_s - each.armed_at_s for each in flights), planned.length_m, tuple(lengths_m),
         float(np.nanmean(off_m)), float(np.nanmax(off_m)),
     )  # fmt: skip
 
@@ -212,16 +229,20 @@ def table() -> Iterator[str]:
 
 
 def _comparison(name: str, found: Comparison) -> Iterator[str]:
-    late = found.flown_s / found.predicted_s - 1.0
-    longer = found.flown_m / found.predicted_m - 1.0
+    late = median(found.flown_s) / found.predicted_s - 1.0
+    longer = median(found.flown_m) / found.predicted_m - 1.0
     spread = f"{found.least_s:.1f} to {found.greatest_s:.1f} s, median {found.predicted_s:.1f} s"
-    times = f"predicted {spread}, flown {found.flown_s:.1f} s"
+    times = f"predicted {spread}, flown {_spread(found.flown_s)} s"
     yield f"| {name}: time from arming to disarming, {times} | {late:+.1%} | 3 % |"
-    lengths = f"predicted {found.predicted_m:.0f} m, flown {found.flown_m:.0f} m"
+    lengths = f"predicted {found.predicted_m:.0f} m, flown {_spread(found.flown_m)} m"
     yield f"| {name}: length, {lengths} | {longer:+.1%} | 3 % |"
     share = found.beside_greatest_m / found.predicted_m
     off = f"mean {found.beside_mean_m:.2f} m, greatest {found.beside_greatest_m:.2f} m"
-    yield f"| {name}: flown path beside the predicted one | {off} ({share:.1%} of the length) | 3 % |"
+    yield f"| {name}: flown paths beside the predicted one | {off} ({share:.1%} of the length) | 3 % |"
+
+
+def _spread(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.1f}" for value in sorted(values))
 
 
 SPEEDS = (

@@ -18,7 +18,7 @@ from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.row import numbers as plain
-from vehicle_sim.autopilot.steady_task import SteadyLimits, SteadyTask
+from vehicle_sim.autopilot.steady_task import STREAM, SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
@@ -96,6 +96,10 @@ class Autopilot:
             False if a check changed something; the tick was then flown in full.
         """
         if self.commander.update_steady():
+            if self.commander.active is NavState.OFFBOARD:
+                self._publish_level()
+                self._motion[ASKED_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
+                self._steer_offboard()
             self.gimbal.update(TICK_S)
             self.decided = False
             return True
@@ -130,6 +134,9 @@ class Autopilot:
             return None
         if commander.external.any_mode:
             return None
+        if commander.active is NavState.OFFBOARD:
+            levels = {self.offboard.level, self._control_mode.level}
+            return STREAM if levels == {ControlLevel.TRAJECTORY} else None
         return self.navigator.steady_task(commander.active)
 
     def _situation(self) -> tuple[object, ...]:
@@ -138,7 +145,8 @@ class Autopilot:
         return (
             commander.armed, commander.intended, commander.active, commander.terminated,
             self.view.parameter_changes, self.plans.changes, home.set_at_us, home.position_ned_m,
-            self.sticks.moved, self._goto.active, self.offboard.has_topics, commander.external.any_mode,
+            self.sticks.moved, self._goto.active, self.offboard.has_topics, self.offboard.level,
+            commander.external.any_mode,
             self.navigator.situation(),
         )  # fmt: skip
 
@@ -209,15 +217,7 @@ class Autopilot:
 
     def _limits(self) -> LandingThresholds:
         if self._landing_limits is None:
-            parameter = self.view.parameter
-            self._landing_limits = LandingThresholds(
-                climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
-                horizontal_max_m_s=parameter("LNDMC_XY_VEL_MAX"),
-                rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
-                trigger_s=parameter("LNDMC_TRIG_TIME"),
-                thrust_min=parameter("MPC_THR_MIN"),
-                thrust_min_by_hand=parameter("MPC_MANTHR_MIN"),
-            )
+            self._landing_limits = LandingThresholds.of(self.view)
         return self._landing_limits
 
     def _forget_limits(self, _name: str, _value: float) -> None:
@@ -263,9 +263,7 @@ class Autopilot:
         if not commander.armed or commander.active is NavState.TERMINATION:
             self._row.idle()
             return
-        streamed, configured = self.by_setpoints, commander.external.configured
-        key = (commander.armed, commander.active, commander.failsafe.action, configured)
-        level = self._control_mode.update(self.view.time_s, self.offboard.level, key)
+        streamed, level = self.by_setpoints, self._publish_level()
         direct = streamed and level is not ControlLevel.TRAJECTORY
         on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
         self._row.limits(
@@ -299,6 +297,11 @@ class Autopilot:
         if not streamed:
             # keep the trajectory at the vehicle while it cannot follow
             self.navigator.path.idle()
+
+    def _publish_level(self) -> ControlLevel:
+        commander = self.commander
+        key = (commander.armed, commander.active, commander.failsafe.action, commander.external.configured)
+        return self._control_mode.update(self.view.time_s, self.offboard.level, key)
 
     def _descent_limit_m_s(self) -> float:
         """Automatic modes may descend faster than their trajectory, to catch up with it; NaN: others."""

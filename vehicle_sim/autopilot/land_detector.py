@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.kernels import Column, formula, kernel
+from vehicle_sim.vehicle_view import VehicleView
 
 
 class LandedState(IntEnum):
@@ -75,6 +76,19 @@ class LandingThresholds:
     trigger_s: float
     thrust_min: float
     thrust_min_by_hand: float
+
+    @classmethod
+    def of(cls, view: VehicleView) -> LandingThresholds:
+        """The vehicle's current parameters."""
+        parameter = view.parameter
+        return cls(
+            climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
+            horizontal_max_m_s=parameter("LNDMC_XY_VEL_MAX"),
+            rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
+            trigger_s=parameter("LNDMC_TRIG_TIME"),
+            thrust_min=parameter("MPC_THR_MIN"),
+            thrust_min_by_hand=parameter("MPC_MANTHR_MIN"),
+        )
 
 
 CONTACT, MAYBE, LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8

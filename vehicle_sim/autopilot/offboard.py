@@ -66,9 +66,13 @@ class Setpoint:
 
         An incomplete setpoint stops the vehicle: velocity zero.
         """
-        levels = (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
-        pairs = all(math.isfinite(north) == math.isfinite(east) for north, east, _ in levels)
-        return pairs and all(_finite(*axis) for axis in zip(*levels, strict=True))
+        finite = math.isfinite
+        (n, e, d), (vn, ve, vd), (an, ae, ad) = (
+            self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2,
+        )  # fmt: skip
+        position, velocity, acceleration = finite(n), finite(vn), finite(an)
+        pairs = position is finite(e) and velocity is finite(ve) and acceleration is finite(ae)
+        return pairs and (position or velocity or acceleration) and (finite(d) or finite(vd) or finite(ad))
 
 
 LEVELS = {
@@ -79,8 +83,9 @@ LEVELS = {
 }
 
 
-def _finite(*values: float) -> bool:
-    return any(math.isfinite(value) for value in values)
+def _finite(values: Vector) -> bool:
+    x, y, z = values
+    return math.isfinite(x) or math.isfinite(y) or math.isfinite(z)
 
 
 def _turn(q: tuple[float, float, float, float], v: Vector) -> Vector:
@@ -202,8 +207,9 @@ class Offboard:
             position = NAN3
             velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(velocity)
             acceleration = NAN3 if mask & 0b111000000 else _turn(self._view.estimate.q_ned_frd, acceleration)
-        valid = not (mask & FORCE_BIT and _finite(*acceleration))
-        self._accept(valid, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=True)
+        valid = not (mask & FORCE_BIT and _finite(acceleration))
+        yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
+        self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw), valid=valid, loud=True)
 
     def global_int(
         self,
@@ -237,7 +243,8 @@ class Offboard:
                 down = -(alt_m + home_alt_amsl_m - origin_alt)
             position = (float(north), float(east), down)
         velocity, acceleration = _masked(mask, 8, v), _masked(mask, 64, a)
-        self._accept(True, position, velocity, acceleration, mask, yaw_rad, yaw_rate_rad_s, loud=False)
+        yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
+        self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw))
 
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
@@ -294,29 +301,16 @@ class Offboard:
         c, s = math.cos(yaw), math.sin(yaw)
         return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
-    def _accept(
-        self,
-        valid: bool,
-        position: Vector,
-        velocity: Vector,
-        acceleration: Vector,
-        mask: int,
-        yaw_rad: float,
-        yaw_rate_rad_s: float,
-        *,
-        loud: bool,
-    ) -> None:
-        kind = trajectory_kind(position, velocity, acceleration)
-        self._flagged = None
-        self.setpoint = Setpoint(
-            kind,
-            position,
-            velocity,
-            acceleration,
-            math.nan if mask & YAW_BIT else _sane(yaw_rad),
-            math.nan if mask & YAW_RATE_BIT else _sane(yaw_rate_rad_s),
-        )
-        self.invalid, self.no_attitude = kind is SetpointKind.NONE or not valid, None
+    def trajectory(self, setpoint: Setpoint, *, valid: bool = True, loud: bool = False) -> None:
+        """Takes a setpoint of `trajectory_setpoint`.
+
+        Args:
+            setpoint: controls at least one quantity; otherwise it is invalid.
+            valid: False: it is invalid for another reason.
+            loud: an invalid setpoint is reported.
+        """
+        self._flagged, self.setpoint, self.no_attitude = None, setpoint, None
+        self.invalid = setpoint.kind is SetpointKind.NONE or not valid
         if not self.invalid:
             self._heard_at_s = self._view.time_s
         elif loud:
@@ -350,11 +344,19 @@ def kind_of(controllers: Controllers) -> SetpointKind:
 
 def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> SetpointKind:
     """The highest quantity with a finite value."""
-    if _finite(*position):
+    if _finite(position):
         return SetpointKind.POSITION
-    if _finite(*velocity):
+    if _finite(velocity):
         return SetpointKind.VELOCITY
-    return SetpointKind.ACCELERATION if _finite(*acceleration) else SetpointKind.NONE
+    return SetpointKind.ACCELERATION if _finite(acceleration) else SetpointKind.NONE
+
+
+def trajectory_setpoint(
+    position: Vector, velocity: Vector, acceleration: Vector, yaw_rad: float, yaw_rate_rad_s: float
+) -> Setpoint:
+    """Setpoint of the position controller in the local frame [NED, SI units]; NaN: not controlled."""
+    kind = trajectory_kind(position, velocity, acceleration)
+    return Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
 
 
 def lift_of(thrust_frd: Vector) -> float:
@@ -386,3 +388,11 @@ def _sane(value: float) -> float:
 def _masked(mask: int, first_bit: int, values: Vector) -> Vector:
     kept = [math.nan if mask & (first_bit << n) else _sane(value) for n, value in enumerate(values)]
     return (kept[0], kept[1], kept[2])
+
+
+def _yaw(mask: int, yaw_rad: float, yaw_rate_rad_s: float) -> tuple[float, float]:
+    """Yaw and yaw rate that a type mask leaves."""
+    return (
+        math.nan if mask & YAW_BIT else _sane(yaw_rad),
+        math.nan if mask & YAW_RATE_BIT else _sane(yaw_rate_rad_s),
+    )

@@ -1,9 +1,10 @@
 """Ticks of all autopilots; a vehicle in steady flight flies them in compiled loops.
 
-Most ticks decide nothing: an armed vehicle in the air climbs, descends or flies a leg, no failsafe acts, no
-command has arrived, and its item is not finished. Such ticks compute the same numbers as
-`Autopilot.update`, with the same formulas, for all these vehicles at once. Geofence and the checks of the
-commander run at their own rates. A tick that may decide something is flown by `Autopilot.update`.
+Most ticks decide nothing: an armed vehicle in the air climbs, descends, flies a leg or follows a stream of
+trajectory setpoints, no failsafe acts, no command has arrived, and its item is not finished. Such ticks
+compute the same numbers as `Autopilot.update`, with the same formulas, for all these vehicles at once.
+Geofence and the checks of the commander run at their own rates. A tick that may decide something is flown by
+`Autopilot.update`.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE = 15, 16, 17
 """Columns of the limits: `SteadyLimits`."""
 _UP_SPEED, _DOWN_SPEED, _UP_ACCELERATION, _DOWN_ACCELERATION, _JERK = 2, 3, 5, 6, 7
 """Columns of `smoothing.SETTINGS`."""
-_IS_CLIMB, _IS_DESCENT, _TRAJECTORY = int(Motion.CLIMB), int(Motion.DESCENT), int(ControlLevel.TRAJECTORY)
+_IS_CLIMB, _IS_DESCENT, _IS_STREAM = int(Motion.CLIMB), int(Motion.DESCENT), int(Motion.STREAM)
+_TRAJECTORY = int(ControlLevel.TRAJECTORY)
 _NEAR_M = 1e-6
 """A vehicle this near to a threshold counts as having reached it; Python then decides exactly."""
 
@@ -274,13 +276,16 @@ def _fly(
     asked_position: Rows, asked_velocity: Rows, asked_acceleration: Rows, asked_yaw: Column,
     asked_yaw_rate: Column, tilt_limit: Column,
 ) -> None:  # fmt: skip
-    """Advances the trajectories by one tick, and writes the setpoints."""
+    """Advances the trajectories by one tick, and writes the setpoints; those of a stream are already
+    written."""
     for row in rows:
         r = int(row)
         motion[r, TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
         tilt_limit[r] = motion[r, TILT] if motion[r, TILT] < limits[r, _TILT_MAX] else math.nan
-        seen_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
         kind = tasks[r, _MOTION]
+        if kind == _IS_STREAM:
+            continue
+        seen_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
         if kind == _IS_CLIMB:
             _climb(tasks[r], limits[r], axes[r], settings[r], way[r], before_turn_m_s[r], position[r])
         elif kind == _IS_DESCENT:

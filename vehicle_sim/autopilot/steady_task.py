@@ -1,4 +1,5 @@
-"""What a vehicle flies for a while without a decision: a climb, a descent or the leg of a mission."""
+"""What a vehicle flies for a while without a decision: a climb, a descent, the leg of a mission, or streamed
+setpoints."""
 
 from __future__ import annotations
 
@@ -15,6 +16,8 @@ class Motion(IntEnum):
     CLIMB = 1
     DESCENT = 2
     LEG = 3
+    STREAM = 4
+    """Trajectory setpoints in Offboard; the autopilot writes the newest at each tick."""
 
 
 class SteadyTask(NamedTuple):
@@ -43,6 +46,10 @@ class SteadyTask(NamedTuple):
     waits_since_s: float = math.inf
     """The item ends `waits_for_s` after this time."""
     waits_for_s: float = 0.0
+
+
+STREAM = SteadyTask(Motion.STREAM, math.nan, math.nan, math.nan)
+"""Ends only by what other parts change: the mode, the level of the setpoints, a failsafe."""
 
 
 class SteadyLimits(NamedTuple):

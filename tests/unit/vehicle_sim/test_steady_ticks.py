@@ -10,6 +10,7 @@ import pytest
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.offboard import trajectory_setpoint
 from vehicle_sim.autopilot.plans import MISSION
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.geodesy import to_global
@@ -138,3 +139,41 @@ def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() 
     assert not autopilot.steady
     assert autopilot.decided
     assert not sim.simulation.setpoints.armed[0]
+
+
+def stream(end_s: float) -> Script:
+    """A take-off, then a stream of each kind of trajectory setpoints at 50 Hz, and attitudes between them."""
+    nan3 = (math.nan, math.nan, math.nan)
+
+    def send(autopilot: Autopilot) -> None:
+        t = autopilot.view.time_s - 15.0
+        offboard = autopilot.offboard
+        circle = (8.0 * math.sin(0.5 * t), 8.0 - 8.0 * math.cos(0.5 * t), -9.0)
+        along = (4.0 * math.cos(0.5 * t), 4.0 * math.sin(0.5 * t), 0.0)
+        if t < 6.0:
+            offboard.trajectory(trajectory_setpoint(circle, along, nan3, 0.3 * t, math.nan))
+        elif t < 9.0:
+            offboard.trajectory(trajectory_setpoint(nan3, (1.0, 2.0, -0.2), nan3, math.nan, 0.1))
+        elif t < 9.5:
+            offboard.attitude(7, (0.99, 0.1, 0.0, 0.0), (0.0, 0.0, 0.0), 0.5)
+        elif t < 12.0:
+            offboard.trajectory(trajectory_setpoint((3.0, 3.0, -9.0), nan3, nan3, math.nan, math.nan))
+        elif t < 13.0:
+            offboard.trajectory(trajectory_setpoint((3.0, math.nan, -9.0), nan3, nan3, 1.0, math.nan))
+        elif t < 14.0:
+            offboard.trajectory(trajectory_setpoint(nan3, nan3, nan3, 1.0, math.nan))
+        elif t < 18.0:
+            offboard.trajectory(trajectory_setpoint((-5.0, 0.0, -7.0), nan3, nan3, 1.0, math.nan))
+
+    script: dict[float, Callable[[VehicleSim], object]] = {5.0: each(take_off)}
+    script |= {15.0 + k * 0.02: each(send) for k in range(round((end_s - 15.0) / 0.02))}
+    script[15.5] = each(lambda autopilot: autopilot.commander.set_mode(NavState.OFFBOARD))
+    script[25.21] = lambda sim: sim.set_parameter(0, "MPC_XY_P", 0.8)
+    return script
+
+
+def test_a_stream_of_setpoints_is_flown_the_same_by_steady_and_by_full_ticks_until_it_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    share = both(stream(36.0), 38.0, monkeypatch, count=2)
+    assert share > 0.5
