@@ -37,18 +37,19 @@ FIRST_STATE, LAST_STATE = 23, 30
 NO_ID: Final = -1
 ATTEMPTS, ATTEMPT_EVERY_S = 5, 1.0
 CHECKS: Final = 2
-"""PX4 selects a mode only after it has evaluated an answer, at the latest when it asks again."""
+"""Number of check requests after which the mode counts as registered. PX4 can select a mode only after it has
+evaluated the first answer, which it does before the second request."""
 LOST_S: Final = 1.5
 """PX4 asks every 0.31 s and removes a mode 1.25 s after its last answer at the latest."""
 ANSWERS_ENDED: Final = "the process of the server that answers PX4 ended"
 IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more answers for its mode."
-"""What the vehicle does in one of these modes when its component ends."""
+"""The vehicle's action in one of these modes when its component ends, as text."""
 FAILED: Final = 100
 """ModeCompleted.RESULT_FAILURE_OTHER."""
 REQUIREMENTS: Final = frozenset(
     {"angular_velocity", "attitude", "local_alt", "local_position", "global_position", "home_position"}
 )
-"""What a mode may need of the vehicle: fields `mode_req_*` of ArmingCheckReply."""
+"""Requirements that a mode may have: fields `mode_req_*` of ArmingCheckReply."""
 RegistrationState = Literal["registering", "registered", "refused", "lost"]
 Message = tuple[str, bytes]
 """Topic and message."""
@@ -56,12 +57,13 @@ Message = tuple[str, bytes]
 
 @dataclass(frozen=True, slots=True)
 class ModeDeclaration:
-    """What a mode states about itself."""
+    """Name and requirements of a mode, as declared to PX4."""
 
     name: str
     """ASCII, at most `NAME_BYTES`."""
     requires: frozenset[str]
-    """Of `REQUIREMENTS`; PX4 checks them when the mode is selected, and fails safe if one is missing."""
+    """Some of `REQUIREMENTS`. PX4 checks them when the mode is selected, and executes a failsafe if one is
+    missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,7 @@ class Registration:
     name: str
     state: RegistrationState
     nav_state: int | None
-    """Its navigation state in PX4; None: it never had one."""
+    """Navigation state in PX4; None: the mode never had one."""
     why: str = ""
     """Why it was refused or lost."""
 
@@ -85,7 +87,7 @@ class ExternalMode:
     """The registration of one mode with one vehicle.
 
     Args:
-        declaration: what the mode states about itself.
+        declaration: name and requirements of the mode.
         request_id: distinguishes its requests from those of other programs.
         now_s: monotonic.
     """
@@ -96,24 +98,24 @@ class ExternalMode:
         self._why = ""
         self._check_id = self._mode_id = NO_ID
         self._attempts, self.due_s = 0, now_s
-        self._asked_s, self._checks = now_s, 0
-        """When PX4 last asked for an arming check, and how often."""
+        self._checked_s, self._checks = now_s, 0
+        """Time of PX4's last arming check request, and number of these requests."""
         self._was_settable = False
 
     @property
     def registration(self) -> Registration:
-        """Its state."""
+        """State of the registration."""
         nav_state = None if self._mode_id == NO_ID else self._mode_id
         selectable = self._state != "registered" or self._checks >= CHECKS
         state = self._state if selectable else "registering"
         return Registration(self.declaration.name, state, nav_state, self._why)
 
     def step(self, now_s: float) -> list[Message]:
-        """Requests that are due now; call it at `due_s`."""
-        if self._state == "registered" and now_s - self._asked_s > LOST_S:
+        """The requests that are due now; call this at `due_s`."""
+        if self._state == "registered" and now_s - self._checked_s > LOST_S:
             self._lost("PX4 no longer asks whether the mode can run (it restarted, or ROS 2 was interrupted)")
         if self._state != "registering":
-            self.due_s = self._asked_s + LOST_S + 0.01 if self._state == "registered" else float("inf")
+            self.due_s = self._checked_s + LOST_S + 0.01 if self._state == "registered" else float("inf")
             return []
         if now_s < self.due_s:
             return []
@@ -132,13 +134,13 @@ class ExternalMode:
         }
         return [_message(REGISTER, fields)]
 
-    def replied(self, values: Values, now_s: float) -> list[Message]:
-        """Takes a RegisterExtComponentReply, also one to another program."""
+    def on_reply(self, values: Values, now_s: float) -> list[Message]:
+        """Handles a RegisterExtComponentReply; ignores a reply to another program."""
         if values["request_id"] != self._request_id or _name(values["name"]) != self.declaration.name:
             return []
         valid = values["success"] and FIRST_STATE <= values["mode_id"] <= LAST_STATE
         if self._state != "registering":
-            # an earlier request was answered late, and PX4 has registered the mode twice
+            # a late answer to an earlier request: PX4 has registered the mode twice
             return [self._removal(values["arming_check_id"], values["mode_id"])] if valid else []
         if not valid:
             self._state, self.due_s = "refused", float("inf")
@@ -147,11 +149,11 @@ class ExternalMode:
                 "COM_MODE_ARM_CHK is 0"
             )
             return []
-        self._state, self._asked_s, self.due_s = "registered", now_s, now_s + LOST_S
+        self._state, self._checked_s, self.due_s = "registered", now_s, now_s + LOST_S
         self._check_id, self._mode_id = values["arming_check_id"], values["mode_id"]
         return [controllers_message(self._mode_id, "position")]
 
-    def asked(self, values: Values, now_s: float, *, can_run: bool) -> list[Message]:
+    def on_check_request(self, values: Values, now_s: float, *, can_run: bool) -> list[Message]:
         """Answers an ArmingCheckRequest.
 
         Args:
@@ -161,19 +163,19 @@ class ExternalMode:
         """
         if self._state != "registered":
             return []
-        self._asked_s, self._checks = now_s, self._checks + 1
+        self._checked_s, self._checks = now_s, self._checks + 1
         fields = {
             "request_id": values["request_id"],
             "registration_id": self._check_id,
             "can_arm_and_run": can_run,
-            # it begins in the air: a vehicle that is armed in it would fly to its path at once
+            # missions begin in the air: a vehicle armed in this mode would fly to the path at once
             "mode_req_prevent_arming": True,
             **{f"mode_req_{name}": True for name in self.declaration.requires},
         }
         return [_message(CHECK_REPLY, fields)]
 
-    def status(self, values: Values) -> None:
-        """Takes a VehicleStatus: PX4 may have removed the mode."""
+    def on_status(self, values: Values) -> None:
+        """Handles a VehicleStatus, which shows whether PX4 has removed the mode."""
         if self._state != "registered":
             return
         settable = bool(values["can_set_nav_states_mask"] >> self._mode_id & 1)
@@ -182,13 +184,13 @@ class ExternalMode:
         self._was_settable = settable
 
     def completed(self, *, success: bool) -> list[Message]:
-        """Reports that the mode has reached its end, or that it cannot."""
+        """Reports that the mode is complete, or that it has failed."""
         if self._state != "registered":
             return []
         return [_message(COMPLETED, {"result": 0 if success else FAILED, "nav_state": self._mode_id})]
 
     def remove(self) -> list[Message]:
-        """Unregisters the mode; nothing is answered afterwards, so PX4 removes it even if this is lost."""
+        """Unregisters the mode. If this message is lost, PX4 removes the mode because the answers stop."""
         registered, self._state, self.due_s = self._state == "registered", "lost", float("inf")
         return [self._removal(self._check_id, self._mode_id)] if registered else []
 
@@ -217,7 +219,7 @@ _ENABLES: Final = {
 
 @cache
 def controllers_message(nav_state: int, level: str) -> Message:
-    """The controllers that PX4 runs in a mode: the one for the setpoint, and all below it.
+    """The message with the controllers that PX4 runs in a mode: the one for the setpoint, and all below it.
 
     Args:
         nav_state: the mode's navigation state.

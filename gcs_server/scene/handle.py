@@ -1,6 +1,6 @@
 """One run of the process of the 3D view (`worker.py`): starts it, writes to it, reads from it, ends it.
 
-Nothing here waits for that process but `start` and `end`, which let the event loop go on.
+Only `start`, `wait` and `end` wait for the process, without blocking the event loop.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 START_TIMEOUT_S = 60.0
 END_TIMEOUT_S = 3.0
 MAX_WAITING_BYTES = 8_000_000
-"""A process that leaves this much unread counts as dead."""
+"""Number of unread bytes above which the process counts as dead."""
 REMEDY = "Flying is not affected; try again in a few seconds."
 
 
@@ -48,7 +48,7 @@ class SceneWorker:
         return None if self._process is None else self._process.pid
 
     async def start(self) -> ViserAddress:
-        """Starts the process; returns where viser listens. Raises SceneError."""
+        """Starts the process; returns the address of viser. Raises SceneError."""
         try:
             self._process = await asyncio.to_thread(_start, self._theirs)
         except OSError as error:
@@ -56,8 +56,8 @@ class SceneWorker:
         finally:
             self._theirs.close()  # so that the end of the process is noticed
         self._loop.add_reader(self._pipe.fileno(), self._read)
-        either = (self._address, self._ended)
-        await asyncio.wait(either, timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
+        futures = (self._address, self._ended)
+        await asyncio.wait(futures, timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
         if self._ended.done():
             self._ended.result()
         if not self._address.done():
@@ -69,7 +69,7 @@ class SceneWorker:
         await asyncio.shield(self._ended)
 
     def post(self, message: object) -> None:
-        """Sends without waiting; a process that reads nothing has failed."""
+        """Sends without waiting; a process that does not read counts as failed."""
         if self._closed:
             return
         try:
@@ -77,7 +77,7 @@ class SceneWorker:
         except (PipeFull, EOFError):
             self._fail("The process of the 3D view reads nothing.")
             return
-        if self._pipe.waits and not self._writing:
+        if self._pipe.has_unsent_data and not self._writing:
             self._writing = True
             self._loop.add_writer(self._pipe.fileno(), self._flush)
 
@@ -92,7 +92,7 @@ class SceneWorker:
             self._ended.exception()  # retrieved, so that asyncio does not log it again
         if self._process is not None:
             await asyncio.to_thread(_reap, self._process)
-        if self._address.done():  # a process that was killed has left its folder
+        if self._address.done():  # a killed process has not removed its folder
             folder = Path(self._address.result().socket_path).parent
             await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
@@ -111,7 +111,7 @@ class SceneWorker:
     def _flush(self) -> None:
         with contextlib.suppress(EOFError):  # `_read` also notices it
             self._pipe.flush()
-            if self._pipe.waits:
+            if self._pipe.has_unsent_data:
                 return
         self._writing = False
         self._loop.remove_writer(self._pipe.fileno())

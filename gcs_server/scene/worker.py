@@ -1,9 +1,9 @@
 """The process of the 3D view: viser, and all drawing.
 
-`handle.py` starts it with a socket. Each snapshot of the vehicles makes one picture; of snapshots that waited
-while it drew, only the last does. A failure in drawing ends the process, and the server starts it again. It
-ends with the server: when the socket closes. It runs at a lower priority than the server, so that flying
-comes first on a busy machine.
+`handle.py` starts it with a socket. Each snapshot of the vehicles results in one picture; if several have
+arrived during a picture, only the last one is drawn. A failure in drawing ends the process, and the server
+starts it again. The process also ends when the server closes the socket. It runs at a lower priority than the
+server, so that flying comes first on a busy machine.
 """
 
 from __future__ import annotations
@@ -28,19 +28,20 @@ from gcs_server.streamer.process.message_pipe import MessagePipe
 
 NICENESS = 5
 MAX_WAITING_BYTES = 1_000_000
-"""Buffer for a stalled server; only answers wait, so a server that is alive never reaches this."""
+"""Size of the buffer for a stalled server; only answers wait in it, so it never fills up while the server
+runs."""
 
 
 class Worker:
     """Handles the server's messages.
 
     Args:
-        pipe: to the server.
+        pipe: the pipe to the server.
     """
 
     def __init__(self, pipe: MessagePipe) -> None:
         self._pipe = pipe
-        self._fleet = MirrorFleet(self._ask_history)
+        self._fleet = MirrorFleet(self._request_history)
         self._dry_runs: OrderedDict[str, tuple[DryRunPath, ...]] = OrderedDict()
         self._taken = 0
         self._reported = m.Drawn(0, 0, frozenset(), ())
@@ -59,7 +60,7 @@ class Worker:
         try:
             self._pipe.send(m.Started(address))
             while True:
-                select.select([self._pipe], [self._pipe] if self._pipe.waits else [], [])
+                select.select([self._pipe], [self._pipe] if self._pipe.has_unsent_data else [], [])
                 self._pipe.flush()
                 taken = self._taken
                 for message in self._pipe.receive():
@@ -80,7 +81,7 @@ class Worker:
             self._reported = drawn
             self._pipe.send(drawn)
 
-    def _ask_history(self, vehicle: int, topics: tuple[str, ...], since_unix_s: float) -> None:
+    def _request_history(self, vehicle: int, topics: tuple[str, ...], since_unix_s: float) -> None:
         self._pipe.send(m.HistoryRequest(vehicle, topics, since_unix_s))
 
     def _handle(self, message: object) -> None:
@@ -110,11 +111,11 @@ class Worker:
 
 def main(arguments: list[str]) -> None:
     """`worker SOCKET_FD`."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # for the server, which then closes the socket
+    for number in (signal.SIGINT, signal.SIGTERM):  # the server handles them, then closes the socket
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
-    # It logs a traceback for each connection that closes before its request (a browser tab that closes).
+    # websockets logs a traceback for each connection that closes before its request (a closed browser tab).
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     Worker(MessagePipe(socket.socket(fileno=int(arguments[0])), MAX_WAITING_BYTES)).run()
 

@@ -35,18 +35,17 @@ LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
 
 
 class ResolvedSetpoint:
-    """The setpoint of one order (a setpoint with its validity); computes the setpoint to send at any time
-    until the next order.
+    """One accepted setpoint; computes the setpoint to send at any time until the next one is accepted.
 
     Args:
         setpoint: the requested setpoint.
-        now_s: time at which the order was accepted.
+        now_s: time at which the setpoint was accepted.
         snapshot: state of the vehicle at that time.
         yaw_kept_rad: the heading to keep if the setpoint has none.
 
     Raises:
         ValueError: the setpoint cannot be flown by the vehicle or sent over the link. The client already got
-            this error when it sent the order.
+            this error when it sent the setpoint.
     """
 
     def __init__(
@@ -77,8 +76,8 @@ class ResolvedSetpoint:
                 raise ValueError(f"{setpoint.type} needs a fresh estimate to be sent in the local frame")
 
     @property
-    def follows(self) -> str | None:
-        """Id of the vehicle that is followed."""
+    def followed_vehicle(self) -> str | None:
+        """Id of the followed vehicle; None if none is followed."""
         return None if self._follow is None else self._follow.vehicle
 
     @property
@@ -187,8 +186,10 @@ def _with_offset(
         offset = ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
     age_s = max(now_s - leader.received_s, 0.0)
     n, e, d = (
-        place + speed * age_s + by
-        for place, speed, by in zip(leader.position_ned_m, leader.velocity_ned_m_s, offset, strict=True)
+        position + velocity * age_s + axis_offset
+        for position, velocity, axis_offset in zip(
+            leader.position_ned_m, leader.velocity_ned_m_s, offset, strict=True
+        )
     )
     yaw = yaw_kept_rad
     if follow.yaw == "same" and leader.yaw_ned_rad is not None:

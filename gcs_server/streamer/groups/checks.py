@@ -55,11 +55,11 @@ class GroupChecks:
         self._streams = streams
         self._piece = asyncio.Lock()
         """Locked while one piece of a plan is computed, so that concurrent plans together compute only one
-        piece per turn of the event loop.
+        piece per iteration of the event loop.
         """
 
-    def check_instant(self, request: GroupRequest, earliest_s: float) -> None:
-        """Raises InvalidRequest if the common start is too soon or too far ahead."""
+    def check_start_time(self, request: GroupRequest, earliest_s: float) -> None:
+        """Raises InvalidRequest if the common start is too early or too far in the future."""
         at = request.start_at_unix_s
         if at is None:
             return
@@ -106,8 +106,7 @@ class GroupChecks:
             raise NotTogether(message, vehicles=(vehicle_id,), remedy=error.remedy) from error
 
     def check_setpoints(self, members: Mapping[str, Member], requests: Mapping[str, StreamRequest]) -> None:
-        """Raises the errors of `check_setpoint`, or the error with which every command to a vehicle is
-        refused."""
+        """Raises the errors of `check_setpoint`, or of `require_commandable`."""
         for index, (vehicle_id, request) in enumerate(requests.items()):
             members[vehicle_id].vehicle.require_commandable()
             self.check_setpoint(members[vehicle_id], index, request, "setpoints")
@@ -130,7 +129,7 @@ class GroupChecks:
             members: all members of the group.
             requests: the new requests; the other members keep their setpoints.
             held: members that no longer follow the group and may be anywhere.
-            duration_s: time until all expire, if not given by their own validity.
+            duration_s: time until all setpoints expire; None: each expires after its own validity.
 
         Raises:
             NotTogether: two vehicles would come too close, or a position is unknown; the error names the
@@ -138,7 +137,7 @@ class GroupChecks:
         """
         now_s = self._clock.monotonic_s()
         planned = self._planned(now_s, members, requests, held, duration_s)
-        _refuse(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
+        _raise_conflict(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
 
     def check_apart_now(
         self,
@@ -147,7 +146,7 @@ class GroupChecks:
         requests: Mapping[str, StreamRequest],
         held: Container[str] = (),
     ) -> None:
-        """Checks that all are far enough apart now, braking distance included.
+        """Checks that all vehicles are far enough apart now, braking distance included.
 
         Args:
             minimum_m: the minimum separation.
@@ -159,7 +158,9 @@ class GroupChecks:
             NotTogether: as for `check_apart`.
         """
         now_s = self._clock.monotonic_s()
-        _refuse(too_near_now(self._planned(now_s, members, requests, held), now_s, minimum_m), minimum_m)
+        _raise_conflict(
+            too_near_now(self._planned(now_s, members, requests, held), now_s, minimum_m), minimum_m
+        )
 
     async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
         """Computes a plan piece by piece; the event loop does other work after each piece."""
@@ -233,7 +234,7 @@ class GroupChecks:
         return max(left_s, default=0.0)
 
 
-def _refuse(conflict: Conflict | None, minimum_m: float) -> None:
+def _raise_conflict(conflict: Conflict | None, minimum_m: float) -> None:
     if conflict is not None:
         raise NotTogether(
             conflict.text(minimum_m),

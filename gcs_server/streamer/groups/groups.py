@@ -1,7 +1,7 @@
 """Several vehicles in Offboard as one group: they start together and are stopped in one call.
 
-    starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
-        └────────── one refuses: all into Hold ───────────────────────────────────────┘
+    starting ── all confirmed ──► waiting ── start time ──► flying ──► holding ──► ended
+        └────────── one refuses: all into Hold ──────────────────────────────────────┘
 
 Each member's own stream (`offboard/control.py`) sends the member's position until the scheduler sets the
 first setpoints of all members in one step. From then on the guard (`separation/guard.py`) keeps them apart.
@@ -63,26 +63,26 @@ class Groups:
                 are in Hold.
             InvalidRequest: a setpoint or the start time is not possible.
         """
-        self._checks.check_instant(request, MIN_LEAD_S)
+        self._checks.check_start_time(request, MIN_LEAD_S)
         members = self._joinable(request)
         requests = self._checks.requests(request, request.setpoints)
         await self._checks.check_apart(request.minimum_separation_m, members, requests)
-        members = self._joinable(request)  # other requests may have changed this meanwhile
+        members = self._joinable(request)  # another request may have been accepted meanwhile
         self._checks.check_apart_now(request.minimum_separation_m, members, requests)
         self._count += 1
         group = Group(str(self._count), request, dict(request.setpoints), members, self._clock.unix_s())
         self._groups[group.id] = group
         self._forget_old()
         self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
-        waits: dict[str, StreamRequest] = {}
+        standby: dict[str, StreamRequest] = {}
         try:
-            waits = await self._gather(group)
+            standby = await self._gather(group)
             await self._checks.check_apart(request.minimum_separation_m, members, requests)
             group.require_gathered({v: self._streams.state(v) for v in members})
-            for index, member in enumerate(members.values()):  # some seconds later
+            for index, member in enumerate(members.values()):  # some seconds have passed
                 self._checks.check_setpoint(member, index, requests[member.vehicle.id])
             self._checks.check_apart_now(request.minimum_separation_m, members, requests)
-            self._checks.check_instant(request, 0.1)
+            self._checks.check_start_time(request, 0.1)
         except GcsError as error:
             await self._abort_start(group, str(error))
             raise
@@ -91,7 +91,7 @@ class Groups:
                 self._streams.force_hold(vehicle_id, f"The start of group {group.id} was cancelled")
             self._end(group, "Its start was cancelled.")
             raise
-        self._start_together(group, waits, requests)
+        self._start_together(group, standby, requests)
         return self._status(group)
 
     async def setpoints(
@@ -182,7 +182,7 @@ class Groups:
         """All groups, including those that ended recently; oldest first."""
         return [self._status(group) for group in self._groups.values()]
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Called periodically: publishes the guards' findings, and ends groups that no vehicle follows."""
         self.collect()
         for group in self._groups.values():
@@ -202,7 +202,7 @@ class Groups:
                 group.state = "flying"
 
     def disable_guard(self) -> None:
-        """Called at shutdown before all streams are stopped, so that their ends are not findings."""
+        """Called at shutdown before all streams are stopped, so that the guards do not report their ends."""
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
                 group.ending = "The server was shut down."
@@ -225,9 +225,10 @@ class Groups:
         return members
 
     async def _gather(self, group: Group) -> dict[str, StreamRequest]:
-        """Streams the positions of all members and switches them to Offboard; if one fails, all hold."""
+        """Streams the positions of all members and switches them to Offboard; if one fails, all hold. Returns
+        the streamed requests."""
         request = group.request
-        waits: dict[str, StreamRequest] = {}
+        standby: dict[str, StreamRequest] = {}
         failed: dict[str, GcsError] = {}
         for vehicle_id, member in group.members.items():
             position_now = member.snapshot().position_at(self._clock.monotonic_s())
@@ -235,7 +236,7 @@ class Groups:
                 raise NotTogether(
                     f"Vehicle {vehicle_id} has no valid position estimate.", vehicles=(vehicle_id,)
                 )
-            waits[vehicle_id] = StreamRequest(
+            standby[vehicle_id] = StreamRequest(
                 Position(position_now),
                 MAX_WAIT_S,
                 OnExpiry("hold", 1.0),
@@ -247,11 +248,11 @@ class Groups:
 
         async def join(vehicle_id: str, member: Member) -> None:
             try:
-                await member.start(waits[vehicle_id], group.request.rate_hz)
+                await member.start(standby[vehicle_id], group.request.rate_hz)
             except GcsError as error:
-                group.numbers.pop(vehicle_id)  # the stream has ended, or is still undoing the start
+                group.numbers.pop(vehicle_id)  # the stream has ended, or is in the phase `undoing`
                 first = not failed
-                if first or not isinstance(error, Refused):  # stopped because the first one failed
+                if first or not isinstance(error, Refused):  # Refused: stopped after the first failure
                     failed[vehicle_id] = error
                 if first:
                     await self._hold(group, list(group.numbers))
@@ -269,10 +270,10 @@ class Groups:
                 vehicles=tuple(failed),
                 reasons=reasons,
             )
-        return waits
+        return standby
 
     def _start_together(
-        self, group: Group, waits: Mapping[str, StreamRequest], requests: Mapping[str, StreamRequest]
+        self, group: Group, standby: Mapping[str, StreamRequest], requests: Mapping[str, StreamRequest]
     ) -> None:
         request = group.request
         lead_s = LEAD_S
@@ -282,7 +283,7 @@ class Groups:
         group.start_unix_s = self._clock.unix_s() + lead_s
         guard = GroupGuard(
             group.id,
-            waits,
+            standby,
             requests,
             minimum_m=request.minimum_separation_m,
             start_s=start_s,

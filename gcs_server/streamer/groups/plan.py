@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint
-from gcs_server.streamer.separation.guard import moving
+from gcs_server.streamer.separation.guard import motion_of
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import Vector3, ned_from_heading
@@ -50,9 +50,12 @@ SPEED_M_S, CLIMB_M_S = 12.0, 3.0
 """Values for unknown limits of the vehicle."""
 ACCELERATION_M_S2 = 3.0
 """Acceleration towards a position or velocity (default of MPC_ACC_HOR)."""
-STANDING_M_S = 0.05
-STAY: Vector3 = (0.0, 0.0, 0.0)
-NO_POINTS: Partial3 = (None, None, None)
+STOPPED_M_S = 0.05
+"""Speed below which a predicted vehicle counts as stopped."""
+LOCAL_ORIGIN_NED_M: Vector3 = (0.0, 0.0, 0.0)
+"""The origin of a local frame."""
+UNCONTROLLED: Partial3 = (None, None, None)
+"""A target that controls no axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,33 +114,33 @@ def first_conflict(
 ) -> Generator[None, None, Conflict | None]:
     """Finds the first two vehicles that would come closer than the minimum; returns None if all stay apart.
 
-    Yields after each piece of work of a few milliseconds, counted in steps.
+    Yields after every few milliseconds of work; counts steps instead of measuring the time.
 
     Args:
         members: each with a position and an origin in its snapshot.
         now_s: monotonic.
         minimum_m: the minimum separation, braking distance included.
     """
-    courses: list[_PredictedTrack] = []
+    predictions: list[_PredictedTrack] = []
     for member in members:
-        courses.append(_PredictedTrack(member, now_s))
+        predictions.append(_PredictedTrack(member, now_s))
         yield
-    by_id = {course.member.vehicle: course for course in courses}
+    by_id = {prediction.member.vehicle: prediction for prediction in predictions}
     t_s, steps = 0.0, 0
-    least_s = max(course.least_s for course in courses)
-    while t_s < MAX_PLAN_S and (t_s <= least_s or any(course.moves for course in courses)):
-        for course in courses:
-            course.step(t_s, by_id)
+    minimum_s = max(prediction.minimum_s for prediction in predictions)
+    while t_s < MAX_PLAN_S and (t_s <= minimum_s or any(prediction.moves for prediction in predictions)):
+        for prediction in predictions:
+            prediction.step(t_s, by_id)
             steps += 1
             if steps % STEPS_PER_TURN == 0:
                 yield
         t_s += STEP_S
     tracks: list[tuple[Vectors, Vectors]] = []
-    for course in courses:
+    for prediction in predictions:
         yield
-        tracks.append(course.take_track())
+        tracks.append(prediction.take_track())
     conflicts: list[Conflict] = []
-    for (a, track_a), (b, track_b) in itertools.combinations(zip(courses, tracks, strict=True), 2):
+    for (a, track_a), (b, track_b) in itertools.combinations(zip(predictions, tracks, strict=True), 2):
         yield
         conflict = yield from _between(a, track_a, b, track_b, minimum_m, now_s)
         if conflict is not None:
@@ -146,18 +149,18 @@ def first_conflict(
 
 
 def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
-    """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation.
-    Fast to compute.
+    """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation;
+    None if there are none. Fast enough to run without yielding.
 
     Args:
         members: each with a position and an origin in its snapshot.
         now_s: monotonic.
         minimum_m: the minimum separation, braking distance included.
     """
-    positions = [(member, *_where(member, now_s)) for member in members]
+    positions = [(member, *_position_and_origin(member, now_s)) for member in members]
     for (a, position_a, common), (b, position_b, origin) in itertools.combinations(positions, 2):
-        one = moving(a.snapshot, now_s, position_a, a.setpoint)
-        other = moving(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
+        one = motion_of(a.snapshot, now_s, position_a, a.setpoint)
+        other = motion_of(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
         margin = margin_m(one, other)
         least_m = minimum_m + margin
         apart_m = closest_apart_m = math.dist(one.place_ned_m, other.place_ned_m)
@@ -177,7 +180,7 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
     return None
 
 
-def _where(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
+def _position_and_origin(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
     position, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
     if position is None or origin is None:
         raise ValueError(f"vehicle {member.vehicle} has no valid global position")
@@ -192,22 +195,28 @@ def _between(
     minimum_m: float,
     now_s: float,
 ) -> Generator[None, None, Conflict | None]:
-    one, other = (moving(course.member.snapshot, now_s, STAY, course.member.setpoint) for course in (a, b))
+    one, other = (
+        motion_of(prediction.member.snapshot, now_s, LOCAL_ORIGIN_NED_M, prediction.member.setpoint)
+        for prediction in (a, b)
+    )
     margin = margin_m(one, other)
     minimum_m += margin
     place_a, velocity_a = track_a
-    place_b, velocity_b = track_b[0] + np.array(b.origin.to_frame_of(a.origin, STAY)), track_b[1]
+    place_b, velocity_b = (
+        track_b[0] + np.array(b.origin.to_frame_of(a.origin, LOCAL_ORIGIN_NED_M)),
+        track_b[1],
+    )
     distances: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
     closest = distances.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
     reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
-    # at all other steps they are too far apart
+    # at all other steps the vehicles are far enough apart
     candidates = np.nonzero(distances - reach_m < minimum_m)[0]
     longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
-    at_once = max(1, SAMPLES_PER_TURN // samples(longest_s))
-    for begin in range(0, len(candidates), at_once):
+    batch_size = max(1, SAMPLES_PER_TURN // samples(longest_s))
+    for begin in range(0, len(candidates), batch_size):
         yield
-        batch = candidates[begin : begin + at_once]
+        batch = candidates[begin : begin + batch_size]
         closest[batch] = closest_m(
             place_a[batch], velocity_a[batch], place_b[batch], velocity_b[batch],
             one.brakes_m_s2, other.brakes_m_s2,
@@ -238,7 +247,7 @@ class _PredictedTrack:
 
     def __init__(self, member: Planned, now_s: float) -> None:
         snapshot, setpoint = member.snapshot, member.setpoint
-        position, self.origin = _where(member, now_s)
+        position, self.origin = _position_and_origin(member, now_s)
         self.member = member
         self.positions: list[Vector3] = []
         self.velocities: list[Vector3] = []
@@ -253,17 +262,18 @@ class _PredictedTrack:
         self._until_s = min(member.duration_s, VELOCITY_AHEAD_S)
         self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
-        self._target, self._feed = NO_POINTS, NO_POINTS
-        self.least_s = 0.0
+        self._target, self._feed = UNCONTROLLED, UNCONTROLLED
+        self.minimum_s = 0.0
+        """Time for which the track must be predicted at least."""
         if isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, None)
-            self.least_s = self._curve.duration_s - member.elapsed_s
+            self.minimum_s = self._curve.duration_s - member.elapsed_s
             begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or position
             self._offset = (position[0] - begin[0], position[1] - begin[1], position[2] - begin[2])
         elif setpoint is not None and self._follow is None:
             self._target, self._feed = self._target_of(setpoint, now_s)
-            if self._feed != NO_POINTS and self._target == NO_POINTS:
-                self.least_s = self._until_s
+            if self._feed != UNCONTROLLED and self._target == UNCONTROLLED:
+                self.minimum_s = self._until_s
 
     def step(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> None:
         """Stores the current position, and advances by `STEP_S`."""
@@ -291,11 +301,11 @@ class _PredictedTrack:
             for position, old, new in zip(self._position, before, self._velocity, strict=True)
         )
         self._position = (n, e, d)
-        self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < MAX_PLAN_S
+        self.moves = math.hypot(*self._velocity) > STOPPED_M_S and t_s < MAX_PLAN_S
 
     def take_track(self) -> tuple[Vectors, Vectors]:
-        """Returns all stored positions and velocities and drops them, because freeing all tracks at once
-        takes long."""
+        """Returns the stored positions and velocities, and clears the stored ones. Called for one track per
+        yield, because freeing all tracks together takes long."""
         track = np.array(self.positions), np.array(self.velocities)
         self.positions, self.velocities = [], []
         return track
@@ -310,7 +320,7 @@ class _PredictedTrack:
         return self.origin.to_frame_of(origin, self._position)
 
     def _follow_path(self, t_s: float) -> None:
-        """Follows a path; an initial distance from the path decreases."""
+        """Stores a position on the path; the vehicle's initial distance from the path decreases with time."""
         assert self._curve is not None
         sample = self._curve.at(self.member.elapsed_s + t_s)
         position, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
@@ -321,29 +331,31 @@ class _PredictedTrack:
         self._position, self._velocity = (n, e, d), velocity
         self.positions.append(self._position)
         self.velocities.append(velocity)
-        self.moves = False  # `least_s` is how long it flies
+        self.moves = False  # `minimum_s` is the time that the path takes
 
     def _target_of(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
         """Target position and velocity of the setpoint, in the local frame."""
         snapshot = self.member.snapshot
         if isinstance(setpoint, VelocityBody):
             yaw = snapshot.yaw_ned_rad
-            return NO_POINTS, NO_POINTS if yaw is None else ned_from_heading(setpoint.velocity_frd_m_s, yaw)
+            return UNCONTROLLED, UNCONTROLLED if yaw is None else ned_from_heading(
+                setpoint.velocity_frd_m_s, yaw
+            )
         sent = ResolvedSetpoint(setpoint, now_s, snapshot, snapshot.yaw_ned_rad).at(now_s, snapshot)
         if isinstance(sent, Position):
-            return sent.position_ned_m, NO_POINTS
+            return sent.position_ned_m, UNCONTROLLED
         if isinstance(sent, PositionGlobal) and sent.alt_amsl_m is not None:
-            return self.origin.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m), NO_POINTS
+            return self.origin.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m), UNCONTROLLED
         if isinstance(sent, Trajectory):
             return sent.position_ned_m, sent.velocity_ned_m_s
         if isinstance(sent, Velocity):
-            return NO_POINTS, sent.velocity_ned_m_s
-        return NO_POINTS, NO_POINTS
+            return UNCONTROLLED, sent.velocity_ned_m_s
+        return UNCONTROLLED, UNCONTROLLED
 
     def _commanded(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
         if self._follow is not None:
             return self._beside_leader(self._follow, t_s, others)
-        return self._target, self._feed if t_s < self._until_s else NO_POINTS
+        return self._target, self._feed if t_s < self._until_s else UNCONTROLLED
 
     def _beside_leader(
         self, follow: Follow, t_s: float, others: Mapping[str, _PredictedTrack]
@@ -361,5 +373,5 @@ class _PredictedTrack:
             )
             position, velocity = (n, e, d), seen.velocity_ned_m_s
         else:
-            return NO_POINTS, NO_POINTS
+            return UNCONTROLLED, UNCONTROLLED
         return (position[0] + offset[0], position[1] + offset[1], position[2] + offset[2]), velocity

@@ -11,7 +11,7 @@ from gcs_server.streamer.groups.checks import GroupRequest
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.status import GroupFinding, GroupMember, GroupStatus, Nearest
 from gcs_server.streamer.schedule.streams import StreamState
-from gcs_server.streamer.separation.guard import FOLLOWS_ORDER, GuardState
+from gcs_server.streamer.separation.guard import FOLLOWING_PHASES, GuardState
 from missions.setpoints import Setpoint
 
 
@@ -36,7 +36,9 @@ class Group:
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while new setpoints are checked and applied."""
     ending: str | None = None
+    """Reason for the end, set before the group has ended; None: the guard's state tells the reason."""
     ended: str | None = None
+    """Reason for the end; None while the group exists."""
 
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
         """Phase of the group's stream to a member; idle if another stream flies the vehicle."""
@@ -48,7 +50,7 @@ class Group:
         Args:
             streams: newest state of each member's stream.
         """
-        left = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
+        left = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWING_PHASES]
         if left:
             ended_streams = [(v, streams[v].last_end) for v in left]
             reasons = " ".join(f"Vehicle {v}: {end.text}" for v, end in ended_streams if end is not None)

@@ -9,8 +9,8 @@ A braked target position stays on the straight track that the vehicle flew when 
 and the noise of the position estimate would move the vehicle sideways, past the edge of the obstacle.
 
 While the vehicle pitches forward, a lidar that is fixed to the body points at the foot of a wall or at the
-ground. Therefore every point of a level sensor counts, no matter how far below the vehicle. Low over the
-ground the vehicle flies more slowly as a result, but it does not hit the wall.
+ground. Therefore every point of a level sensor counts, no matter how far below the vehicle it is. As a result
+the vehicle flies more slowly near the ground, but it does not hit the wall.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from missions.frames import Vector3
 
 SCAN_VALID_S = 2.0
 """Older measurements are dropped; by default PX4 sends DISTANCE_SENSOR every two seconds."""
-SAME_HEIGHT_M = 1.0
+SAME_ALTITUDE_M = 1.0
 """A measurement is dropped if the vehicle's altitude has changed by more than this since then [m]."""
 MAX_SCANS = 100
 WIDTH_M, NARROWEST_M = 0.8, 0.35
@@ -80,9 +80,9 @@ class BrakeMemory:
         self.track_ne: NorthEast | None = None
         """Point of the track that the brake keeps, from the last setpoint; None: it did not act."""
         self._kept: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
-        """Scan, height of the vehicle [m], points in the local frame."""
+        """Scan, down coordinate of the vehicle [m], points in the local frame."""
 
-    def around(
+    def update(
         self, now_s: float, scans: tuple[Scan, ...], position_ned_m: Vector3 | None, velocity_ned_m_s: Vector3
     ) -> Surroundings:
         """Adds the newest scans and returns the vehicle's surroundings."""
@@ -98,7 +98,7 @@ class BrakeMemory:
                 self._kept.append((scan, position_ned_m[2], _level(scan) + at))
         while self._kept and now_s - self._kept[0][0].measured_s > SCAN_VALID_S:
             self._kept.popleft()
-        points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_HEIGHT_M]
+        points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_ALTITUDE_M]
         around_m = np.vstack([NOTHING, *points]) - position
         return Surroundings(around_m, newest, velocity_ned_m_s, self.track_ne)
 
@@ -118,23 +118,23 @@ def _shift(velocity_ned_m_s: Vector3, age_s: float) -> Points:
 
 
 class ObstacleBrake:
-    """The brake at one moment.
+    """The brake, for the setpoint of one moment.
 
     Args:
-        around: the measured surroundings; None if nothing is measured or the brake is off.
+        surroundings: the measured surroundings; None if nothing is measured or the brake is off.
         notes: receives a text for each reduction.
     """
 
-    def __init__(self, around: Surroundings | None, notes: list[str]) -> None:
+    def __init__(self, surroundings: Surroundings | None, notes: list[str]) -> None:
         self._notes = notes
         self.acted = False
         """Whether the brake has reduced the setpoint."""
         self.track_ne: NorthEast | None = None
         """Point of the track on which the braked position is, next to the vehicle; None: none is braked."""
-        self._last_track = None if around is None else around.track_ne
-        self._scans = () if around is None else around.scans
-        self._points = NOTHING if around is None else around.points_ne_m
-        self._velocity = (0.0, 0.0, 0.0) if around is None else around.velocity_ned_m_s
+        self._last_track = None if surroundings is None else surroundings.track_ne
+        self._scans = () if surroundings is None else surroundings.scans
+        self._points = NOTHING if surroundings is None else surroundings.points_ne_m
+        self._velocity = (0.0, 0.0, 0.0) if surroundings is None else surroundings.velocity_ned_m_s
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
         """Reduces the velocity so that the vehicle can stop before an obstacle."""
@@ -153,7 +153,7 @@ class ObstacleBrake:
     def limit_position_ne(
         self,
         target: NorthEast,
-        speed: NorthEast | None,
+        feed_forward: NorthEast | None,
         position: Vector3 | None,
         gain: float,
         goal: NorthEast | None = None,
@@ -163,35 +163,39 @@ class ObstacleBrake:
 
         Args:
             target: target position in the local frame [m].
-            speed: its feed-forward [m/s]; None: it has none.
+            feed_forward: velocity of the target [m/s]; None: it has none.
             position: the vehicle's position; None: it is unknown, and nothing is limited.
             gain: gain of PX4's position controller [1/s].
             goal: where the track leads, if a limit has moved the target closer to the vehicle [m].
         """
         if not self._scans or position is None:
-            return target, speed
-        off_m = math.dist(target, position[:2])
-        feed = math.hypot(*speed) if speed is not None else 0.0
-        if off_m < 1e-3:
-            return target, None if speed is None else self.limit_velocity_ne(speed)
-        (un, ue), aside = self._track(position, target if goal is None else goal)
-        free_m, reason = min(self._free(un, ue), self._free(un, ue, aside))
+            return target, feed_forward
+        to_target_m = math.dist(target, position[:2])
+        feed_m_s = math.hypot(*feed_forward) if feed_forward is not None else 0.0
+        if to_target_m < 1e-3:
+            return target, None if feed_forward is None else self.limit_velocity_ne(feed_forward)
+        (un, ue), to_track = self._track(position, target if goal is None else goal)
+        free_m, reason = min(self._free(un, ue), self._free(un, ue, to_track))
         if free_m < MARGIN_M:
             self._note(f"position limited {reason}")
             back_m = self._back_m(un, ue, free_m)
-            no_feed = None if speed is None else (0.0, 0.0)
-            return self._on_track(position, (un, ue), -back_m, aside, off_m, gain), no_feed
+            no_feed = None if feed_forward is None else (0.0, 0.0)
+            return self._on_track(position, (un, ue), -back_m, to_track, to_target_m, gain), no_feed
         stop_m = free_m - MARGIN_M
         most = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
-        near_m = min(off_m, stop_m)
-        speed_asked = gain * near_m + feed
-        if near_m == off_m and speed_asked <= most:
-            return target, speed
-        self._note(f"speed reduced {reason}" if near_m == off_m else f"position limited {reason}")
-        scale = min(1.0, most / speed_asked) if speed_asked > 0.0 else 1.0
+        near_m = min(to_target_m, stop_m)
+        commanded_m_s = gain * near_m + feed_m_s
+        if near_m == to_target_m and commanded_m_s <= most:
+            return target, feed_forward
+        self._note(f"speed reduced {reason}" if near_m == to_target_m else f"position limited {reason}")
+        scale = min(1.0, most / commanded_m_s) if commanded_m_s > 0.0 else 1.0
         near_m *= scale
-        slowed = None if speed is None else self.limit_velocity_ne((speed[0] * scale, speed[1] * scale))
-        return self._on_track(position, (un, ue), near_m, aside, off_m, gain), slowed
+        slowed = (
+            None
+            if feed_forward is None
+            else self.limit_velocity_ne((feed_forward[0] * scale, feed_forward[1] * scale))
+        )
+        return self._on_track(position, (un, ue), near_m, to_track, to_target_m, gain), slowed
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
@@ -220,7 +224,7 @@ class ObstacleBrake:
         speed = math.hypot(n, e)
         if speed < SLOW_M_S:
             return None
-        free_m, _ = self._free(n / speed, e / speed, seen=False)
+        free_m, _ = self._free(n / speed, e / speed, within_range=False)
         most = braking_speed(free_m - GUARD_MARGIN_M, GUARD_M_S2, GUARD_DELAY_S)
         return "The vehicle would hit an obstacle" if speed > most else None
 
@@ -252,34 +256,36 @@ class ObstacleBrake:
         position: Vector3,
         along: NorthEast,
         ahead_m: float,
-        aside: NorthEast,
-        most_m: float,
+        to_track: NorthEast,
+        max_m: float,
         gain: float,
     ) -> NorthEast:
-        """Point of the track ahead of the vehicle, at most `most_m` away; less far to the side if an obstacle
-        is there.
+        """Point of the track ahead of the vehicle, at most `max_m` away. If an obstacle is between vehicle
+        and track, the point lies on the vehicle's side of the track.
         """
-        self.track_ne = (position[0] + aside[0], position[1] + aside[1])
+        self.track_ne = (position[0] + to_track[0], position[1] + to_track[1])
         north, east = position[0] + along[0] * ahead_m, position[1] + along[1] * ahead_m
-        aside_m = math.hypot(*aside)
-        if aside_m == 0.0:
+        to_track_m = math.hypot(*to_track)
+        if to_track_m == 0.0:
             return north, east
-        free_m, _ = self._free(aside[0] / aside_m, aside[1] / aside_m, seen=False)
+        free_m, _ = self._free(to_track[0] / to_track_m, to_track[1] / to_track_m, within_range=False)
         most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
-        room_m = math.sqrt(max(0.0, most_m**2 - ahead_m**2))
-        part = min(1.0, max(0.0, free_m - MARGIN_M) / aside_m, most / (gain * aside_m), room_m / aside_m)
-        return north + aside[0] * part, east + aside[1] * part
+        room_m = math.sqrt(max(0.0, max_m**2 - ahead_m**2))
+        part = min(
+            1.0, max(0.0, free_m - MARGIN_M) / to_track_m, most / (gain * to_track_m), room_m / to_track_m
+        )
+        return north + to_track[0] * part, east + to_track[1] * part
 
     def _back_m(self, un: float, ue: float, free_m: float) -> float:
-        """Distance back to the margin, if there is room behind."""
-        behind_m, _ = self._free(-un, -ue, seen=False)
+        """Distance by which the vehicle is moved back to the margin [m]; less if an obstacle is behind it."""
+        behind_m, _ = self._free(-un, -ue, within_range=False)
         return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
 
     def _free(
-        self, un: float, ue: float, start_ne: NorthEast = (0.0, 0.0), *, seen: bool = True
+        self, un: float, ue: float, start_ne: NorthEast = (0.0, 0.0), *, within_range: bool = True
     ) -> tuple[float, str]:
-        """Free distance in a direction within sensor range, from a point relative to the vehicle [m], and the
-        reason as text.
+        """Free distance in a direction, from a point relative to the vehicle [m], and the reason as text.
+        With `within_range`, it is at most the range of the sensor.
         """
         obstacle_m = math.inf
         if len(self._points):
@@ -289,7 +295,7 @@ class ObstacleBrake:
             along = north * un + east * ue
             ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < width_m)]
             obstacle_m = float(ahead.min()) if len(ahead) else math.inf
-        range_m = self._range_m(un, ue) if seen else math.inf
+        range_m = self._range_m(un, ue) if within_range else math.inf
         if obstacle_m <= range_m:
             return obstacle_m, "to stop before an obstacle"
         return range_m, "to the range of the obstacle sensor"

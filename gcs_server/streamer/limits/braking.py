@@ -1,4 +1,6 @@
-"""Largest speed from which the vehicle stops in time. It is lower than PX4's measured braking would allow."""
+"""Values for the largest speed from which the vehicle stops in time. They are more cautious than the braking
+that was measured with PX4.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ compensates drag and still moves the vehicle at about 0.5 m/s for seconds after 
 """
 BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S = 1.0, 0.6
 GUARD_M_S2, GUARD_DELAY_S = 2.0, 0.8
-"""Deceleration by position setpoints from any attitude, while PX4 changes between controllers."""
+"""Deceleration after the stream has replaced attitude or rate setpoints by position setpoints; the delay
+includes PX4's change of controllers."""
 BACK_PER_S, MAX_BACK_M_S = 1.0, 1.0
 """Speed at which the vehicle is moved back from an edge nearer than the margin: speed per metre, and largest
 speed."""

@@ -51,30 +51,30 @@ class LimitResult:
     braked: bool = False
     """Whether the obstacle brake reduced the setpoint."""
     track_ne: NorthEast | None = None
-    """Point of the track on which the brake keeps the target position [m]; None: it limits none."""
+    """Point of the track on which the brake keeps the target position [m]; None: it limits no position."""
 
 
 def apply_limits(
     requested: DirectSetpoint,
     bounds: Bounds,
-    here: VehicleMotion | None,
-    before: DirectSetpoint | None = None,
+    motion: VehicleMotion | None,
+    last_sent: DirectSetpoint | None = None,
     dt_s: float = 0.0,
-    around: Surroundings | None = None,
+    surroundings: Surroundings | None = None,
 ) -> LimitResult:
     """Applies all limits to a setpoint.
 
     Args:
         requested: the requested setpoint, resolved for this time.
         bounds: the limits, in the vehicle's local frame.
-        here: motion of the vehicle; None if its position is unknown.
-        before: the last sent setpoint, for the slew rates; None: no slew limit.
+        motion: motion of the vehicle; None if its position is unknown.
+        last_sent: the last sent setpoint, for the slew rates; None: no slew limit.
         dt_s: time since the last sent setpoint.
-        around: measured surroundings; None: nothing is measured, or the brake is off.
+        surroundings: measured surroundings; None: nothing is measured, or the brake is off.
     """
     if not is_finite(requested):
         return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
-    limiter = _Limiter(bounds, here, before, dt_s, around)
+    limiter = _Limiter(bounds, motion, last_sent, dt_s, surroundings)
     setpoint = limiter.limited(requested)
     stop = (
         limiter.stop
@@ -99,18 +99,18 @@ class _Limiter:
     def __init__(
         self,
         bounds: Bounds,
-        here: VehicleMotion | None,
-        before: DirectSetpoint | None,
+        motion: VehicleMotion | None,
+        last_sent: DirectSetpoint | None,
         dt_s: float,
-        around: Surroundings | None,
+        surroundings: Surroundings | None,
     ) -> None:
         self._bounds = bounds
-        self._here = here
-        self._before = before
+        self._motion = motion
+        self._last_sent = last_sent
         self._dt_s = dt_s
         self.notes: list[str] = []
-        self._region = RegionLimiter(bounds, here, self.notes)
-        self.brake = ObstacleBrake(around, self.notes)
+        self._region = RegionLimiter(bounds, motion, self.notes)
+        self.brake = ObstacleBrake(surroundings, self.notes)
         self._must_stop: str | None = None
 
     @property
@@ -160,7 +160,7 @@ class _Limiter:
 
     def _velocity_body(self, s: VelocityBody) -> VelocityBody:
         s = self._yaw_rate(s)
-        yaw = None if self._here is None else self._here.yaw_ned_rad
+        yaw = None if self._motion is None else self._motion.yaw_ned_rad
         if yaw is None:  # only the speed can be limited
             n, e, d = self._limit_speed(s.velocity_frd_m_s)
             if self._bounds.region.is_limited_horizontally or self._bounds.region.is_limited_vertically:
@@ -183,9 +183,9 @@ class _Limiter:
         q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
             self.notes.append(f"tilt limited to {math.degrees(self._bounds.tilt_rad):.0f}°")
-        last = self._before.q_ned_frd if isinstance(self._before, Attitude) else None
-        if last is None and self._here is not None:
-            last = self._here.q_ned_frd
+        last = self._last_sent.q_ned_frd if isinstance(self._last_sent, Attitude) else None
+        if last is None and self._motion is not None:
+            last = self._motion.q_ned_frd
         if last is not None and math.isfinite(self._bounds.slew_attitude_rad_s):
             q, slewed = limit_rotation(last, q, self._bounds.slew_attitude_rad_s * self._dt_s)
             if slewed:
@@ -203,7 +203,7 @@ class _Limiter:
         return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
 
     def _unlimited(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
-        """Bypasses all controllers: only the fence and the brake can stop it."""
+        """These setpoints bypass all controllers, so only the fence and the brake can stop the vehicle."""
         self._region.require_stoppable()
         self._must_stop = self.brake.must_stop()
         return s
@@ -220,18 +220,20 @@ class _Limiter:
     def _limit_motion(
         self, position: Partial3, velocity: Partial3, acceleration: Partial3
     ) -> tuple[Partial3, Partial3, Partial3]:
-        position_ne, speed = _horizontal(position), _horizontal(velocity)
-        here = None if self._here is None else self._here.position_ned_m
+        position_ne, velocity_ne = _horizontal(position), _horizontal(velocity)
+        here = None if self._motion is None else self._motion.position_ned_m
         if position_ne is not None:
             goal = self._region.limit_position_ne(position_ne)
-            position_ne, speed = self._approach(goal, speed)
-            position_ne, speed = self.brake.limit_position_ne(
-                position_ne, speed, here, self._bounds.position_gain, goal
+            position_ne, velocity_ne = self._approach(goal, velocity_ne)
+            position_ne, velocity_ne = self.brake.limit_position_ne(
+                position_ne, velocity_ne, here, self._bounds.position_gain, goal
             )
-        if speed is not None:
-            speed = self._region.limit_velocity_ne(self._scaled(speed, self._bounds.speed_m_s, "speed"))
+        if velocity_ne is not None:
+            velocity_ne = self._region.limit_velocity_ne(
+                self._scaled(velocity_ne, self._bounds.speed_m_s, "speed")
+            )
             if position_ne is None:
-                speed = self.brake.limit_velocity_ne(self._region.keep_margin(speed))
+                velocity_ne = self.brake.limit_velocity_ne(self._region.keep_margin(velocity_ne))
         down, velocity_down_m_s = position[2], velocity[2]
         if down is not None:
             down, velocity_down_m_s = self._approach_down(self._region.limit_down(down), velocity_down_m_s)
@@ -240,46 +242,50 @@ class _Limiter:
             velocity_down_m_s = self._region.limit_velocity_down(
                 self.brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
             )
-        if (position_ne is None and speed is None) or (down is None and velocity_down_m_s is None):
+        if (position_ne is None and velocity_ne is None) or (down is None and velocity_down_m_s is None):
             self._region.require_stoppable(
-                ground=position_ne is None and speed is None,
-                height=down is None and velocity_down_m_s is None,
+                horizontal=position_ne is None and velocity_ne is None,
+                vertical=down is None and velocity_down_m_s is None,
             )
-        if position_ne is None and speed is None:
+        if position_ne is None and velocity_ne is None:
             self._must_stop = self.brake.must_stop()
         acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
-        lift = acceleration[2]
-        if lift is not None:
+        acceleration_down = acceleration[2]
+        if acceleration_down is not None:
             most_up, most_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
-            held = min(most_down, max(-most_up, lift))
-            if held != lift:
-                self.notes.append(f"acceleration limited to {abs(held):.1f} m/s²")
-            lift = held
-        return _joined(position_ne, down), _joined(speed, velocity_down_m_s), _joined(acceleration_ne, lift)
+            limited = min(most_down, max(-most_up, acceleration_down))
+            if limited != acceleration_down:
+                self.notes.append(f"acceleration limited to {abs(limited):.1f} m/s²")
+            acceleration_down = limited
+        return (
+            _joined(position_ne, down),
+            _joined(velocity_ne, velocity_down_m_s),
+            _joined(acceleration_ne, acceleration_down),
+        )
 
     def _approach(
-        self, position_ne: NorthEast, speed: NorthEast | None
+        self, position_ne: NorthEast, velocity_ne: NorthEast | None
     ) -> tuple[NorthEast, NorthEast | None]:
-        """Moves the target so close that the vehicle's position controller commands at most the operator's
-        speed limit."""
+        """Moves the target closer to the vehicle, so that the position controller commands at most the
+        operator's speed limit."""
         most = self._bounds.approach_m_s
-        if self._here is None or not math.isfinite(most):
-            return position_ne, speed
-        here, gain = self._here.position_ned_m, self._bounds.position_gain
+        if self._motion is None or not math.isfinite(most):
+            return position_ne, velocity_ne
+        here, gain = self._motion.position_ned_m, self._bounds.position_gain
         offset = (position_ne[0] - here[0], position_ne[1] - here[1])
-        feed = speed or (0.0, 0.0)
+        feed = velocity_ne or (0.0, 0.0)
         commanded_m_s = math.hypot(gain * offset[0] + feed[0], gain * offset[1] + feed[1])
         if commanded_m_s <= most:
-            return position_ne, speed
+            return position_ne, velocity_ne
         scale = most / commanded_m_s
         self.notes.append(f"speed limited to {most:g} m/s")
         near = (here[0] + offset[0] * scale, here[1] + offset[1] * scale)
-        return near, None if speed is None else (feed[0] * scale, feed[1] * scale)
+        return near, None if velocity_ne is None else (feed[0] * scale, feed[1] * scale)
 
     def _approach_down(self, down_m: float, velocity_down_m_s: float | None) -> tuple[float, float | None]:
-        if self._here is None:
+        if self._motion is None:
             return down_m, velocity_down_m_s
-        offset = down_m - self._here.position_ned_m[2]
+        offset = down_m - self._motion.position_ned_m[2]
         commanded_m_s = self._bounds.height_gain * offset + (velocity_down_m_s or 0.0)
         most = self._bounds.approach_sink_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
         if abs(commanded_m_s) <= most:
@@ -287,17 +293,17 @@ class _Limiter:
         scale = most / abs(commanded_m_s)
         self.notes.append(f"climb and descent limited to {most:g} m/s")
         feed = None if velocity_down_m_s is None else velocity_down_m_s * scale
-        return self._here.position_ned_m[2] + offset * scale, feed
+        return self._motion.position_ned_m[2] + offset * scale, feed
 
     def _limit_speed(self, velocity: Vector3) -> Vector3:
         n, e = self._scaled((velocity[0], velocity[1]), self._bounds.speed_m_s, "speed")
         return (n, e, self._limit_climb(velocity[2]))
 
     def _limit_climb(self, velocity_down_m_s: float) -> float:
-        held = min(self._bounds.sink_m_s, max(-self._bounds.climb_m_s, velocity_down_m_s))
-        if held != velocity_down_m_s:
-            self.notes.append(f"climb and descent limited to {abs(held):g} m/s")
-        return held
+        limited = min(self._bounds.sink_m_s, max(-self._bounds.climb_m_s, velocity_down_m_s))
+        if limited != velocity_down_m_s:
+            self.notes.append(f"climb and descent limited to {abs(limited):g} m/s")
+        return limited
 
     def _scaled(self, vector: NorthEast, most: float, quantity: str) -> NorthEast:
         size = math.hypot(*vector)
@@ -334,13 +340,17 @@ class _Limiter:
         return (n, e, d)
 
     def _last_velocity(self) -> Vector3 | None:
-        before = self._before
-        if isinstance(before, Velocity):
-            n, e, d = before.velocity_ned_m_s
+        last_sent = self._last_sent
+        if isinstance(last_sent, Velocity):
+            n, e, d = last_sent.velocity_ned_m_s
             return (n or 0.0, e or 0.0, d or 0.0)
-        if isinstance(before, VelocityBody) and self._here is not None and self._here.yaw_ned_rad is not None:
-            return ned_from_heading(before.velocity_frd_m_s, self._here.yaw_ned_rad)
-        return None if self._here is None else self._here.velocity_ned_m_s
+        if (
+            isinstance(last_sent, VelocityBody)
+            and self._motion is not None
+            and self._motion.yaw_ned_rad is not None
+        ):
+            return ned_from_heading(last_sent.velocity_frd_m_s, self._motion.yaw_ned_rad)
+        return None if self._motion is None else self._motion.velocity_ned_m_s
 
 
 _NONE: Partial3 = (None, None, None)
@@ -350,5 +360,5 @@ def _horizontal(vector: Partial3) -> NorthEast | None:
     return None if vector[0] is None or vector[1] is None else (vector[0], vector[1])
 
 
-def _joined(ground: NorthEast | None, down: float | None) -> Partial3:
-    return (None, None, down) if ground is None else (*ground, down)
+def _joined(horizontal: NorthEast | None, down: float | None) -> Partial3:
+    return (None, None, down) if horizontal is None else (*horizontal, down)

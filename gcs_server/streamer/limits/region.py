@@ -41,13 +41,13 @@ class RegionLimiter:
 
     Args:
         bounds: the limits, in the vehicle's local frame.
-        here: motion of the vehicle; None if its position is unknown.
+        motion: motion of the vehicle; None if its position is unknown.
         notes: receives a text for each reduction.
     """
 
-    def __init__(self, bounds: Bounds, here: VehicleMotion | None, notes: list[str]) -> None:
+    def __init__(self, bounds: Bounds, motion: VehicleMotion | None, notes: list[str]) -> None:
         self._bounds = bounds
-        self._here = here
+        self._motion = motion
         self._notes = notes
         self.stop: str | None = None
         """Why the setpoint must no longer be flown; None if it may be flown."""
@@ -57,10 +57,10 @@ class RegionLimiter:
         region = self._bounds.region
         if not region.is_limited_horizontally:
             return target
-        if self._here is None:
+        if self._motion is None:
             inside = region.nearest_inside(target)
         else:
-            here = self._here.position_ned_m
+            here = self._motion.position_ned_m
             inside = region.last_inside((here[0], here[1]), target)
         if inside is None:
             self.stop = "No way back inside the fence was found"
@@ -83,10 +83,10 @@ class RegionLimiter:
         region, speed = self._bounds.region, math.hypot(n, e)
         if not region.is_limited_horizontally or speed == 0.0:
             return (n, e)
-        if self._here is None:
+        if self._motion is None:
             self._notes.append("velocity set to zero: no valid position estimate, and a fence is set")
             return (0.0, 0.0)
-        here = (self._here.position_ned_m[0], self._here.position_ned_m[1])
+        here = (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
         breach = region.breach(here)
         if breach is not None:
             back = region.nearest_inside(here)
@@ -104,12 +104,12 @@ class RegionLimiter:
         return (n * most / speed, e * most / speed)
 
     def keep_margin(self, velocity: NorthEast) -> NorthEast:
-        """Moves the vehicle back from an edge that is nearer than the margin."""
+        """Changes the velocity to move the vehicle back from an edge that is nearer than the margin."""
         region = self._bounds.region
-        if self._here is None or not region.is_limited_horizontally:
+        if self._motion is None or not region.is_limited_horizontally:
             return velocity
         n, e = velocity
-        for inside_m, out in region.edges((self._here.position_ned_m[0], self._here.position_ned_m[1])):
+        for inside_m, out in region.edges((self._motion.position_ned_m[0], self._motion.position_ned_m[1])):
             if inside_m >= MARGIN_M:
                 continue
             most = -min(BACK_PER_S * (MARGIN_M - inside_m), MAX_BACK_M_S, self._bounds.speed_m_s)
@@ -124,17 +124,17 @@ class RegionLimiter:
         return (n, e)
 
     def limit_velocity_down(self, velocity_down_m_s: float, *, keep_margin: bool) -> float:
-        """Reduces the vertical velocity so that the vehicle can stop inside; `pushed` moves it back from an
-        edge nearer than the margin."""
+        """Reduces the vertical velocity so that the vehicle can stop inside; with `keep_margin`, moves it
+        back from an altitude limit nearer than the margin."""
         region = self._bounds.region
         if not region.is_limited_vertically:
             return velocity_down_m_s
-        if self._here is None:
+        if self._motion is None:
             self._notes.append(
                 "vertical velocity set to zero: no valid altitude estimate, and the altitude is limited"
             )
             return 0.0
-        down_m = self._here.position_ned_m[2]
+        down_m = self._motion.position_ned_m[2]
         left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
         left_up_m = down_m - region.down_min_m - MARGIN_HEIGHT_M
         most_down = _height_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
@@ -144,22 +144,24 @@ class RegionLimiter:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
         return kept
 
-    def require_stoppable(self, *, ground: bool = True, height: bool = True) -> None:
-        """Sets `stop` if the vehicle, at its current velocity, can only just be stopped inside."""
+    def require_stoppable(self, *, horizontal: bool = True, vertical: bool = True) -> None:
+        """Sets `stop` if the vehicle is outside, or must be stopped now to stay inside."""
         region = self._bounds.region
-        if not (ground and region.is_limited_horizontally) and not (height and region.is_limited_vertically):
+        if not (horizontal and region.is_limited_horizontally) and not (
+            vertical and region.is_limited_vertically
+        ):
             return
-        if self._here is None:
+        if self._motion is None:
             self.stop = "No valid position estimate, and a fence or altitude limit is set"
             return
-        n, e, d = self._here.position_ned_m
-        if ground and region.is_limited_horizontally:
+        n, e, d = self._motion.position_ned_m
+        if horizontal and region.is_limited_horizontally:
             breach = region.breach((n, e))
             if breach is not None or self._cannot_stop_inside((n, e)):
                 self.stop = f"The vehicle would leave {breach or 'the fence'}"
-        velocity_down_m_s = self._here.velocity_ned_m_s[2]
+        velocity_down_m_s = self._motion.velocity_ned_m_s[2]
         left_m = (region.down_max_m - d) if velocity_down_m_s > 0 else (d - region.down_min_m)
-        if height and (
+        if vertical and (
             left_m < 0
             or (
                 abs(velocity_down_m_s) > 0.3
@@ -169,9 +171,9 @@ class RegionLimiter:
             self.stop = "The vehicle would leave the altitude limits"
 
     def _cannot_stop_inside(self, here: NorthEast) -> bool:
-        """Whether the vehicle, at its current velocity, can only just be stopped inside."""
-        assert self._here is not None
-        n, e, _ = self._here.velocity_ned_m_s
+        """Whether the current speed is above the one from which the vehicle stops inside (`GUARD_M_S2`)."""
+        assert self._motion is not None
+        n, e, _ = self._motion.velocity_ned_m_s
         speed = math.hypot(n, e)
         if speed < 0.5:
             return False

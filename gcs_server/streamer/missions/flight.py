@@ -83,7 +83,7 @@ class MissionFlight:
         """The mission of several vehicles to which this flight belongs; None before its start, and for a
         single vehicle.
         """
-        self.looked_s = self._began_s
+        self.updated_s = self._began_s
         """Time of the runner's last update."""
         self._track = FlownTrack()
         self._task: Task | None = None
@@ -97,7 +97,7 @@ class MissionFlight:
     def begin(self) -> None:
         """Starts the mission. Raises Refused if this is not possible now."""
         self.require_attitude()
-        self.carry_out(asked(self.runner.start, self._now_s, self.reading()))
+        self.execute_requests(call_runner(self.runner.start, self._now_s, self.reading()))
 
     def require_attitude(self) -> None:
         """Raises Refused if the vehicle does not report its attitude."""
@@ -112,14 +112,14 @@ class MissionFlight:
         if self.joint is not None:
             self.joint.pause(by)
         else:
-            self._do(asked(self.runner.pause, self._now_s, self.reading(), by))
+            self._execute(call_runner(self.runner.pause, self._now_s, self.reading(), by))
 
     def resume(self, by: str) -> None:
         """Resumes the mission of all its vehicles. Raises Refused if this is not possible now."""
         if self.joint is not None:
             self.joint.resume(by)
         else:
-            self._do(asked(self.runner.resume, self._now_s, self.reading(), by))
+            self._execute(call_runner(self.runner.resume, self._now_s, self.reading(), by))
 
     def skip(self, by: str) -> None:
         """Skips the current step. Raises Refused if this is not possible now, or if the mission has several
@@ -130,19 +130,19 @@ class MissionFlight:
                 "the vehicles would no longer fly together.",
                 remedy="Pause or abort the mission, which acts on all of them.",
             )
-        self._do(asked(self.runner.skip, self._now_s, self.reading(), by))
+        self._execute(call_runner(self.runner.skip, self._now_s, self.reading(), by))
 
     def go_on(self, by: str) -> None:
         """Continues after a wait for the operator. Raises Refused if the mission is not waiting for the
         operator."""
-        self._do(asked(self.runner.go_on, by))
+        self._execute(call_runner(self.runner.go_on, by))
 
     def abort(self, by: str, then: str) -> None:
         """Ends the mission of all its vehicles. Raises Refused if the mission has ended."""
         if self.joint is not None:
             self.joint.abort(by, then)
             return
-        self._do(asked(self.runner.abort, self.reading(), by, then))
+        self._execute(call_runner(self.runner.abort, self.reading(), by, then))
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -150,12 +150,12 @@ class MissionFlight:
         """Updates the runner; called about ten times a second."""
         if not self.runner.over:
             reading = self.reading()
-            self._do(self.runner.tick(self._now_s, reading))
-            self.looked_s = self._now_s
+            self._execute(self.runner.tick(self._now_s, reading))
+            self.updated_s = self._now_s
             self._track.record(self._now_s - self._began_s, reading, self.runner.status(reading))
 
         else:
-            self.looked_s = self._now_s
+            self.updated_s = self._now_s
 
     @property
     def vehicle_id(self) -> str:
@@ -164,7 +164,7 @@ class MissionFlight:
 
     @property
     def mode(self) -> str:
-        """Mode in which it is flown (`Start.mode`)."""
+        """Mode in which the mission is flown (`Start.mode`)."""
         return self._start.mode
 
     @property
@@ -205,17 +205,19 @@ class MissionFlight:
     def flown(self) -> FlownMission:
         """Flown positions so far, with the positions that were sent."""
         samples = tuple(self._track.samples)
-        off_m = [each.deviation_m for each in samples if each.deviation_m is not None]
-        mean_m = sum(off_m) / len(off_m) if off_m else None
+        deviations_m = [each.deviation_m for each in samples if each.deviation_m is not None]
+        mean_m = sum(deviations_m) / len(deviations_m) if deviations_m else None
         name = self._start.mission.name
-        return FlownMission(name, self._began_unix_s, samples, _centimetres(mean_m), max(off_m, default=None))
+        return FlownMission(
+            name, self._began_unix_s, samples, _centimetres(mean_m), max(deviations_m, default=None)
+        )
 
-    def carry_out(self, requests: list[Request]) -> None:
-        """Executes the requests of the runner."""
+    def execute_requests(self, requests: list[Request]) -> None:
+        """Executes requests of the runner, after setting whether the mission uses obstacle avoidance."""
         self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
-        self._do(requests)
+        self._execute(requests)
 
-    def isolated(self, work: Callable[[], None]) -> None:
+    def run_isolated(self, work: Callable[[], None]) -> None:
         """Runs work so that its faults affect only this vehicle."""
         self._vehicle.isolation.run("its offboard mission", work)
 
@@ -235,11 +237,11 @@ class MissionFlight:
     def _by(self) -> str:
         return f"The mission {self._start.mission.name!r}"
 
-    def _do(self, requests: list[Request]) -> None:
+    def _execute(self, requests: list[Request]) -> None:
         for request in requests:
             match request:
                 case Notify():
-                    self._tell(request)
+                    self._add_event(request)
                 case ChangeScript():
                     self._streams.change_script(self._vehicle.id, request.change)
                 case StopStream():
@@ -251,7 +253,7 @@ class MissionFlight:
                 case Photo():
                     self._take_picture(request)
                 case PointGimbal():
-                    self._point(request)
+                    self._point_gimbal(request)
                 case ReleaseGimbal():
                     self._gimbal_requested = self._has_gimbal = False
                     self._spawn(
@@ -260,7 +262,7 @@ class MissionFlight:
         if self.runner.over:
             self._control.avoidance.mission_way = None
 
-    def _tell(self, request: Notify) -> None:
+    def _add_event(self, request: Notify) -> None:
         data = {"source": "offboard_mission", "code": request.code, "mission": self._start.mission.name}
         text = f"Mission {self._start.mission.name!r}: {request.text}"
         kind, severity = ("warning", WARNING) if request.warning else ("command", NOTICE)
@@ -283,7 +285,7 @@ class MissionFlight:
         if self._task is not None:
             self._task.cancel()
         self._task = self._spawn(
-            "mission command", self._report_failure(request, lambda: self._carry_out(request))
+            "mission command", self._report_failure(request, lambda: self._run_command(request))
         )
 
     async def _report_failure(
@@ -293,9 +295,9 @@ class MissionFlight:
         try:
             await work()
         except GcsError as error:
-            self._do(self.runner.failed(request, self.reading(), str(error)))
+            self._execute(self.runner.failed(request, self.reading(), str(error)))
 
-    async def _carry_out(self, request: TakeOff | Play | SetMode) -> None:
+    async def _run_command(self, request: TakeOff | Play | SetMode) -> None:
         command = self._vehicle.command
         if isinstance(request, TakeOff):
             await command.takeoff(above_home_m(self._vehicle) + request.height_m, by=self._by)
@@ -342,7 +344,7 @@ class MissionFlight:
 
     def _take_picture(self, request: Photo) -> None:
         if self._pictures >= MAX_PICTURES_WAITING:
-            self._do(self.runner.failed(request, self.reading(), "the camera is too slow"))
+            self._execute(self.runner.failed(request, self.reading(), "the camera is too slow"))
             return
         self._pictures += 1
 
@@ -354,7 +356,7 @@ class MissionFlight:
 
         self._spawn("mission picture", self._report_failure(request, take))
 
-    def _point(self, request: PointGimbal) -> None:
+    def _point_gimbal(self, request: PointGimbal) -> None:
         if self._has_gimbal:
             self._vehicle.gimbal.point(request.pitch_rad, request.yaw_ned_rad)
         elif not self._gimbal_requested:
@@ -371,7 +373,7 @@ def _centimetres(value: float | None) -> float | None:
     return None if value is None else round(value, 2)
 
 
-def asked(what: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+def call_runner(what: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
     """Calls the runner for a client. Raises Refused if the runner cannot do this now."""
     try:
         return what(*arguments, **named)

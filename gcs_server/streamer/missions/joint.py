@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
-from gcs_server.streamer.missions.flight import RENEWAL_TIMEOUT_S, MissionFlight, asked
+from gcs_server.streamer.missions.flight import RENEWAL_TIMEOUT_S, MissionFlight, call_runner
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.separation.guard import Finding
 from gcs_server.streamer.separation.mission_guard import MissionGuard
@@ -54,14 +54,14 @@ class JointMission:
         """
         for flight in self.flights.values():
             flight.require_attitude()
-        requests = asked(self._runner.start, self._now_s, self._readings())
+        requests = call_runner(self._runner.start, self._now_s, self._readings())
         self._watch()
         self._watched = True
         for flight in self.flights.values():
             flight.joint = self
-        self._do(requests)
+        self._execute(requests)
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Updates the mission; called after the update of each flight."""
         if not self._watched:
             return
@@ -69,7 +69,7 @@ class JointMission:
             self._watch()
         readings = self._readings()
         not_updated = [
-            f.vehicle_id for f in self.flights.values() if self._now_s - f.looked_s > RENEWAL_TIMEOUT_S
+            f.vehicle_id for f in self.flights.values() if self._now_s - f.updated_s > RENEWAL_TIMEOUT_S
         ]
         if not_updated and not self._runner.over:
             self.stop(
@@ -77,30 +77,30 @@ class JointMission:
                 f"{RENEWAL_TIMEOUT_S:g} s: all hold"
             )
         else:
-            self._do(self._runner.update(self._now_s, readings))
+            self._execute(self._runner.update(self._now_s, readings))
         if self._runner.over:
             self._watched = False
             self._streams.unwatch(self.name)
 
-    def found(self, finding: Finding) -> None:
-        """Called when the guard has stopped the vehicles that fly by setpoints: holds the others as well, and
-        ends the mission.
+    def stop_on_finding(self, finding: Finding) -> None:
+        """Called when the guard has stopped the vehicles that fly by setpoints: puts the others into Hold as
+        well, and ends the mission.
         """
         self.stop(f"{finding.text.rstrip('.')}: all hold")
 
     def stop(self, reason: str) -> None:
         """Puts all vehicles into Hold and ends the mission."""
-        self._do(self._runner.stop(self._readings(), reason))
+        self._execute(self._runner.stop(self._readings(), reason))
 
     # --- requests of clients ----------------------------------------------------------------------
 
     def pause(self, by: str) -> None:
         """Pauses all vehicles. Raises Refused if this is not possible now."""
-        self._do(asked(self._runner.pause, self._now_s, self._readings(), by))
+        self._execute(call_runner(self._runner.pause, self._now_s, self._readings(), by))
 
     def resume(self, by: str) -> None:
         """Resumes all vehicles. Raises Refused if one cannot resume; no vehicle is resumed then."""
-        self._do(asked(self._runner.resume, self._now_s, self._readings(), by))
+        self._execute(call_runner(self._runner.resume, self._now_s, self._readings(), by))
 
     def abort(self, by: str, then: str) -> None:
         """Ends the mission. Raises Refused if it has ended, or for "return", because the vehicles' paths home
@@ -111,7 +111,7 @@ class JointMission:
                 "The vehicles of one mission cannot return at the same time: their paths home may cross.",
                 remedy="Abort with hold, then command Return of one after the other; or abort with land.",
             )
-        self._do(asked(self._runner.abort, self._readings(), by, then))
+        self._execute(call_runner(self._runner.abort, self._readings(), by, then))
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -127,9 +127,9 @@ class JointMission:
     def _readings(self) -> dict[str, Reading]:
         return {role: flight.reading() for role, flight in self.flights.items()}
 
-    def _do(self, requests: Requests) -> None:
+    def _execute(self, requests: Requests) -> None:
         """Executes each vehicle's requests separately, so that a fault of one vehicle does not stop the
         others from holding.
         """
         for role, own in requests.items():
-            self.flights[role].isolated(lambda f=self.flights[role], r=own: f.carry_out(r))
+            self.flights[role].run_isolated(lambda f=self.flights[role], r=own: f.execute_requests(r))

@@ -39,7 +39,7 @@ class OffboardMissions:
         self._joint: dict[str, JointMission] = {}
         """Missions of several vehicles that are being flown, by the name of their guard."""
         self._count = 0
-        streamer.groups.on_mission_finding = self._found
+        streamer.groups.on_mission_finding = self._on_finding
 
     def attach(self, vehicle: Vehicle) -> None:
         """Sets the vehicle's attribute `offboard_mission`."""
@@ -62,7 +62,7 @@ class OffboardMissions:
             Refused: the vehicle already flies a mission or has a setpoint stream, the path leaves the limits,
                 or an estimate is missing.
         """
-        flight = self._prepared(vehicle_id, start)
+        flight = self._prepare(vehicle_id, start)
         flight.begin()
         self._flights[vehicle_id] = flight
         return flight
@@ -81,7 +81,7 @@ class OffboardMissions:
         Raises:
             Refused: `begin` would refuse one of the vehicles.
         """
-        flights = {role: self._prepared(vehicle_id, start) for role, (vehicle_id, start) in starts.items()}
+        flights = {role: self._prepare(vehicle_id, start) for role, (vehicle_id, start) in starts.items()}
         self._count += 1
         joint = JointMission(f"mission {self._count}", flights, self._clock, self._streams, minimum_m)
         joint.begin()
@@ -89,7 +89,7 @@ class OffboardMissions:
         self._flights |= {flight.vehicle_id: flight for flight in flights.values()}
         return joint
 
-    def _prepared(self, vehicle_id: str, start: Start) -> MissionFlight:
+    def _prepare(self, vehicle_id: str, start: Start) -> MissionFlight:
         control = self._streamer.offboard(vehicle_id)
         vehicle = control.vehicle
         vehicle.require_commandable()
@@ -131,7 +131,7 @@ class OffboardMissions:
         return flight if flight is not None and flight.mode == mode and not flight.over else None
 
     def others_on_mission(self, vehicle_id: str) -> tuple[str, ...]:
-        """The other vehicles that fly a vehicle's mission together with it."""
+        """Ids of the other vehicles that fly the same mission as this vehicle."""
         flight = self._flights.get(vehicle_id)
         joint = None if flight is None else flight.joint
         return () if flight is None or joint is None or joint.over else joint.others(flight)
@@ -151,13 +151,13 @@ class OffboardMissions:
             vehicle.isolation.run("the update of its offboard mission", flight.tick)
 
         for name, joint in list(self._joint.items()):
-            next(iter(joint.flights.values())).isolated(joint.look)
+            next(iter(joint.flights.values())).run_isolated(joint.update)
             if joint.over:
                 del self._joint[name]
 
-    def _found(self, name: str, finding: Finding) -> None:
+    def _on_finding(self, name: str, finding: Finding) -> None:
         if name in self._joint:
-            self._joint[name].found(finding)
+            self._joint[name].stop_on_finding(finding)
 
     async def _update_periodically(self) -> None:
         while True:

@@ -33,9 +33,10 @@ from missions.setpoints import Estimate
 log = logging.getLogger(__name__)
 CHECK_PERIOD_S: Final = 0.1
 REGISTER_TIMEOUT_S: Final = 10.0
-"""DDS needs up to a few seconds; then PX4 is asked five times, once a second."""
-ALWAYS: Final = frozenset({"angular_velocity", "attitude", "local_alt", "local_position"})
-"""What setpoints of a mission need in any case."""
+"""DDS needs up to a few seconds to connect; then the registration is requested up to five times, once a
+second."""
+ALWAYS_REQUIRED: Final = frozenset({"angular_velocity", "attitude", "local_alt", "local_position"})
+"""Mode requirements of PX4 that the setpoints of every mission have."""
 REQUIREMENT_OF: Final[Mapping[Estimate, str]] = {
     "global_position": "global_position",
     "home": "home_position",
@@ -80,17 +81,17 @@ class MissionModeStatus:
 
 
 @dataclass(slots=True)
-class _Known:
+class _ModeEntry:
     mode: MissionMode
     state: RegistrationState = "registering"
 
 
 @dataclass(slots=True)
 class _Vehicle:
-    modes: dict[str, _Known] = field(default_factory=dict[str, _Known])
-    flown: tuple[str, float] | None = None
-    """The armed vehicle's mode when it was last read, and since when; a mode may be left and selected again
-    between two readings."""
+    modes: dict[str, _ModeEntry] = field(default_factory=dict[str, _ModeEntry])
+    last_mode: tuple[str, float] | None = None
+    """Last read mode of the armed vehicle, and when it was entered [s since 1970]: a mode may be left and
+    selected again between two readings."""
 
 
 class MissionModes:
@@ -102,7 +103,7 @@ class MissionModes:
         streams: registers the modes.
         missions: flies the missions.
         supervisor: runs background tasks.
-        prepare: compiles a mode's mission from the vehicle's present position, and checks it.
+        prepare: compiles a mode's mission from the vehicle's current position, and checks it.
     """
 
     def __init__(
@@ -143,14 +144,14 @@ class MissionModes:
                 f"Vehicle {vehicle_id} is not reached over ROS 2, over which modes are registered.",
                 remedy="Add a ros2:// link to it (see Links).",
             )
-        requires = ALWAYS | {REQUIREMENT_OF[need] for need in mode.needs if need in REQUIREMENT_OF}
+        requires = ALWAYS_REQUIRED | {REQUIREMENT_OF[need] for need in mode.needs if need in REQUIREMENT_OF}
         try:
             await self._streams.register_mode(vehicle_id, address, ModeDeclaration(mode.name, requires))
         except ValueError as error:
             raise Refused(
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
             ) from None
-        self._vehicles.setdefault(vehicle_id, _Vehicle()).modes[mode.name] = _Known(mode)
+        self._vehicles.setdefault(vehicle_id, _Vehicle()).modes[mode.name] = _ModeEntry(mode)
         until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
         while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
             if self._clock.monotonic_s() >= until_s:
@@ -222,8 +223,8 @@ class MissionModes:
         if status.link_lost:
             return
         since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
-        before, known.flown = known.flown, (status.mode, since_s) if status.armed else None
-        entered = by_mode.get(status.mode) if known.flown != before and status.armed else None
+        before, known.last_mode = known.last_mode, (status.mode, since_s) if status.armed else None
+        entered = by_mode.get(status.mode) if known.last_mode != before and status.armed else None
         if entered is not None:
             work = self._begin(vehicle, status.mode, entered)
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
@@ -238,12 +239,12 @@ class MissionModes:
     def _report(self, vehicle: Vehicle, name: str, registration: Registration) -> None:
         if registration.state == "registered":
             text = f"PX4 shows the mission as the mode {name!r}; it can be selected in the air."
-            self._tell(vehicle, name, "registered", text, NOTICE)
+            self._add_event(vehicle, name, "registered", text, NOTICE)
         elif registration.state == "lost":
             text = f"The mode {name!r} is no longer registered: {registration.why}."
             if vehicle.status.armed and vehicle.mode_names.external.get(vehicle.status.mode) == name:
                 text = f"{text} PX4 returns (RTL) unless another mode is commanded within about 1 s."
-            self._tell(vehicle, name, "lost", f"{text} Register it again to use it.", WARNING)
+            self._add_event(vehicle, name, "lost", f"{text} Register it again to use it.", WARNING)
 
     async def _begin(self, vehicle: Vehicle, mode: str, entry: MissionMode) -> None:
         """Starts or resumes the mission; if that is not possible, the vehicle holds."""
@@ -261,7 +262,7 @@ class MissionModes:
         except GcsError as error:
             remedy = f" {error.remedy}" if error.remedy else ""
             text = f"The mission of the mode {entry.name!r} cannot be flown: {error}{remedy}"
-            self._tell(vehicle, entry.name, "not_started", f"{text} The vehicle holds.", WARNING)
+            self._add_event(vehicle, entry.name, "not_started", f"{text} The vehicle holds.", WARNING)
             if vehicle.status.mode == mode:
                 self._streams.complete_mode(vehicle.id, mode, False)
                 await vehicle.command.hold(by=by)
@@ -292,12 +293,12 @@ class MissionModes:
             client=mode.client,
         )
 
-    def _tell(self, vehicle: Vehicle, name: str, code: str, text: str, severity: int) -> None:
+    def _add_event(self, vehicle: Vehicle, name: str, code: str, text: str, severity: int) -> None:
         data: dict[str, Any] = {"source": "mission_mode", "code": code, "name": name}
         kind = "warning" if severity == WARNING else "command"
         vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
 
 
 def dds_address(vehicle: Vehicle) -> DdsAddress | None:
-    """Where the vehicle is reached over ROS 2; None: it is not."""
+    """The vehicle's DDS address; None if it is not connected over ROS 2."""
     return next((e.peer.dds for e in vehicle.endpoints if e.peer.dds is not None), None)

@@ -70,7 +70,7 @@ def wind_speed_m_s(vehicle: Vehicle) -> float | None:
 
 
 def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the condition values that the vehicle has sent. A condition on any other value stays false."""
+    """Names of the condition values that the vehicle sends. A condition on any other value stays false."""
     battery, gps, sensors = (vehicle.topic(name) for name in ("battery", "gps", "distance_sensors"))
     known = {
         "battery_share": battery is not None

@@ -1,4 +1,4 @@
-"""What a mission is started with, and how its background tasks are started."""
+"""The mission that is started, and the type of the function that starts its background tasks."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ class Task(Protocol):
 
 
 Spawn = Callable[[str, Coroutine[Any, Any, None]], Task]
+"""Starts a background task with a name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +39,10 @@ class Start:
     client: str
     low_battery_share: float
     corridor: Corridor | None = None
-    """Corridor of the dry run given at the start; None: not monitored."""
+    """Corridor of the dry run that the client named at the start; None: no corridor is monitored."""
     role: str | None = None
     """Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle."""
     dry_run: str | None = None
     """Id of the dry run with this `corridor`."""
     mode: str = OFFBOARD
-    """Mode in which it is flown: Offboard, or the mode as which it is registered with PX4."""
+    """Mode in which the mission is flown: Offboard, or the mode that is registered with PX4 for it."""

@@ -20,13 +20,15 @@ TOPICS = {
     "obstacle_distance": d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
 }
 RATE_HZ = 5.0
-"""Messages that PX4 sends only every one or two seconds by default, which is too rare for braking."""
+"""Requested rate of the sensors' messages. By default PX4 sends them only every one or two seconds, which is
+too rare for braking."""
 SLOW_S = 0.5
-"""Rate below which a message is requested again [Hz]."""
-ASK_AGAIN_S = 2.0
+"""Age of the newest message above which a higher rate is requested [s]."""
+REQUEST_PERIOD_S = 2.0
+"""Minimum time between two requests of a higher rate [s]."""
 HAS_SENSOR_S = 10.0
 """Time for which a sensor counts as present after a message [s]."""
-HEARD_WITHIN_S, CHECK_PERIOD_S = 3.0, 0.1
+SENSOR_TIMEOUT_S, CHECK_PERIOD_S = 3.0, 0.1
 
 
 class AvoidanceControl:
@@ -65,7 +67,7 @@ class AvoidanceControl:
         Raises:
             Refused: no sensor measures obstacles.
         """
-        until_s = self._clock.monotonic_s() + HEARD_WITHIN_S
+        until_s = self._clock.monotonic_s() + SENSOR_TIMEOUT_S
         self._vehicle.require_commandable()
         while self.has_sensor() and not self._has_recent_scan() and self._clock.monotonic_s() < until_s:
             self.request_rates()
@@ -94,7 +96,7 @@ class AvoidanceControl:
         """Called periodically while a stream runs: requests a higher rate of messages that are received too
         rarely."""
         now_s = self._clock.monotonic_s()
-        if now_s - self._requested_s < ASK_AGAIN_S or not self.has_sensor():
+        if now_s - self._requested_s < REQUEST_PERIOD_S or not self.has_sensor():
             return
         for topic, msg_id in TOPICS.items():
             sample = self._vehicle.topic(topic)

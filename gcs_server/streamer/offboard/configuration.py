@@ -14,12 +14,13 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 PARAMETERS_TIMEOUT_S = 3.0
 """Maximum wait for the parameters [s]; those that have not arrived by then stay unknown."""
-ASK_AGAIN_S = 10.0
+REQUEST_PERIOD_S = 10.0
+"""Minimum time between two requests for the parameters [s]."""
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 
 
 class OffboardConfiguration:
-    """Reads these parameters and keeps their values.
+    """Reads the parameters and stores their values.
 
     Args:
         clock: the server's clock.
@@ -32,7 +33,7 @@ class OffboardConfiguration:
         self._vehicle = vehicle
         self._estimates = estimates
         self._read: dict[str, float] = {}
-        """Parameters that were requested by name."""
+        """Values of the parameters that were read by name."""
         self._read_s: float | None = None
 
     async def read(self) -> Failsafe:
@@ -57,8 +58,8 @@ class OffboardConfiguration:
                     group.create_task(read(name))
         except TimeoutError:
             pass  # the values that arrived in time are used
-        except ExceptionGroup as several:
-            raise several.exceptions[0] from several
+        except ExceptionGroup as errors:
+            raise errors.exceptions[0] from errors
         self._read = values
         self._read_s = self._clock.monotonic_s()
         return self._failsafe_of(self.parameters())
@@ -67,7 +68,7 @@ class OffboardConfiguration:
         """Reads the parameters unless they are known or were requested recently. They stay unknown if the
         vehicle refuses."""
         now_s = self._clock.monotonic_s()
-        requested_recently = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
+        requested_recently = self._read_s is not None and now_s - self._read_s < REQUEST_PERIOD_S
         if "COM_OBL_RC_ACT" not in self.parameters() and not requested_recently:
             try:
                 self._vehicle.require_commandable()

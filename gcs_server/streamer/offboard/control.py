@@ -41,7 +41,7 @@ PRE_STREAM_TIMEOUT_S = 6.0
 vehicle [s]."""
 CHECK_PERIOD_S = 0.02
 """Period at which the end of pre-streaming is checked [s]."""
-ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
+FINAL_MODES = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
 """The mode that a stream requests in each of its final phases."""
 MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so the setpoint was not sent."
 
@@ -111,7 +111,7 @@ class OffboardControl:
                 f"Vehicle {vehicle.id} is already in Offboard with another program's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
-        await self.operator.recognised()
+        await self.operator.wait_for_identity()
         if self.avoidance.way is not None:
             self.avoidance.require_sensor()
         self.check(request)
@@ -128,16 +128,15 @@ class OffboardControl:
         try:
             if request.mode == OFFBOARD:
                 self._check_rate(await self._configuration.read(), rate_hz)
-                await self._streamed_steadily(number)
-            self.check(
-                request
-            )  # checked again, because seconds may have passed, and the vehicle's limits are now known
+                await self._wait_for_steady_stream(number)
+            # checked again: seconds may have passed, and the vehicle's limits are known now
+            self.check(request)
             vehicle.command.require_no_kill("start Offboard")
             self._requested_stream = number
             if request.mode == OFFBOARD or vehicle.status.mode != request.mode:
                 await vehicle.command.set_mode(request.mode)
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
-                self._still_starting(number)
+                self._require_starting(number)
             self.operator.report_at_start()
         except BaseException as error:
             if self._requested_stream == number and not isinstance(error, Rejected):
@@ -148,7 +147,7 @@ class OffboardControl:
             raise
         return self.status()
 
-    async def _streamed_steadily(self, number: int) -> None:
+    async def _wait_for_steady_stream(self, number: int) -> None:
         """Returns once setpoints have been sent without a pause for as long as the vehicle requires.
 
         Raises:
@@ -156,9 +155,9 @@ class OffboardControl:
         """
         until_s = self._clock.monotonic_s() + PRE_STREAM_TIMEOUT_S
         while True:
-            self._still_starting(number)
-            short_s = PRE_STREAM_S - self._streams.state(self.vehicle.id).steady_s
-            if short_s <= 0.0:
+            self._require_starting(number)
+            missing_s = PRE_STREAM_S - self._streams.state(self.vehicle.id).steady_s
+            if missing_s <= 0.0:
                 return
             if self._clock.monotonic_s() >= until_s:
                 if self._streams.state(self.vehicle.id).sends_failed:
@@ -170,9 +169,9 @@ class OffboardControl:
                     "Setpoints could not be sent without a pause: the ground station's computer is too busy.",
                     remedy="Close other programs on it, then start again.",
                 )
-            await self._clock.sleep(max(short_s, CHECK_PERIOD_S))
+            await self._clock.sleep(max(missing_s, CHECK_PERIOD_S))
 
-    def _still_starting(self, number: int) -> None:
+    def _require_starting(self, number: int) -> None:
         if not self._streams.starting(self.vehicle.id, number):
             ended = self._streams.state(self.vehicle.id).last_end
             raise Refused(ended.text if ended else "The stream was stopped while it started.")
@@ -180,12 +179,12 @@ class OffboardControl:
     @staticmethod
     def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
         """Checks that two setpoints are sent within COM_OF_LOSS_T, so that one may be lost."""
-        patience_s = failsafe.loss_timeout_s
-        if patience_s is not None and 2.0 / rate_hz > patience_s:
+        loss_timeout_s = failsafe.loss_timeout_s
+        if loss_timeout_s is not None and 2.0 / rate_hz > loss_timeout_s:
             raise Refused(
                 f"{rate_hz:g} setpoints a second are too few: the vehicle's failsafe acts after "
-                f"{patience_s:g} s (COM_OF_LOSS_T).",
-                remedy=f"Stream at {math.ceil(2.0 / max(patience_s, 0.02)):d} Hz or more.",
+                f"{loss_timeout_s:g} s (COM_OF_LOSS_T).",
+                remedy=f"Stream at {math.ceil(2.0 / max(loss_timeout_s, 0.02)):d} Hz or more.",
             )
 
     async def setpoint(self, request: StreamRequest) -> OffboardStatus:
@@ -234,8 +233,11 @@ class OffboardControl:
             return self.status()
         self._streams.request_stop(vehicle.id, self.snapshot())
         await vehicle.command.kill_over()
-        may_come = state.phase in ("starting", "undoing") and self._requested_stream == state.number
-        if may_come or vehicle.status.mode in (OFFBOARD, state.request.mode if state.request else OFFBOARD):
+        may_switch_later = state.phase in ("starting", "undoing") and self._requested_stream == state.number
+        if may_switch_later or vehicle.status.mode in (
+            OFFBOARD,
+            state.request.mode if state.request else OFFBOARD,
+        ):
             await vehicle.command.set_mode("hold")
         self._streams.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
         return self.status()
@@ -244,7 +246,7 @@ class OffboardControl:
 
     def requested_mode(self) -> str | None:
         """The mode that the ending stream is requesting; None if it requests none."""
-        return ENDS_IN.get(self._streams.state(self.vehicle.id).phase)
+        return FINAL_MODES.get(self._streams.state(self.vehicle.id).phase)
 
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
         """Sets the vehicle's action when the stream stops; each value is verified.

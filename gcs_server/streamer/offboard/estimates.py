@@ -91,7 +91,7 @@ class VehicleEstimates:
         return self.attitude() is not None and self.has(ATTITUDE)
 
     def accuracy_m(self) -> float | None:
-        """Position accuracy, one sigma: the worse of horizontal and vertical; None if unknown [m]."""
+        """Position accuracy, one sigma, the worse of horizontal and vertical [m]; None if unknown."""
         sample = self._vehicle.topic("estimator")
         if sample is None or not isinstance(sample.value, Estimator):
             return None

@@ -8,10 +8,11 @@ MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 0x10000
 DEFAULT_COM_OF_LOSS_T_S = 1.0
 
 ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "terminate", "disarm")
-"""COM_OBL_RC_ACT as modes, by their number."""
+"""The mode for each value of COM_OBL_RC_ACT, from 0."""
 MAX_LOSS_T_S = 60.0
 
-# COM_OBL_RC_ACT: (with a transmitter, without one); the first action without one was observed on PX4 v1.16.
+# By COM_OBL_RC_ACT: action with an RC transmitter, and without one. The action 0 without a transmitter was
+# observed with PX4 v1.16.
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
         "is flown by the RC pilot in Position mode",

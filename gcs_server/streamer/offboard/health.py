@@ -28,10 +28,10 @@ from missions.setpoints import (
 def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: Failsafe | None) -> StreamHealth:
     """Health of a stream, from its state and the vehicle's newest samples."""
     sent = state.sent
-    patience_s = failsafe.loss_timeout_s if failsafe is not None else None
+    loss_timeout_s = failsafe.loss_timeout_s if failsafe is not None else None
     left_s = None
     if state.sent_age_s is not None:
-        left_s = (DEFAULT_COM_OF_LOSS_T_S if patience_s is None else patience_s) - state.sent_age_s
+        left_s = (DEFAULT_COM_OF_LOSS_T_S if loss_timeout_s is None else loss_timeout_s) - state.sent_age_s
     attitude = estimates.attitude()
     return StreamHealth(
         rate_achieved_hz=state.rate_achieved_hz,
@@ -63,7 +63,7 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 def _echo(sent: DirectSetpoint, estimates: VehicleEstimates) -> Echo | None:
     if isinstance(sent, ThrustTorque | Actuators):
-        return None  # PX4 sends no echo of them
+        return None  # PX4 reports no target of these kinds
     if isinstance(sent, Attitude | Rates):
         attitude = estimates.target_attitude()
         if attitude is None:
@@ -116,7 +116,7 @@ def _velocity_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float 
     return None
 
 
-def _distance(wanted: Partial3, there: Vector3) -> float | None:
+def _distance(wanted: Partial3, measured: Vector3) -> float | None:
     """Distance over the controlled axes; None if no axis is controlled."""
-    parts = [(w - t) ** 2 for w, t in zip(wanted, there, strict=True) if w is not None]
+    parts = [(w - m) ** 2 for w, m in zip(wanted, measured, strict=True) if w is not None]
     return math.sqrt(sum(parts)) if parts else None

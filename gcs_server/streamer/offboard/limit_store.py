@@ -34,7 +34,7 @@ class VehicleKey:
     """None: the vehicle has no unique uid."""
 
     @property
-    def by(self) -> str:
+    def recognised_by(self) -> str:
         """How the vehicle is recognised: `uid` or `system_id`."""
         return "system_id" if self.uid is None else "uid"
 
@@ -78,7 +78,7 @@ class LimitStore:
         self._parse = parse
         self._kept: dict[str, LimitRecord | Unreadable] = {}
         self._system_ids: dict[str, int] = {}
-        """Key of each record's vehicle, if the record has one."""
+        """System id in each readable record, by the record's name."""
         self._folder_problem: str | None = None
         self._write_problems: dict[str, str] = {}
 
@@ -105,10 +105,10 @@ class LimitStore:
             return Unreadable(self._folder_problem)
         return record
 
-    def may_know(self, system_id: int) -> bool:
+    def may_have_record(self, system_id: int) -> bool:
         """Whether a record may exist for a vehicle with this system id, before its uid is known."""
-        unnamed = [name for name in self._kept if name not in self._system_ids]
-        return bool(self._folder_problem or unnamed) or system_id in self._system_ids.values()
+        without_system_id = [name for name in self._kept if name not in self._system_ids]
+        return bool(self._folder_problem or without_system_id) or system_id in self._system_ids.values()
 
     async def keep(self, key: VehicleKey, record: LimitRecord) -> str | None:
         """Stores a record; returns None once it is on disk, or the reason for a failure."""

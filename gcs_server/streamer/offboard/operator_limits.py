@@ -101,12 +101,16 @@ class VehicleOperatorLimits:
             )
         self._restore(key)
 
-    async def recognised(self) -> None:
+    async def wait_for_identity(self) -> None:
         """Called before a stream starts: waits briefly for the identity of a vehicle that may have a
         record."""
         clock, identity = self._vehicle.clock, self._vehicle.identity
         until_s = clock.monotonic_s() + RECOGNITION_TIMEOUT_S
-        if identity.replayed or self._record is not None or not self._store.may_know(identity.system_id):
+        if (
+            identity.replayed
+            or self._record is not None
+            or not self._store.may_have_record(identity.system_id)
+        ):
             return
         while self._vehicle.identity.firmware is None and clock.monotonic_s() < until_s:
             await clock.sleep(CHECK_PERIOD_S)
@@ -127,7 +131,7 @@ class VehicleOperatorLimits:
         if record is None and self._key is None and warning is None:
             identity = self._vehicle.identity
             unknown = not identity.replayed and identity.firmware is None
-            if unknown and self._store.may_know(identity.system_id):
+            if unknown and self._store.may_have_record(identity.system_id):
                 warning = (
                     "The vehicle has not sent its identity (AUTOPILOT_VERSION), so its stored limits "
                     f"could not be found. {SET_LIMITS_AGAIN}"
@@ -140,7 +144,7 @@ class VehicleOperatorLimits:
             set_by=None if record is None else record.set_by,
             set_unix_s=None if record is None else record.set_unix_s,
             kept=kept,
-            recognised_by=None if self._key is None else self._key.by,
+            recognised_by=None if self._key is None else self._key.recognised_by,
             warning=warning,
             text=self._text(active, warning),
         )

@@ -117,10 +117,10 @@ class Streamer:
         self.groups.disable_guard()
         async with asyncio.TaskGroup() as group:
             stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._streams.active()]
-            group.create_task(self._kills_over())
+            group.create_task(self._wait_for_kills())
         return [stop.result() for stop in stops]
 
-    async def _kills_over(self) -> None:
+    async def _wait_for_kills(self) -> None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STOP_ALL_S):
                 for control in self._controls.values():
@@ -162,7 +162,7 @@ class Streamer:
         self._streams.beat(
             {vid: s for vid in known if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
         )
-        self._isolation.run("the check of the groups", self.groups.look)
+        self._isolation.run("the check of the groups", self.groups.update)
         for vehicle_id in known:
             control = self._controls[vehicle_id]
             control.vehicle.isolation.run(

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from gcs_server.clock import Clock
-from gcs_server.streamer.process.handle import WORKER_GONE, Relay, WorkerHandle
+from gcs_server.streamer.process.handle import SEND_ERRORS, Relay, WorkerHandle
 from gcs_server.streamer.process.messages import Answer, Post, Request, Update, WorkerStarted
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 ANSWER_TIMEOUT_S = 2.0
-"""Time without reading after which the process is killed [s]; the vehicles' failsafes then take over."""
+"""Time after which a process that does not read is killed [s]; the vehicles' failsafes then take over."""
 LOOP_STALLED_S = 0.5
 """If the event loop itself stalled for this long, the process is not checked [s]."""
 RESTART_PERIOD_S = 1.0
@@ -34,7 +34,7 @@ class _PendingRequest:
     """A request that has no answer yet."""
 
     future: asyncio.Future[Any]
-    then: Callable[[Any], None] | None
+    on_answer: Callable[[Any], None] | None
     """Called with the answer, even if the future was cancelled."""
 
 
@@ -46,7 +46,7 @@ class WorkerCalls:
         own_ids: system and component id of the sent messages.
         silent_limit_s: time without a message from the event loop after which sending stops.
         on_update: called with each update from the process.
-        on_gone: called when the process has ended or does not answer; pending requests fail afterwards.
+        on_end: called when the process has ended or does not answer; pending requests fail afterwards.
         relay: sends setpoints that the process cannot send; called in a thread.
     """
 
@@ -56,13 +56,13 @@ class WorkerCalls:
         own_ids: tuple[int, int],
         silent_limit_s: float,
         on_update: Callable[[Update], None],
-        on_gone: Callable[[], None],
+        on_end: Callable[[], None],
         relay: Relay,
     ) -> None:
         self._clock = clock
         self._own_ids = own_ids
         self._silent_limit_s = silent_limit_s
-        self._on_update, self._on_gone, self._relay = on_update, on_gone, relay
+        self._on_update, self._on_end, self._relay = on_update, on_end, relay
         self._pending: dict[int, _PendingRequest] = {}
         self._started_s = self._beat_s = self._silent_since_s = float("-inf")
         self.worker: WorkerHandle | None = None
@@ -76,7 +76,7 @@ class WorkerCalls:
         self._started_s = now_s
         try:
             self.worker = WorkerHandle(
-                self._own_ids, self._silent_limit_s, self._take_value, self._gone, self._relay
+                self._own_ids, self._silent_limit_s, self._handle_value, self._drop_worker, self._relay
             )
         except OSError:  # no free file descriptor; tried again at a later update
             log.exception("the setpoint streams' process could not be started")
@@ -104,7 +104,7 @@ class WorkerCalls:
             and worker.has_unhandled
             and now_s - self._silent_since_s >= ANSWER_TIMEOUT_S
         ):
-            self._gone()
+            self._drop_worker()
 
     def post(self, message: Post | Request[Any]) -> int:
         """Sends without waiting; returns the message's number, 0 if there is no process."""
@@ -115,27 +115,27 @@ class WorkerCalls:
             self._silent_since_s = self._clock.monotonic_s()
         try:
             return worker.send(message)
-        except WORKER_GONE:
-            self._gone()
+        except SEND_ERRORS:
+            self._drop_worker()
             return 0
 
-    def request(self, message: Request[T], then: Callable[[T], None] | None = None) -> asyncio.Future[T]:
+    def request(self, message: Request[T], on_answer: Callable[[T], None] | None = None) -> asyncio.Future[T]:
         """Sends a request immediately; the future receives the answer, or WorkerDied.
 
         Args:
             message: the request.
-            then: called with the answer when it arrives, even if the future was cancelled.
+            on_answer: called with the answer when it arrives, even if the future was cancelled.
         """
         future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
         number = self.post(message)
         if number:
-            self._pending[number] = _PendingRequest(future, then)
+            self._pending[number] = _PendingRequest(future, on_answer)
         else:
             future.set_exception(WorkerDied())
         return future
 
     async def answer(self, future: asyncio.Future[T]) -> T:
-        """Sends a request and waits for the answer; a process that does not answer in time is killed.
+        """Waits for the answer to a request; a process that does not answer in time is killed.
 
         Raises:
             WorkerDied: there is no process.
@@ -148,10 +148,10 @@ class WorkerCalls:
             future.cancel()
             raise
         if not future.done():
-            self._gone()
+            self._drop_worker()
         return await future
 
-    def _take_value(self, value: object) -> None:
+    def _handle_value(self, value: object) -> None:
         if isinstance(value, Update):
             if self.worker is not None and self.worker.handled(value.handled):
                 self._silent_since_s = self._clock.monotonic_s()
@@ -167,8 +167,8 @@ class WorkerCalls:
         pending = self._pending.pop(answer.number, None)
         if pending is None:
             return
-        if answer.error is None and pending.then is not None:
-            pending.then(answer.result)
+        if answer.error is None and pending.on_answer is not None:
+            pending.on_answer(answer.result)
         if pending.future.done():
             return
         if answer.error is None:
@@ -177,13 +177,13 @@ class WorkerCalls:
             name, text = answer.error
             pending.future.set_exception(ValueError(text) if name == "ValueError" else RuntimeError(text))
 
-    def _gone(self) -> None:
+    def _drop_worker(self) -> None:
         worker, self.worker = self.worker, None
         if worker is None:
             return
         log.error("the setpoint streams' process (%s) ended", worker.pid)
         worker.kill()
-        self._on_gone()
+        self._on_end()
         self._fail_all()
 
     def _fail_all(self) -> None:

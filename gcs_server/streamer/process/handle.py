@@ -35,7 +35,7 @@ LATE_REPORT_SOCKETS = 20
 
 Relay = Callable[[str, int, bytes, float], None]
 """Called with vehicle id, message id, payload and creation time (monotonic)."""
-WORKER_GONE = (EOFError, PipeFull)
+SEND_ERRORS = (EOFError, PipeFull)
 """Errors that `WorkerHandle.send` raises."""
 
 
@@ -69,20 +69,20 @@ class WorkerHandle:
         self._posted = 0
         self._handled = 0
         self._writing = False
-        self._handed_over = 0
+        self._passed_sockets = 0
         self._numbers: dict[socket.socket, int] = {}
         """Numbers of the sockets that the process has."""
         self.connections: dict[int, Connection] = {}
         """By socket number."""
         self.attached: set[str] = set()
-        """Ids of the vehicles that were sent to the process."""
+        """Ids of the vehicles that the process knows (`Attach`)."""
         self.up = False
         """Whether the process has reported that it started."""
         self._loop.add_reader(self._pipe.fileno(), self.read)
         self._thread = threading.Thread(
             target=self._watch_process,
             args=(own_ids, silent_limit_s, worker_messages, worker_side_channel),
-            name="offboard-mail",
+            name="offboard-reports",
             daemon=True,
         )
         self._thread.start()
@@ -112,7 +112,7 @@ class WorkerHandle:
         """
         self._pipe.send(Numbered(self._posted + 1, message))
         self._posted += 1
-        self._write_on()
+        self._write_rest()
         return self._posted
 
     def read(self) -> None:
@@ -129,7 +129,7 @@ class WorkerHandle:
             for value in several:  # pyright: ignore[reportUnknownVariableType]
                 try:
                     self._on_value(value)  # pyright: ignore[reportUnknownArgumentType]
-                except Exception as error:  # its other values are still read
+                except Exception as error:  # the other values are still read
                     self._faults.add(error, "handling a value from the stream process")
 
     def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, AnyRoute | None]:
@@ -140,7 +140,7 @@ class WorkerHandle:
         used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
         if len(used) < len(self._numbers):
             self._numbers = {s: number for s, number in self._numbers.items() if number in used}
-            late = self._handed_over - LATE_REPORT_SOCKETS
+            late = self._passed_sockets - LATE_REPORT_SOCKETS
             self.connections = {n: c for n, c in self.connections.items() if n in used or n > late}
         return routes
 
@@ -166,17 +166,17 @@ class WorkerHandle:
         if link_socket is None or link_socket.fileno() < 0:
             return None
         if link_socket not in self._numbers:
-            number = self._handed_over + 1
+            number = self._passed_sockets + 1
             rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
             try:
                 self._side_channel.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
             except OSError:  # the process does not read, or has died; tried again with the next message
                 return None
-            self._handed_over = self._numbers[link_socket] = number
+            self._passed_sockets = self._numbers[link_socket] = number
             self.connections[number] = path.connection
         return Route(self._numbers[link_socket], path.peer.address, _signing(path.connection))
 
-    # --- its end ----------------------------------------------------------------------------------
+    # --- end --------------------------------------------------------------------------------------
 
     def kill(self) -> None:
         """Kills the process immediately; nothing is read from it afterwards."""
@@ -205,9 +205,9 @@ class WorkerHandle:
             self._close()
             self._on_end()
 
-    def _write_on(self) -> None:
-        """Writes the remaining data when the process reads."""
-        if self._pipe.waits and not self._writing:
+    def _write_rest(self) -> None:
+        """Writes the rest of the data once the process reads."""
+        if self._pipe.has_unsent_data and not self._writing:
             self._writing = True
             self._loop.add_writer(self._pipe.fileno(), self._flush)
 
@@ -217,7 +217,7 @@ class WorkerHandle:
         except EOFError:
             self._lost()
             return
-        if not self._pipe.waits:
+        if not self._pipe.has_unsent_data:
             self._writing = False
             self._loop.remove_writer(self._pipe.fileno())
 
@@ -247,7 +247,7 @@ class WorkerHandle:
             worker_side_channel.close()
         while data := self._next_report():
             try:
-                self._hand_on(*pickle.loads(data))
+                self._handle_report(*pickle.loads(data))
             # the thread continues, because it also sends the setpoints of other vehicles
             except Exception as error:
                 self._faults.add(error, "passing on a report of the stream process")
@@ -261,7 +261,7 @@ class WorkerHandle:
         except OSError:
             return b""
 
-    def _hand_on(self, kind: str, *values: Any) -> None:
+    def _handle_report(self, kind: str, *values: Any) -> None:
         if kind == "relay":
             self._relay(*values)
             return
@@ -284,5 +284,7 @@ def _signing(connection: Connection) -> RouteSigning | None:
     signing = connection.signing
     if signing is None:
         return None
-    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S  # it differs only rarely
+    ahead_s = (
+        signing.signer.clock.ahead_ticks // TICKS_PER_S
+    )  # whole seconds, so that the route rarely changes
     return RouteSigning(signing.signer.key.reveal(), signing.signer.link_id, ahead_s * TICKS_PER_S)

@@ -10,7 +10,7 @@ import struct
 _LENGTH = struct.Struct("!I")
 READ_BYTES = 1 << 16
 READS_PER_WAKE = 64
-"""Maximum number of reads per call, so that the caller can do other work."""
+"""Maximum number of reads per call, so that the caller can do other work in between."""
 
 
 class PipeFull(Exception):
@@ -22,13 +22,13 @@ class MessagePipe:
 
     Args:
         sock: a connected stream socket; the pipe owns it.
-        most_waiting_bytes: size of the buffer for data that the system's buffer does not accept.
+        max_waiting_bytes: size of the buffer for data that the system's buffer does not accept.
     """
 
-    def __init__(self, sock: socket.socket, most_waiting_bytes: int) -> None:
+    def __init__(self, sock: socket.socket, max_waiting_bytes: int) -> None:
         sock.setblocking(False)
         self._socket = sock
-        self._most_waiting_bytes = most_waiting_bytes
+        self._max_waiting_bytes = max_waiting_bytes
         self._out = bytearray()
         self._in = bytearray()
 
@@ -37,8 +37,8 @@ class MessagePipe:
         return self._socket.fileno()
 
     @property
-    def waits(self) -> bool:
-        """Whether data waits to be written: call `flush` when the socket is writable."""
+    def has_unsent_data(self) -> bool:
+        """Whether buffered data is not written yet: call `flush` when the socket is writable."""
         return bool(self._out)
 
     def send(self, value: object) -> None:
@@ -49,7 +49,7 @@ class MessagePipe:
             EOFError: the other side has closed the pipe.
         """
         data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-        if self._out and len(self._out) + len(data) > self._most_waiting_bytes:
+        if self._out and len(self._out) + len(data) > self._max_waiting_bytes:
             raise PipeFull
         self._out += _LENGTH.pack(len(data))
         self._out += data

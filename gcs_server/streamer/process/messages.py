@@ -351,12 +351,12 @@ class RegisterMode(Request[None]):
         worker.scheduler.register_mode(self.vehicle_id, self.address, self.declaration)
 
 
-# --- from the process -----------------------------------------------------------------------------
+# --- envelope, and messages from the process ------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """A numbered message, as it is sent."""
+    """A message of the server with its number, as it is sent."""
 
     number: int
     message: Post | Request[object]
@@ -379,7 +379,7 @@ class Update:
     at_s: float
     states: Mapping[str, StreamState]
     """States of running streams and of those that have just ended."""
-    same_order: frozenset[str]
+    unchanged_requests: frozenset[str]
     """Vehicles whose request is omitted here, because it has not changed since the last update."""
     guards: Mapping[str, GuardState]
     """States of all watched groups."""

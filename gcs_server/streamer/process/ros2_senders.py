@@ -1,6 +1,7 @@
-"""The streams' process on ROS 2: one DDS participant for each domain, opened by a thread.
+"""The ROS 2 senders of the stream process: one DDS participant for each domain.
 
-Opening takes some tenths of a second, in which the setpoints of other vehicles continue.
+Opening a participant takes some tenths of a second. A thread opens it, so that setpoints to other vehicles
+continue.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 READ_DEPTH = 8
-"""Messages of a topic that wait for the next reading."""
+"""Maximum number of messages of a topic that are kept until the next reading."""
 
 
 class Ros2Sender:
@@ -48,7 +49,7 @@ class Ros2Sender:
 
     def _open(self) -> None:
         try:
-            # without real-time priority, which is for setpoints; DDS's own threads inherit this
+            # real-time priority is for sending setpoints only; DDS's own threads inherit this priority
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
             from gcs_server.ros2.dds import open_writers
 
@@ -59,8 +60,8 @@ class Ros2Sender:
 
 
 class ModeTopics:
-    """The topics with which modes are registered at one vehicle; a `ModePort`. Until DDS is open, nothing is
-    received, and nothing can be sent."""
+    """The topics over which modes are registered with one vehicle; a `ModePort`. Until DDS is open, nothing
+    is received, and nothing can be sent."""
 
     def __init__(self, address: DdsAddress) -> None:
         self._address = address
@@ -99,11 +100,11 @@ class Ros2Senders:
         self._senders: dict[DdsAddress, Ros2Sender] = {}
 
     def at(self, address: DdsAddress) -> Ros2Sender:
-        """The sender for an address; the first call opens it."""
+        """The sender for an address; the first call for an address starts to open it."""
         if address not in self._senders:
             self._senders[address] = Ros2Sender(address)
         return self._senders[address]
 
     def keep(self, used: Collection[DdsAddress]) -> None:
-        """Closes all others."""
+        """Closes the senders for all addresses that are not in `used`."""
         self._senders = {address: sender for address, sender in self._senders.items() if address in used}

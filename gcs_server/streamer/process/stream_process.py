@@ -15,7 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ANSWERS_ENDED, ModeDeclaration, Registration
-from gcs_server.streamer.process import messages as to
+from gcs_server.streamer.process import messages
 from gcs_server.streamer.process.calls import WorkerCalls, WorkerDied
 from gcs_server.streamer.schedule.streams import Streams, StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
@@ -28,8 +28,7 @@ from missions.runner.script import ScriptChange
 START_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
 """A thread sends setpoints over links that the process cannot use (serial and TCP). It must not wait long
-for the interpreter
-lock: Python's default of 5 ms is a quarter of a stream's period."""
+for the interpreter lock: Python's default of 5 ms is a quarter of a stream's period."""
 CHECK_PERIOD_S = 0.02
 """Period at which the start of the process is checked [s]."""
 RESTARTING = "The setpoint streams' process is being restarted."
@@ -39,7 +38,7 @@ PROCESS_ENDED = (
 
 
 @dataclass(slots=True)
-class _Known:
+class _VehicleRecord:
     """The server's data of a vehicle's streams."""
 
     sender: PayloadSender
@@ -82,10 +81,10 @@ class StreamProcess(Streams):
     def __init__(self, clock: Clock, own_ids: tuple[int, int], *, server_silent_limit_s: float = 1.5) -> None:
         self._clock = clock
         self._calls = WorkerCalls(
-            clock, own_ids, server_silent_limit_s, self._updated, self._gone, self._relay
+            clock, own_ids, server_silent_limit_s, self._on_update, self._on_process_end, self._relay
         )
-        self._wanted = False
-        self._vehicles: dict[str, _Known] = {}
+        self._started = False
+        self._vehicles: dict[str, _VehicleRecord] = {}
         self._begun: set[str] = set()
         """Vehicles that may have a stream; all others have none."""
         self._beginning: list[str] = []
@@ -102,13 +101,13 @@ class StreamProcess(Streams):
         return None if self._calls.worker is None else self._calls.worker.pid
 
     def start(self) -> None:
-        """The process itself is started with the first vehicle."""
+        """Allows the process to run; it is started with the first vehicle."""
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        self._wanted = True
+        self._started = True
         self._spawn()
 
     def close(self) -> None:
-        self._wanted = False
+        self._started = False
         self._calls.close()
         self._forget()
 
@@ -117,7 +116,7 @@ class StreamProcess(Streams):
         self._spawn()
         if self._begun or self._beginning or self._groups or self._modes:
             self._post_routes()
-            self._post(to.Beat.of(snapshots))
+            self._post(messages.Beat.of(snapshots))
         else:
             self.links_changed()
 
@@ -130,7 +129,7 @@ class StreamProcess(Streams):
     # --- one vehicle's stream ---------------------------------------------------------------------
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
-        self._vehicles[vehicle_id] = _Known(sender, target)
+        self._vehicles[vehicle_id] = _VehicleRecord(sender, target)
         if self._calls.worker is not None and vehicle_id not in self._begun:
             self._calls.worker.attached.discard(vehicle_id)  # the vehicle's component id may have changed
         self._spawn()
@@ -153,7 +152,7 @@ class StreamProcess(Streams):
         until_s = self._clock.monotonic_s() + START_TIMEOUT_S
         while self._calls.worker is None or not self._calls.worker.up:
             self._spawn()
-            if not self._wanted or self._clock.monotonic_s() >= until_s:
+            if not self._started or self._clock.monotonic_s() >= until_s:
                 raise Refused(RESTARTING, remedy="Try again in a second.")
             await self._clock.sleep(CHECK_PERIOD_S)
 
@@ -171,7 +170,7 @@ class StreamProcess(Streams):
                 self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
 
         self._post_routes()
-        answer = self._calls.request(to.BeginStream(vehicle_id, request, rate_hz, snapshot), on_begun)
+        answer = self._calls.request(messages.BeginStream(vehicle_id, request, rate_hz, snapshot), on_begun)
         answer.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
             return await self._calls.answer(answer)
@@ -183,38 +182,42 @@ class StreamProcess(Streams):
         return state.number == number and state.phase == "starting"
 
     async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
-        return vehicle_id in self._begun and await self._ask(to.EngageStream(vehicle_id, snapshot, number))
+        return vehicle_id in self._begun and await self._request(
+            messages.EngageStream(vehicle_id, snapshot, number)
+        )
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
         if vehicle_id in self._begun:
-            self._post(to.CancelStart(vehicle_id, snapshot, number))
+            self._post(messages.CancelStart(vehicle_id, snapshot, number))
 
     async def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
-        return vehicle_id in self._begun and await self._ask(to.ChangeSetpoint(vehicle_id, request, snapshot))
+        return vehicle_id in self._begun and await self._request(
+            messages.ChangeSetpoint(vehicle_id, request, snapshot)
+        )
 
     def change_script(self, vehicle_id: str, change: ScriptChange) -> None:
         if vehicle_id in self._begun:
-            self._post(to.ChangeScript(vehicle_id, change))
+            self._post(messages.ChangeScript(vehicle_id, change))
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         if vehicle_id in self._begun:
-            self._post(to.RequestStop(vehicle_id, snapshot))
+            self._post(messages.RequestStop(vehicle_id, snapshot))
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
         if vehicle_id in self._begun:
-            self._post(to.InhibitModeRequests(vehicle_id))
+            self._post(messages.InhibitModeRequests(vehicle_id))
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
         if vehicle_id in self._begun:
-            self._post(to.ForceHold(vehicle_id, why))
+            self._post(messages.ForceHold(vehicle_id, why))
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
         if vehicle_id not in self._begun:
             return
-        self._post(to.EndStream(vehicle_id, code, text, number))
+        self._post(messages.EndStream(vehicle_id, code, text, number))
         state = self.state(vehicle_id)
         if state.phase != "idle" and number in (None, state.number):
-            self._begun.discard(vehicle_id)  # stored before the process reports it
+            self._begun.discard(vehicle_id)  # the end counts at once, before the process reports it
             self._vehicles[vehicle_id].last = StreamState(
                 rate_hz=state.rate_hz,
                 sends_failed=state.sends_failed,
@@ -232,15 +235,17 @@ class StreamProcess(Streams):
         await self.ready()
         self._attach_to_worker(vehicle_id)
         try:
-            await self._calls.answer(self._calls.request(to.RegisterMode(vehicle_id, address, declaration)))
+            await self._calls.answer(
+                self._calls.request(messages.RegisterMode(vehicle_id, address, declaration))
+            )
         except WorkerDied:
             raise Refused(RESTARTING, remedy="Try again in a second.") from None
 
     def unregister_mode(self, vehicle_id: str, name: str) -> None:
-        self._post(to.UnregisterMode(vehicle_id, name))
+        self._post(messages.UnregisterMode(vehicle_id, name))
 
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
-        self._post(to.CompleteMode(vehicle_id, mode, success))
+        self._post(messages.CompleteMode(vehicle_id, mode, success))
 
     def modes(self) -> Mapping[str, tuple[Registration, ...]]:
         return self._modes
@@ -254,15 +259,15 @@ class StreamProcess(Streams):
             self._attach_to_worker(vehicle_id)
         requests = {vehicle_id: guard.pending_request(vehicle_id) for vehicle_id in guard.members}
         self._groups[guard.name] = _Group(requests, guard.state())
-        self._post(to.WatchGroup(guard))
+        self._post(messages.WatchGroup(guard))
 
     def unwatch(self, name: str) -> None:
         if self._groups.pop(name, None) is not None:
-            self._post(to.UnwatchGroup(name))
+            self._post(messages.UnwatchGroup(name))
 
     def disable_guard(self, name: str) -> None:
         if name in self._groups:
-            self._post(to.DisableGuard(name))
+            self._post(messages.DisableGuard(name))
 
     def guard(self, name: str) -> GuardState | None:
         group = self._groups.get(name)
@@ -279,7 +284,9 @@ class StreamProcess(Streams):
         if group is None:
             return False
         members = tuple(group.requests)
-        return await self._ask(to.ChangeSetpoints(name, dict(requests), dict(snapshots), until_s, members))
+        return await self._request(
+            messages.ChangeSetpoints(name, dict(requests), dict(snapshots), until_s, members)
+        )
 
     def watched(self) -> dict[str, StreamRequest | None]:
         return {
@@ -295,35 +302,35 @@ class StreamProcess(Streams):
     # --- the process ------------------------------------------------------------------------------
 
     def _spawn(self) -> None:
-        if self._wanted and self._vehicles:
+        if self._started and self._vehicles:
             self._calls.spawn()
 
-    def _post(self, message: to.Post) -> None:
+    def _post(self, message: messages.Post) -> None:
         self._calls.post(message)
 
     def _attach_to_worker(self, vehicle_id: str) -> None:
         worker, known = self._calls.worker, self._vehicles[vehicle_id]
         if worker is not None and vehicle_id not in worker.attached:
-            self._post(to.Attach(vehicle_id, known.target, known.number))
+            self._post(messages.Attach(vehicle_id, known.target, known.number))
             worker.attached.add(vehicle_id)
 
     def _post_routes(self) -> None:
         worker = self._calls.worker
         if worker is not None:
             streamed = {*self._begun, *self._beginning}
-            self._post(to.Routes(worker.routes({v: self._vehicles[v].sender for v in streamed})))
+            self._post(messages.Routes(worker.routes({v: self._vehicles[v].sender for v in streamed})))
 
-    async def _ask(self, message: to.Request[bool]) -> bool:
-        """The answer of the process; False if it has ended."""
+    async def _request(self, message: messages.Request[bool]) -> bool:
+        """Sends a request and returns the answer; False if the process has ended."""
         try:
             return await self._calls.answer(self._calls.request(message))
         except WorkerDied:
             return False
 
-    def _updated(self, update: to.Update) -> None:
+    def _on_update(self, update: messages.Update) -> None:
         for vehicle_id, reported in update.states.items():
             before, state = self._reported.get(vehicle_id), reported
-            if vehicle_id in update.same_order and before is not None:
+            if vehicle_id in update.unchanged_requests and before is not None:
                 state = replace(reported, request=before.state.request)
             self._reported[vehicle_id] = _ReportedState(state, update.at_s)
             known = self._vehicles[vehicle_id]
@@ -338,7 +345,7 @@ class StreamProcess(Streams):
         self._reports += update.reports
         self._findings += update.findings
 
-    def _gone(self) -> None:
+    def _on_process_end(self) -> None:
         """Called when the process has ended: all streams have stopped, and an event is published for each."""
         report = StreamEvent("fault", WARNING, PROCESS_ENDED)
         for vehicle_id in sorted(self._begun):
@@ -363,7 +370,7 @@ class StreamProcess(Streams):
 
 
 def _aged(state: StreamState, by_s: float) -> StreamState:
-    """A state whose ages are advanced to the current time."""
+    """The state with all ages advanced by a time."""
     if by_s <= 0:
         return state
     left_s = state.valid_left_s

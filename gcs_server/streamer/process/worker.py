@@ -51,12 +51,13 @@ log = logging.getLogger(__name__)
 
 SENT_REPORT_PERIOD_S = 0.01
 """Minimum time between two reports of sent frames [s]."""
-SENT_AT_ONCE = 100
-SENT_WAITING = 20_000
+SENT_BATCH = 100
+"""Maximum number of frames in one report."""
+MAX_SENT_WAITING = 20_000
 """Maximum number of frames that wait for a stalled server; more frames are missing from its recording."""
 UPDATE_PERIOD_S = 0.05
 """Period of updates while there are streams [s]; a changed phase is reported immediately."""
-AWAKE_ANYWAY_S = 0.01
+EARLY_UPDATE_S = 0.01
 """An update is sent up to this much earlier if the process is already awake for a setpoint, because another
 wake-up would delay the next setpoint [s].
 """
@@ -65,9 +66,9 @@ MAX_WAITING_BYTES = 8_000_000
 runs."""
 MAX_RUN_US = 1_000_000
 """Uninterrupted processor time after which the system kills a process with real-time priority."""
-MAX_SPELL_S, REST_S = 0.05, 0.005
-"""The worker pauses for REST_S after working for MAX_SPELL_S without a wait: overloaded streams become late,
-and the server still gets processor time [s]."""
+MAX_BUSY_S, PAUSE_S = 0.05, 0.005
+"""After MAX_BUSY_S without a wait, the worker pauses for PAUSE_S [s]: overloaded streams become late, but the
+server still gets processor time."""
 MAX_ROUTES_BYTES = 64
 
 Sent = tuple[int, int, bytes]
@@ -79,7 +80,7 @@ class WorkerReports:
 
     def __init__(self, side_channel: socket.socket) -> None:
         self._side_channel = side_channel
-        self._sent: deque[Sent] = deque(maxlen=SENT_WAITING)
+        self._sent: deque[Sent] = deque(maxlen=MAX_SENT_WAITING)
         self._reported_s = 0.0
 
     @property
@@ -100,13 +101,13 @@ class WorkerReports:
             return False
         return True
 
-    def send_sent(self, now_s: float) -> None:
+    def report_sent(self, now_s: float) -> None:
         """Reports sent frames, at most once per `SENT_REPORT_PERIOD_S`."""
         if now_s < self.due_s:
             return
         self._reported_s = now_s
         while self._sent:
-            batch = [self._sent.popleft() for _ in range(min(SENT_AT_ONCE, len(self._sent)))]
+            batch = [self._sent.popleft() for _ in range(min(SENT_BATCH, len(self._sent)))]
             try:
                 self._side_channel.send(pickle.dumps(("sent", batch)))
             except OSError:
@@ -145,7 +146,7 @@ class WorkerSender:
         return True
 
     def send_path(self) -> None:
-        """None: only the server knows link and peer."""
+        """None, because only the server knows the link and the peer."""
         return None
 
 
@@ -179,9 +180,9 @@ class Worker:
         self.sockets: dict[int, socket.socket] = {}
         self.ros2 = Ros2Senders()
         self._signing_clock = SigningClock(lambda: clock.unix_s())
+        self._signers: dict[RouteSigning, FrameSigner] = {}
         """One signer per key and link for all vehicles, because all setpoints of a link belong to one signing
         stream."""
-        self._signers: dict[RouteSigning, FrameSigner] = {}
 
     def signer(self, signing: RouteSigning) -> FrameSigner:
         """The signer of a route."""
@@ -200,33 +201,35 @@ class Worker:
             while True:
                 due_s = self.scheduler.step()
                 now_s = self.clock.monotonic_s()
-                self.reports.send_sent(now_s)
-                if self._updates.is_due(now_s) and not self._messages.waits:
+                self.reports.report_sent(now_s)
+                if self._updates.is_due(now_s) and not self._messages.has_unsent_data:
                     self._messages.send((self._updates.update(now_s),))
-                news_due_s = float("inf") if self._messages.waits else self._updates.due_s
-                wake_s = min(due_s, news_due_s, self.reports.due_s)
+                update_due_s = float("inf") if self._messages.has_unsent_data else self._updates.due_s
+                wake_s = min(due_s, update_due_s, self.reports.due_s)
                 now_s = self.clock.monotonic_s()  # checked again, because sending took time
-                if now_s - last_wait_s > MAX_SPELL_S:
-                    wake_s = max(wake_s, now_s + REST_S)
+                if now_s - last_wait_s > MAX_BUSY_S:
+                    wake_s = max(wake_s, now_s + PAUSE_S)
                 wait_s = wake_s - now_s
                 if wait_s > 0:
                     last_wait_s = wake_s
                 self._wait(None if wait_s == float("inf") else max(0.0, wait_s))
         except (EOFError, PipeFull):
-            self.scheduler.close()  # PX4 need not wait until it misses the answers of our modes
+            self.scheduler.close()  # also unregisters the modes, so that PX4 does not wait for their answers
 
     def _wait(self, timeout_s: float | None) -> None:
         pipe = [self._messages.fileno()]
-        readable, writable, _ = select.select(pipe, pipe if self._messages.waits else [], [], timeout_s)
+        readable, writable, _ = select.select(
+            pipe, pipe if self._messages.has_unsent_data else [], [], timeout_s
+        )
         if writable:
             self._messages.flush()
         if readable:
             for numbered in self._messages.receive():
                 assert isinstance(numbered, Numbered)
-                self._take(numbered)
+                self._handle(numbered)
 
-    def _take(self, numbered: Numbered) -> None:
-        """Executes a message, and sends setpoints that are due before the server gets its update."""
+    def _handle(self, numbered: Numbered) -> None:
+        """Executes a message. After a request, sends due setpoints, then an update and the answer."""
         message, error, result = numbered.message, None, None
         try:
             result = message.apply(self)
@@ -284,24 +287,24 @@ class StreamUpdates:
         """When the next update is due if nothing changes."""
 
     def handled(self, number: int) -> None:
-        """A message of the server was handled."""
+        """Records that the server's message with this number was handled."""
         self._handled = number
 
     def is_due(self, now_s: float) -> bool:
         """Whether something has changed, or an update is due."""
         scheduler = self._scheduler
         phases = scheduler.phases()
-        going = any(phase != "idle" for phase, _ in phases.values())
-        self.due_s = self._reported_s + UPDATE_PERIOD_S if going else float("inf")
+        streaming = any(phase != "idle" for phase, _ in phases.values())
+        self.due_s = self._reported_s + UPDATE_PERIOD_S if streaming else float("inf")
         changed = (
             phases != self._phases
             or scheduler.guard_phases() != self._guards
             or scheduler.modes() != self._modes
-            or scheduler.has_news
-            # otherwise the next update contains it
-            or (self._handled != self._reported_handled and not going)
+            or scheduler.has_pending_reports
+            # while streaming, the next periodic update contains the number
+            or (self._handled != self._reported_handled and not streaming)
         )
-        return changed or now_s >= self.due_s - AWAKE_ANYWAY_S
+        return changed or now_s >= self.due_s - EARLY_UPDATE_S
 
     def update(self, now_s: float, only: tuple[str, ...] | None = None) -> Update:
         """An update of these vehicles, or of all with a stream that runs or has just ended."""
@@ -320,7 +323,7 @@ class StreamUpdates:
         for vehicle_id in reported:
             try:
                 state = scheduler.state(vehicle_id)
-            except Exception:  # one failed; the others are still reported
+            except Exception:  # the other states are still reported
                 log.exception("the state of the stream to vehicle %s cannot be reported", vehicle_id)
                 continue
             if state.request is not None and state.request is self._requests.get(vehicle_id):
@@ -344,8 +347,8 @@ class StreamUpdates:
 def take_priority() -> bool:
     """Requests the lowest real-time priority; False if the system does not grant it.
 
-    With it setpoints are sent on time however busy the computer is; without it the process waits like any
-    other. See docs/performance.md.
+    With this priority, setpoints are sent on time even on a busy computer. Without it, the process waits for
+    a processor like any other. See docs/performance.md.
     """
     with contextlib.suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_RTTIME, (MAX_RUN_US, MAX_RUN_US))

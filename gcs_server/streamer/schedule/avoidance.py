@@ -36,7 +36,7 @@ Later = Callable[[float], DirectSetpoint | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Avoiding:
+class AvoidanceStatus:
     """The current state of avoidance."""
 
     state: AvoidanceState
@@ -50,7 +50,7 @@ class AvoidanceStage:
     def __init__(self) -> None:
         self._avoider: Avoider | None = None
         self._reports: list[StreamEvent] = []
-        self.avoiding: Avoiding | None = None
+        self.avoiding: AvoidanceStatus | None = None
         """None: off."""
 
     @property
@@ -71,7 +71,7 @@ class AvoidanceStage:
         self,
         now_s: float,
         snapshot: Snapshot,
-        ordered: DirectSetpoint,
+        requested: DirectSetpoint,
         later: Later | None,
         way: AvoidanceWay | None,
         fence: FenceArea | None = None,
@@ -81,34 +81,38 @@ class AvoidanceStage:
         Args:
             now_s: monotonic time.
             snapshot: the vehicle, with its sensors' scans.
-            ordered: the currently requested setpoint.
+            requested: the currently requested setpoint.
             later: returns the requested setpoint at later times; None: it does not change.
             way: what to try first (over or around); None: avoidance is off.
             fence: geofence of the mission being flown.
         """
         if way is None:
             self.forget()
-            return ordered
+            return requested
         if self._avoider is None or self._avoider.way != way:
             self._avoider = Avoider(way)
-        target = _target(ordered, snapshot)
+        target = _target(requested, snapshot)
         if target is None:
-            self._report(Avoiding("clear", NOT_AVOIDED))
-            return ordered
+            self._report(AvoidanceStatus("clear", NOT_AVOIDED))
+            return requested
         motion = _motion(now_s, snapshot)
         if motion is None:
-            self._report(Avoiding("stopped", "No valid position estimate: the vehicle is stopped."))
+            self._report(AvoidanceStatus("stopped", "No valid position estimate: the vehicle is stopped."))
             return Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
         feed = (
-            zeros_for_none(ordered.velocity_ned_m_s) if isinstance(ordered, Trajectory) else (0.0, 0.0, 0.0)
+            zeros_for_none(requested.velocity_ned_m_s)
+            if isinstance(requested, Trajectory)
+            else (0.0, 0.0, 0.0)
         )
-        yaw = getattr(ordered, "yaw_ned_rad", None)
-        wanted = WantedMotion(target, feed, yaw, _ahead(now_s, later, snapshot))
-        adjusted = self._avoider.adjust(now_s, motion, wanted, snapshot.scans, _allowed(snapshot, fence))
-        self._report(Avoiding(adjusted.state, adjusted.text))
-        return _flown(ordered, adjusted)
+        yaw = getattr(requested, "yaw_ned_rad", None)
+        wanted = WantedMotion(target, feed, yaw, _future_targets(now_s, later, snapshot))
+        adjusted = self._avoider.adjust(
+            now_s, motion, wanted, snapshot.scans, _detour_limits(snapshot, fence)
+        )
+        self._report(AvoidanceStatus(adjusted.state, adjusted.text))
+        return _apply_adjustment(requested, adjusted)
 
-    def _report(self, avoiding: Avoiding) -> None:
+    def _report(self, avoiding: AvoidanceStatus) -> None:
         before, self.avoiding = self.avoiding, avoiding
         if before is not None and before.state == avoiding.state:
             return
@@ -122,13 +126,13 @@ class AvoidanceStage:
             )
 
 
-def _flown(ordered: DirectSetpoint, adjusted: AdjustedMotion) -> DirectSetpoint:
+def _apply_adjustment(requested: DirectSetpoint, adjusted: AdjustedMotion) -> DirectSetpoint:
     if adjusted.motion is not None:
         return adjusted.motion
     if adjusted.yaw_ned_rad is None:
-        return ordered
+        return requested
     # type: ignore[call-arg]
-    return replace(ordered, yaw_ned_rad=adjusted.yaw_ned_rad, yaw_rate_ned_rad_s=None)
+    return replace(requested, yaw_ned_rad=adjusted.yaw_ned_rad, yaw_rate_ned_rad_s=None)
 
 
 def _target(setpoint: DirectSetpoint, snapshot: Snapshot) -> Vector3 | None:
@@ -141,7 +145,7 @@ def _target(setpoint: DirectSetpoint, snapshot: Snapshot) -> Vector3 | None:
     return None
 
 
-def _ahead(now_s: float, later: Later | None, snapshot: Snapshot) -> tuple[Vector3, ...]:
+def _future_targets(now_s: float, later: Later | None, snapshot: Snapshot) -> tuple[Vector3, ...]:
     if later is None:
         return ()
     later_setpoints = (later(now_s + ahead_s) for ahead_s in AHEAD_S)
@@ -159,7 +163,7 @@ def _motion(now_s: float, snapshot: Snapshot) -> MotionState | None:
     return MotionState(position, velocity or (0.0, 0.0, 0.0), yaw or 0.0)
 
 
-def _allowed(snapshot: Snapshot, fence: FenceArea | None) -> DetourLimits:
+def _detour_limits(snapshot: Snapshot, fence: FenceArea | None) -> DetourLimits:
     bounds = snapshot.bounds
     return DetourLimits(
         min(bounds.speed_m_s, bounds.approach_m_s),

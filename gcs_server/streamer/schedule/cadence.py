@@ -6,22 +6,22 @@ from __future__ import annotations
 import math
 from collections import deque
 
-_REMEMBERED = 101
+_MAX_TIMES = 101
 RECENT_S = 2.0
 """Time over which the achieved rate is measured [s]."""
 PAUSE_S = 0.5
-"""Gap between setpoints above which streaming has paused [s], at slow rates two periods; PX4 needs two
-setpoints per second."""
+"""Gap between two setpoints that counts as a pause [s]; at slow rates, two periods. PX4 needs two setpoints
+per second."""
 
 
 class Cadence:
-    """Sends on a grid of `1 / rate_hz`; missed setpoints are not sent later."""
+    """Times of setpoints on a grid of `1 / rate_hz`; missed setpoints are not sent later."""
 
     def __init__(self) -> None:
         self.rate_hz = 50.0
         self.next_s = 0.0
         """Time at which the next setpoint is due."""
-        self._sent_at: deque[float] = deque(maxlen=_REMEMBERED)
+        self._sent_at: deque[float] = deque(maxlen=_MAX_TIMES)
         self._steady_from_s = 0.0
 
     def begin(self, rate_hz: float) -> None:
@@ -29,7 +29,7 @@ class Cadence:
         self.rate_hz = rate_hz
         self._sent_at.clear()
 
-    def at_once(self, now_s: float) -> None:
+    def send_now(self, now_s: float) -> None:
         """Makes the next setpoint due now, and restarts the grid."""
         self.next_s = now_s
 
@@ -42,7 +42,7 @@ class Cadence:
         self.next_s += (missed + 1) / self.rate_hz
 
     def not_sent(self, now_s: float) -> None:
-        """The link did not take the last setpoint: the steady time begins again."""
+        """Records that the link did not accept the last setpoint: `steady_s` starts again."""
         self._steady_from_s = now_s
 
     def achieved_hz(self, now_s: float) -> float | None:

@@ -2,9 +2,9 @@
 
 PX4 asks three times a second whether a mode can run, and returns (RTL) 1.1 s after the answers have stopped.
 So a stalled event loop must not stop the answers. If the event loop is silent for too long, the answers say
-that the mode cannot run: then PX4 does not start it, and leaves it if it is flying.
+that the mode cannot run: then PX4 does not start the mode, or leaves it.
 
-Without setpoints PX4 keeps the last one, which may be a velocity. Therefore the vehicle is stopped by a
+Without new setpoints PX4 keeps the last one, which may be a velocity. Therefore the vehicle is stopped by a
 velocity of zero while one of the modes is active and no stream flies it, for example before its mission
 begins.
 """
@@ -36,11 +36,12 @@ from missions.setpoints import Velocity
 log = logging.getLogger(__name__)
 
 STEP_S: Final = 0.02
-"""Period of reading and answering; PX4 counts an answer within 0.1 s, and not after 0.4 s."""
+"""Period of reading and answering. PX4 accepts an answer that arrives within 0.1 s, and rejects it after
+0.4 s."""
 REMOVE_EVERY_S: Final = 0.2
-"""Time between two removals: PX4 has room for one."""
+"""Time between two removals, because PX4 queues only one."""
 MAX_MODES: Final = 4
-"""Modes of one vehicle: PX4 has room for four simultaneous answers."""
+"""Maximum number of modes of one vehicle, because PX4 queues only four simultaneous answers."""
 ARMED: Final = 2
 """VehicleStatus.ARMING_STATE_ARMED."""
 READ_TYPES: Final = {
@@ -67,7 +68,7 @@ OpenModePort = Callable[[DdsAddress], ModePort]
 
 
 def no_mode_port(address: DdsAddress) -> ModePort:
-    """Where no vehicle is reached over ROS 2."""
+    """Opens no topics; used where ROS 2 is not available. Always raises ValueError."""
     raise ValueError(f"ROS 2 is not available for {address}")
 
 
@@ -76,11 +77,12 @@ class _Vehicle:
     address: DdsAddress
     port: ModePort
     modes: list[ExternalMode] = field(default_factory=list[ExternalMode])
-    leaving: list[Message] = field(default_factory=list[Message])
+    removals: list[Message] = field(default_factory=list[Message])
     """Removals that are still to be sent."""
-    leave_s: float = 0.0
-    active: int | None = None
-    """The present mode of an armed vehicle, as `nav_state`; None: disarmed or unknown."""
+    next_removal_s: float = 0.0
+    """Earliest time of the next removal."""
+    active_nav_state: int | None = None
+    """The current mode of an armed vehicle, as `nav_state`; None: disarmed or unknown."""
 
 
 class ExternalModes:
@@ -121,11 +123,11 @@ class ExternalModes:
         vehicle = self._vehicles.get(vehicle_id)
         for mode in [] if vehicle is None else vehicle.modes:
             if vehicle is not None and mode.declaration.name == name:
-                vehicle.leaving += mode.remove()
+                vehicle.removals += mode.remove()
                 vehicle.modes = [other for other in vehicle.modes if other is not mode]
 
     def complete(self, vehicle_id: str, mode: str, *, success: bool) -> None:
-        """Reports to PX4 that a mode (`external_1` …) has reached its end, or that it cannot."""
+        """Reports to PX4 that a mode (`external_1` …) is complete, or that it has failed."""
         vehicle = self._vehicles.get(vehicle_id)
         for each in [] if vehicle is None else vehicle.modes:
             if vehicle is not None and each.registration.mode == mode:
@@ -171,7 +173,7 @@ class ExternalModes:
             except Exception:  # PX4 fails safe, because it receives no more answers for this vehicle's modes
                 log.exception("the modes of vehicle %s failed", vehicle_id)
                 vehicle.modes.clear()
-            if not vehicle.modes and not vehicle.leaving and now_s >= vehicle.leave_s:
+            if not vehicle.modes and not vehicle.removals and now_s >= vehicle.next_removal_s:
                 del self._vehicles[vehicle_id]
         return self._next_s
 
@@ -180,29 +182,29 @@ class ExternalModes:
             try:
                 values = MESSAGES[READ_TYPES[topic]].decode(data)
             except MalformedMessage:
-                continue  # the vehicle's link reports messages of other types
+                continue  # the vehicle's link reports malformed messages
             if topic == STATUS:
-                vehicle.active = values["nav_state"] if values["arming_state"] == ARMED else None
+                vehicle.active_nav_state = values["nav_state"] if values["arming_state"] == ARMED else None
             for mode in vehicle.modes:
                 if topic == STATUS:
-                    mode.status(values)
+                    mode.on_status(values)
                 elif topic == REPLY:
-                    self._send(vehicle, mode.replied(values, now_s))
+                    self._send(vehicle, mode.on_reply(values, now_s))
                 else:
-                    self._send(vehicle, mode.asked(values, now_s, can_run=server_alive))
+                    self._send(vehicle, mode.on_check_request(values, now_s, can_run=server_alive))
 
     def _send_due(self, vehicle: _Vehicle, now_s: float, *, stop: bool) -> None:
         registering = [mode for mode in vehicle.modes if mode.registration.state == "registering"]
         for mode in vehicle.modes:
-            # PX4 has room for two requests at once
+            # one registration at a time, because PX4 queues only two requests
             if mode not in registering[1:] and now_s >= mode.due_s:
                 self._send(vehicle, mode.step(now_s))
-        if vehicle.leaving and now_s >= vehicle.leave_s:
-            self._send(vehicle, [vehicle.leaving.pop(0)])
-            vehicle.leave_s = now_s + REMOVE_EVERY_S
+        if vehicle.removals and now_s >= vehicle.next_removal_s:
+            self._send(vehicle, [vehicle.removals.pop(0)])
+            vehicle.next_removal_s = now_s + REMOVE_EVERY_S
         states = [mode.registration.nav_state for mode in vehicle.modes if mode.registration.mode]
-        if stop and vehicle.active is not None and vehicle.active in states:
-            self._send(vehicle, [controllers_message(vehicle.active, "velocity"), *STOP])
+        if stop and vehicle.active_nav_state is not None and vehicle.active_nav_state in states:
+            self._send(vehicle, [controllers_message(vehicle.active_nav_state, "velocity"), *STOP])
 
     def _send(self, vehicle: _Vehicle, messages: Iterable[Message]) -> None:
         for topic, data in messages:

@@ -1,5 +1,5 @@
-"""Computes the setpoint that is sent to one vehicle: resolves, limits and packs the setpoint of the current
-order."""
+"""Computes the setpoint that is sent to one vehicle: resolves, limits and packs the setpoint that was
+accepted last."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs_server.streamer.frames.resolve import ResolvedSetpoint, keeps_heading
 from gcs_server.streamer.limits.brake import SCAN_VALID_S, BrakeMemory, Surroundings
 from gcs_server.streamer.limits.limiter import LimitResult, apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
-from gcs_server.streamer.schedule.avoidance import AvoidanceStage, Avoiding
+from gcs_server.streamer.schedule.avoidance import AvoidanceStage, AvoidanceStatus
 from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
@@ -29,14 +29,14 @@ from missions.setpoints import (
     Velocity,
 )
 
-UNSTEERED = (Attitude, Rates, ThrustTorque, Actuators)
-"""Kinds that control neither position nor velocity nor acceleration."""
+ATTITUDE_KINDS = (Attitude, Rates, ThrustTorque, Actuators)
+"""Kinds that enter PX4's control cascade at the attitude controller or below."""
 REPORT_PERIOD_S = 10.0
 """Minimum time between two reports of the same limit [s]."""
 
 
 class SetpointPipeline:
-    """Sends the setpoint of an order, or holds the position.
+    """Resolves, limits and packs the accepted setpoint, or a setpoint that holds the position.
 
     Args:
         loader: the transport; packs each setpoint that is to be sent.
@@ -48,7 +48,7 @@ class SetpointPipeline:
         self.limited: tuple[str, ...] = ()
         self._resolved: ResolvedSetpoint | None = None
         self._held_setpoint: DirectSetpoint | None = None
-        """Setpoint that is sent when no order is flown any more."""
+        """Setpoint that is sent when the accepted setpoint is no longer flown."""
         self._yaw_kept = False
         self._unlimited: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
@@ -69,7 +69,7 @@ class SetpointPipeline:
         self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
-        """Starts flying a new order."""
+        """Starts flying a newly accepted setpoint."""
         keeps_yaw = keeps_heading(setpoint)
         before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._yaw_kept else None
         resolved = ResolvedSetpoint(
@@ -77,7 +77,7 @@ class SetpointPipeline:
         )
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
-            raise ValueError(f"vehicle {resolved.follows} sends no position")
+            raise ValueError(f"vehicle {resolved.followed_vehicle} sends no position")
         self._resolved, self._held_setpoint, self._yaw_kept, self._held_without_sensor = (
             resolved,
             None,
@@ -106,14 +106,14 @@ class SetpointPipeline:
         return None if player is None else player.played
 
     def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
-        """Ends the current order and holds the position. Sends the current position, or zero velocity without
-        a position estimate. In a flight by attitude or rates, where the velocity estimate may be missing as
-        well, sends level attitude with hover thrust.
+        """Stops flying the accepted setpoint and holds the position. Sends the current position, or zero
+        velocity without a position estimate. In a flight by attitude or rates without a velocity estimate,
+        sends level attitude with hover thrust.
         """
         position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
         if position is not None:
             held_setpoint: DirectSetpoint = Position(position, yaw)
-        elif isinstance(sent, UNSTEERED) and snapshot.velocity_ned_m_s is None:
+        elif isinstance(sent, ATTITUDE_KINDS) and snapshot.velocity_ned_m_s is None:
             held_setpoint = level(
                 yaw, thrust_of(sent) if snapshot.hover_thrust is None else snapshot.hover_thrust
             )
@@ -129,7 +129,8 @@ class SetpointPipeline:
         self._load(now_s, snapshot, held_setpoint)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
-        """Updates the setpoint to send; returns the reason why the order must no longer be flown, or None.
+        """Updates the setpoint to send; returns the reason why the accepted setpoint must no longer be
+        flown, or None.
 
         Args:
             now_s: monotonic time.
@@ -153,28 +154,28 @@ class SetpointPipeline:
         return taken
 
     @property
-    def avoiding(self) -> Avoiding | None:
+    def avoiding(self) -> AvoidanceStatus | None:
         """State of obstacle avoidance; None: it is off."""
         return self._avoidance.avoiding
 
     @property
-    def follows(self) -> str | None:
+    def followed_vehicle(self) -> str | None:
         """Id of the followed vehicle."""
-        return None if self._resolved is None else self._resolved.follows
+        return None if self._resolved is None else self._resolved.followed_vehicle
 
     def leader_is_lost(self, now_s: float, snapshot: Snapshot) -> bool:
         """Whether the followed vehicle sends no position."""
         return (
             self._resolved is not None
-            and self.follows is not None
+            and self.followed_vehicle is not None
             and self._resolved.at(now_s, snapshot) is None
         )
 
     def depends_on_local_origin(self) -> bool:
-        """Whether the sent setpoint is a position relative to the vehicle's local origin (a leader's position
-        is looked up again)."""
+        """Whether the sent setpoint is a fixed position relative to the vehicle's local origin. A position
+        relative to a leader is not: it is computed again for each setpoint."""
         sent = self.sent
-        if self.follows is not None or not isinstance(sent, Position | Trajectory):
+        if self.followed_vehicle is not None or not isinstance(sent, Position | Trajectory):
             return False
         return any(axis is not None for axis in sent.position_ned_m)
 
@@ -203,15 +204,15 @@ class SetpointPipeline:
 
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
-        around = self._around(now_s, snapshot, bounds)
-        if around is None:
+        surroundings = self._surroundings(now_s, snapshot, bounds)
+        if surroundings is None:
             self._measured.track_ne = None
         wanted = wanted if self._held_without_sensor is None else self._held_without_sensor
-        held_setpoint = wanted is self._unlimited and bounds is self._bounds
-        if held_setpoint and around is None and not bounds.follows_the_vehicle:
+        is_unchanged = wanted is self._unlimited and bounds is self._bounds
+        if is_unchanged and surroundings is None and not bounds.depends_on_position:
             return LimitResult(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._limited_s)
-        result = apply_limits(wanted, bounds, _motion(now_s, snapshot), self.sent, dt_s, around)
+        result = apply_limits(wanted, bounds, _motion(now_s, snapshot), self.sent, dt_s, surroundings)
         self._unlimited, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
         self.limited, self._measured.track_ne = result.notes, result.track_ne
         for note in result.notes:
@@ -224,7 +225,7 @@ class SetpointPipeline:
             self.sent = result.setpoint
         return result
 
-    def _around(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Surroundings | None:
+    def _surroundings(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Surroundings | None:
         """The surroundings for the brake. None if the brake is off (avoidance keeps it on), or no sensor
         sends measurements.
         """
@@ -249,7 +250,7 @@ class SetpointPipeline:
         if not has_scans:
             return None
         self._held_without_sensor = None
-        return self._measured.around(now_s, snapshot.scans, position, velocity)
+        return self._measured.update(now_s, snapshot.scans, position, velocity)
 
 
 def thrust_of(setpoint: Attitude | Rates | ThrustTorque | Actuators) -> float:

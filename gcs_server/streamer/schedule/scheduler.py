@@ -94,12 +94,12 @@ class StreamScheduler:
                         stream.sends_failed += 1
                         core.cadence.not_sent(self._clock.monotonic_s())
             except Exception as error:
-                self._failed(vehicle_id, error)
+                self._end_failed_stream(vehicle_id, error)
             due_s = min(due_s, core.due_s(self._beat_s))
         return due_s
 
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
-        self._loop_alive(self._clock.monotonic_s())
+        self._record_beat(self._clock.monotonic_s())
         for vehicle_id, snapshot in snapshots.items():
             stream = self._streams.get(vehicle_id)
             if stream is None:
@@ -107,7 +107,7 @@ class StreamScheduler:
             try:
                 stream.snapshot = snapshot.plausible()
             except Exception as error:  # the other snapshots are still used
-                self._failed(vehicle_id, error)
+                self._end_failed_stream(vehicle_id, error)
 
     # --- one vehicle's stream ---------------------------------------------------------------------
 
@@ -128,8 +128,8 @@ class StreamScheduler:
         ros2 = Ros2Transport(target, self._own_ids, lambda: int(self._clock.unix_s() * 1e6))
         transport = VehicleTransport(sender, target, topics, ros2)
         core = VehicleStream(transport, server_silent_limit_s=self._silent_limit_s)
-        nothing = Snapshot(-1.0, "", None, None, None)
-        self._streams[vehicle_id] = _Stream(core, transport, nothing, number=number)
+        no_snapshot = Snapshot(-1.0, "", None, None, None)
+        self._streams[vehicle_id] = _Stream(core, transport, no_snapshot, number=number)
 
     def forget(self, vehicle_id: str) -> None:
         """See `Streams`."""
@@ -176,7 +176,7 @@ class StreamScheduler:
         return [(name, guard.phase, len(guard.held)) for name, guard in self._guards.items()]
 
     @property
-    def has_news(self) -> bool:
+    def has_pending_reports(self) -> bool:
         """Whether there are reports or findings to take."""
         return any(stream.core.reports for stream in self._streams.values()) or any(
             guard.findings for guard in self._guards.values()
@@ -189,7 +189,7 @@ class StreamScheduler:
         stream.snapshot = snapshot.plausible()
         stream.number += 1
         stream.sends_failed = 0
-        self._loop_alive(now_s)  # the event loop is alive
+        self._record_beat(now_s)
         try:
             stream.core.begin(now_s, request, rate_hz, stream.snapshot)
         except Exception as error:
@@ -249,7 +249,7 @@ class StreamScheduler:
     # --- modes registered with PX4 ----------------------------------------------------------------
 
     def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
-        self._loop_alive(self._clock.monotonic_s())
+        self._record_beat(self._clock.monotonic_s())
         self._modes.register(vehicle_id, address, declaration)
 
     def unregister_mode(self, vehicle_id: str, name: str) -> None:
@@ -313,7 +313,7 @@ class StreamScheduler:
             return False  # an expired setpoint is not renewed, because a path would start again
         for vehicle_id in requests:
             self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
-        self._carry_out(guard, now_s, Actions(take=dict(requests)), until_s)
+        self._execute(guard, now_s, Actions(take=dict(requests)), until_s)
         return True
 
     def _run_guard(self, guard: GroupGuard) -> None:
@@ -327,7 +327,7 @@ class StreamScheduler:
             actions = guard.fault(now_s, f"The check that keeps the group apart failed ({error})")
             if actions.hold:
                 log.exception("the guard of group %s failed", guard.name)
-        self._carry_out(guard, now_s, actions, guard.until_s)
+        self._execute(guard, now_s, actions, guard.until_s)
 
     def _view_of(self, vehicle_id: str) -> MemberView:
         stream = self._streams[vehicle_id]
@@ -335,7 +335,7 @@ class StreamScheduler:
         ended = core.last_end.text if core.last_end is not None and not core.streaming else None
         return MemberView(core.phase, core.request if core.streaming else None, stream.snapshot, ended)
 
-    def _carry_out(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
+    def _execute(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
         """Applies all actions before anything else is sent to any member."""
         refused = None
         for vehicle_id, request in actions.take.items():
@@ -359,22 +359,22 @@ class StreamScheduler:
             try:
                 stream.core.force_hold(now_s, stream.snapshot, actions.code, why)
             except Exception as error:  # the other members must still be held
-                self._failed(vehicle_id, error)
+                self._end_failed_stream(vehicle_id, error)
 
-    def _failed(self, vehicle_id: str, error: Exception) -> None:
+    def _end_failed_stream(self, vehicle_id: str, error: Exception) -> None:
         """Ends only the stream of the vehicle that failed."""
         log.exception("the stream to vehicle %s failed", vehicle_id)
         text = f"The setpoint stream failed: {error}"
         self._streams[vehicle_id].core.end("fault", text, WARNING)
 
-    def _loop_alive(self, now_s: float) -> None:
-        """Records a message from the event loop. If this process stalled, streams that should have ended
-        meanwhile end first.
+    def _record_beat(self, now_s: float) -> None:
+        """Records a message from the event loop. If this process stalled, first ends the streams that should
+        have ended during the stall.
         """
         if now_s - self._beat_s >= self._silent_limit_s:
             for vehicle_id, stream in self._streams.items():
                 try:
                     stream.core.tick(now_s, stream.snapshot, self._beat_s)
                 except Exception as error:
-                    self._failed(vehicle_id, error)
+                    self._end_failed_stream(vehicle_id, error)
         self._beat_s = max(self._beat_s, now_s)

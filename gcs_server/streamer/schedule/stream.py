@@ -18,7 +18,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from gcs_server.streamer.schedule.avoidance import Avoiding
+from gcs_server.streamer.schedule.avoidance import AvoidanceStatus
 from gcs_server.streamer.schedule.cadence import Cadence
 from gcs_server.streamer.schedule.pipeline import SetpointPipeline
 from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
@@ -38,7 +38,7 @@ STOP_TIMEOUT_S = 7.0
 UNDO_S = 2.5
 """Time for which a vehicle may still report Offboard after a failed start [s]: two heartbeats, one lost."""
 INHIBIT_MODE_REQUESTS_S = 6.5
-"""Time for a pilot's mode command before the stream requests a mode itself [s]."""
+"""Time after a pilot's mode command in which the stream requests no mode itself [s]."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
 """If the local position changes by more and faster than this, its origin has moved."""
 
@@ -85,7 +85,7 @@ class VehicleStream:
         self._take(now_s, request, snapshot)
 
     def engage(self, now_s: float) -> bool:
-        """The validity starts, because the vehicle reports Offboard. False if the stream has ended."""
+        """Starts the validity, because the vehicle reports Offboard. False if the stream has ended."""
         if self.phase != "starting" or self.request is None:
             return False
         self._engaged_s = self._since_s = now_s
@@ -117,7 +117,7 @@ class VehicleStream:
             self._phase_until_s = self._since_s + self.request.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Stops the vehicle and requests Hold, or Land if no position can be held, not `on_expiry`."""
+        """Stops the vehicle and requests Hold, or Land if no position can be held; ignores `on_expiry`."""
         if self.phase in ("streaming", "holding") and self._requested_mode is None:
             self._why = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
@@ -139,7 +139,7 @@ class VehicleStream:
             self._enter("undoing", now_s, UNDO_S)
 
     def inhibit_mode_requests(self, now_s: float) -> None:
-        """For a while the stream requests no mode, which would undo the mode command of a pilot."""
+        """Called when a pilot commands a mode, so that the stream does not replace it by its own request."""
         self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
@@ -178,11 +178,11 @@ class VehicleStream:
                 WARNING,
             )
             return []
-        if self._left_offboard(snapshot):
+        if self._end_if_offboard_left(snapshot):
             return []
         self._check_links_and_origin(now_s, snapshot)
         if now_s >= self._phase_until_s:
-            self._phase_over(now_s, snapshot)
+            self._on_phase_timeout(now_s, snapshot)
         outgoing: list[Outgoing] = []
         if self.phase in ("to_hold", "landing"):
             self._send_mode_request(now_s, outgoing)
@@ -208,7 +208,7 @@ class VehicleStream:
         return self._pipeline.limited
 
     @property
-    def avoiding(self) -> Avoiding | None:
+    def avoiding(self) -> AvoidanceStatus | None:
         """State of obstacle avoidance; None: it is off."""
         return self._pipeline.avoiding
 
@@ -244,28 +244,28 @@ class VehicleStream:
         self._pipeline.take(now_s, request.setpoint, snapshot)
         self._why = ""
         self.request, self._since_s = request, now_s
-        self.cadence.at_once(now_s)
+        self.cadence.send_now(now_s)
 
     def _refresh_setpoint(self, now_s: float, snapshot: Snapshot) -> None:
         """Updates the setpoint to send."""
-        follows_order = self.phase in ("starting", "streaming")
+        flies_request = self.phase in ("starting", "streaming")
         stop = self._pipeline.refresh(now_s, snapshot, waiting=self.phase == "starting")
         self.reports.extend(self._pipeline.take_reports())
-        if stop is None or not follows_order:
+        if stop is None or not flies_request:
             return
         if self.phase == "starting":
             self.end("fence", f"{stop}; the setpoint stream has ended.", WARNING)
         else:
             self._fall_back(now_s, snapshot, "fence", stop)
 
-    def _left_offboard(self, snapshot: Snapshot) -> bool:
-        """Ends the stream if the vehicle has left Offboard for any reason; never requests Offboard again."""
+    def _end_if_offboard_left(self, snapshot: Snapshot) -> bool:
+        """Ends the stream if the vehicle has disarmed or left Offboard; returns whether it has."""
         if snapshot.taken_s < self._engaged_s:
             return False
         if snapshot.mode == self.mode:
             disarmed = self._was_armed and not snapshot.armed
             self._was_armed = snapshot.armed
-            if disarmed:  # if armed again, the vehicle would start to fly immediately
+            if disarmed:  # otherwise the vehicle would fly immediately when it is armed again
                 self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
             return disarmed
         if snapshot.mode == self._requested_mode:
@@ -273,8 +273,8 @@ class VehicleStream:
             code = "held" if mode == "hold" else "landing"
             because = f" ({self._why[0].lower()}{self._why[1:]})" if self._why else ""
             self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended{because}.")
-        elif snapshot.mode_asked_by is not None:
-            self.end("commanded", f"{snapshot.mode_asked_by}; the setpoint stream has ended.", INFO)
+        elif snapshot.mode_requested_by is not None:
+            self.end("commanded", f"{snapshot.mode_requested_by}; the setpoint stream has ended.", INFO)
         else:
             self.end(
                 "left_offboard",
@@ -287,7 +287,7 @@ class VehicleStream:
         """Reacts to a lost link, a lost leader and a moved origin."""
         jumped_m = self._jumped_m(snapshot)
         if self.phase == "undoing" and snapshot.taken_s > self._since_s:
-            # the link is lost; Offboard must not be the last command that the vehicle received
+            # also after a lost link: Offboard must not be the last mode that was requested
             if snapshot.mode == self.mode or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
@@ -295,7 +295,7 @@ class VehicleStream:
         elif snapshot.lost and self.phase in ("streaming", "holding"):
             self._end_flight(now_s, snapshot, "lost", "Connection to the vehicle lost")
         elif self.phase == "streaming" and self._pipeline.leader_is_lost(now_s, snapshot):
-            why = f"No connection to vehicle {self._pipeline.follows}, which it follows"
+            why = f"No connection to vehicle {self._pipeline.followed_vehicle}, which it follows"
             self._fall_back(now_s, snapshot, "leader_lost", why)
         elif jumped_m is not None and self._pipeline.depends_on_local_origin():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
@@ -315,7 +315,7 @@ class VehicleStream:
         allowed_m = JUMP_M + JUMP_M_S * max(snapshot.received_s - before[0], 0.0)
         return moved_m if moved_m > allowed_m else None
 
-    def _phase_over(self, now_s: float, snapshot: Snapshot) -> None:
+    def _on_phase_timeout(self, now_s: float, snapshot: Snapshot) -> None:
         if self.phase == "undoing":
             self.end(
                 "not_confirmed", "Offboard was not confirmed; the setpoint stream has ended.", report=False
@@ -323,11 +323,11 @@ class VehicleStream:
         elif self.phase == "starting":
             self.end("not_confirmed", "Offboard was never confirmed; the setpoint stream has ended.", WARNING)
         elif self.phase == "streaming":
-            self._expired(now_s, snapshot)
+            self._on_expiry(now_s, snapshot)
         elif self.phase == "holding":
             self._request_mode("hold", now_s)
 
-    def _expired(self, now_s: float, snapshot: Snapshot) -> None:
+    def _on_expiry(self, now_s: float, snapshot: Snapshot) -> None:
         assert self.request is not None
         subject = "mission" if isinstance(self.request.setpoint, Script) else "setpoint"
         client, duration_s = self.request.client or "a client", self.request.duration_s
@@ -367,14 +367,14 @@ class VehicleStream:
         elif is_recent and snapshot.position_ned_m is None:
             self._report(code, f"{why}: landing (no position estimate to hold).")
             self._request_mode("land", now_s)
-        else:  # the vehicle may still have a position estimate
+        else:  # a missing estimate here does not mean that the vehicle has none
             self._report(code, f"{why}: requesting Hold mode.")
             self._request_mode("hold", now_s)
 
     def _hold_position(self, now_s: float, snapshot: Snapshot) -> None:
         """Holds the position until the mode has changed."""
         self._pipeline.hold_position(now_s, snapshot)
-        self.cadence.at_once(now_s)
+        self.cadence.send_now(now_s)
 
     def _request_mode(self, mode: str, now_s: float) -> None:
         self._requested_mode, self._mode_requests, self._next_request_s = mode, 0, now_s

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration, Registration
-from gcs_server.streamer.schedule.avoidance import Avoiding
+from gcs_server.streamer.schedule.avoidance import AvoidanceStatus
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.events import StreamEvent
@@ -39,7 +39,7 @@ class StreamState:
     """Number of this stream, counted for each vehicle."""
     steady_s: float = 0.0
     """Time for which setpoints have been sent without a pause [s]."""
-    avoiding: Avoiding | None = None
+    avoiding: AvoidanceStatus | None = None
     """State of obstacle avoidance; None: it is off."""
     played: Played | None = None
     """Progress of an offboard mission; None if there is none."""
@@ -132,7 +132,7 @@ class Streams(Protocol):
         ...
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
-        """Called when a mode is commanded: the stream requests no mode meanwhile."""
+        """Called when a client commands a mode: the stream itself requests no mode for some seconds."""
         ...
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
@@ -148,7 +148,7 @@ class Streams(Protocol):
         ...
 
     async def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
-        """Begins to register a mode with PX4 over ROS 2; `modes` has the result.
+        """Begins to register a mode with PX4 over ROS 2; `modes` contains the result later.
 
         Raises:
             Refused: the stream process is being restarted.
@@ -161,7 +161,7 @@ class Streams(Protocol):
         ...
 
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
-        """Reports to PX4 that a mode (`external_1` …) has reached its end, or that it cannot."""
+        """Reports to PX4 that a mode (`external_1` …) is complete, or that it has failed."""
         ...
 
     def modes(self) -> Mapping[str, tuple[Registration, ...]]:

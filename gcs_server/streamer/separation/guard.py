@@ -1,8 +1,8 @@
 """Keeps a group's vehicles apart in flight, and starts them together. No I/O; the scheduler runs the guard.
 
-    waiting ── the instant ──► flying ── setpoints ──┐
-       │                         │ ▲                 │
-       └── problem ──► over ◄────┘ └─────────────────┘
+    waiting ── start time ──► flying ── setpoints ──┐
+       │                        │ ▲                 │
+       └── problem ──► over ◄───┘ └─────────────────┘
 
 It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns the requests
 to start and the members to stop. There are three problems: two vehicles come too close (including braking
@@ -40,10 +40,11 @@ from missions.setpoints import Acceleration, Actuators, Attitude, Rates, Setpoin
 
 CHECK_PERIOD_S = 0.05
 LATE_S = 1.0
-"""Maximum delay of the guard after the common start; later, no member starts [s]."""
+"""Maximum delay of the first check after the common start [s]; after a longer delay no member starts."""
 EXPIRY_WITHIN_S = 0.1
-"""A member whose setpoints end within this time of the group's expiry has expired with the group [s]."""
-FOLLOWS_ORDER = ("starting", "streaming")
+"""A member whose setpoints end less than this before the group's expiry has expired with the group [s]."""
+FOLLOWING_PHASES = ("starting", "streaming")
+"""Phases in which a member's stream follows the group's requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,7 @@ class Actions:
     """The actions that the streams must execute now."""
 
     take: dict[str, StreamRequest] = field(default_factory=dict[str, StreamRequest])
+    """Vehicles with their new setpoints."""
     hold: dict[str, str] = field(default_factory=dict[str, str])
     """Vehicles to stop, and why."""
     code: str = "group"
@@ -104,7 +106,7 @@ class GroupGuard:
 
     Args:
         name: name of the group.
-        waits: the request of each member before the common start.
+        standby: the request of each member before the common start.
         requests: the first request of each member.
         minimum_m: the minimum separation.
         start_s: the common start, monotonic.
@@ -115,7 +117,7 @@ class GroupGuard:
     def __init__(
         self,
         name: str,
-        waits: Mapping[str, StreamRequest],
+        standby: Mapping[str, StreamRequest],
         requests: Mapping[str, StreamRequest],
         *,
         minimum_m: float,
@@ -135,10 +137,10 @@ class GroupGuard:
         self.margin_m: float | None = None
         """Largest margin of any two members now."""
         self.findings: deque[Finding] = deque(maxlen=50)
-        self._waits = dict(waits)
+        self._standby = dict(standby)
         self._requests = dict(requests)
         self._others_go_on = others_go_on
-        self._next_look_s = -math.inf
+        self._next_check_s = -math.inf
         self._trends = {vehicle: SpeedTrend() for vehicle in requests}
 
     @property
@@ -151,7 +153,7 @@ class GroupGuard:
         """Time at which `check` must be called next."""
         if self.phase == "over":
             return math.inf
-        return min(self._next_look_s, self.start_s) if self.phase == "waiting" else self._next_look_s
+        return min(self._next_check_s, self.start_s) if self.phase == "waiting" else self._next_check_s
 
     def state(self) -> GuardState:
         """The state for the group's status and for updates."""
@@ -166,8 +168,8 @@ class GroupGuard:
         self.until_s = until_s
 
     def disable_guard(self) -> None:
-        """Called when all members are being stopped: no more requests start, and an ended stream is not a
-        finding."""
+        """Called when all members are being stopped: no more requests start, and the end of a stream is not
+        reported as a finding."""
         self.held.update(self.members)
         if self.phase == "waiting":
             self.phase = "flying"
@@ -181,8 +183,8 @@ class GroupGuard:
         """
         if now_s < self.due_s:
             return Actions()
-        self._next_look_s = now_s + CHECK_PERIOD_S
-        flying = [v for v in self.members if v not in self.held and self._counts(views[v])]
+        self._next_check_s = now_s + CHECK_PERIOD_S
+        flying = [v for v in self.members if v not in self.held and self._is_checked(views[v])]
         if self._have_all_left(now_s, flying, views):
             return Actions()
         actions = Actions()
@@ -190,7 +192,7 @@ class GroupGuard:
             why = self._why_left(vehicle, views[vehicle])
             if why is not None:
                 self._stop(now_s, actions, "left", (vehicle,), why)
-        known = self._places(now_s, views)
+        known = self._moving_vehicles(now_s, views)
         for vehicle in flying:
             if vehicle not in self.held and vehicle not in known:
                 why = (
@@ -205,7 +207,7 @@ class GroupGuard:
 
     def skip_check(self, now_s: float) -> None:
         """Called when a check failed: the next check is due at its normal time."""
-        self._next_look_s = now_s + CHECK_PERIOD_S
+        self._next_check_s = now_s + CHECK_PERIOD_S
 
     def fault(self, now_s: float, why: str) -> Actions:
         """Stops all members after an unexpected error."""
@@ -216,37 +218,40 @@ class GroupGuard:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _counts(self, views: MemberView) -> bool:
-        """Whether a member is currently kept apart from the others."""
+    def _is_checked(self, view: MemberView) -> bool:
+        """Whether the separation of this member is checked now."""
         return True
 
     def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
-        """Whether there is nothing to stop, because no member follows the group's requests or all expire
-        now."""
+        """Whether there is nothing to stop, because no member follows the group's requests any more, or all
+        requests expire now."""
         if self.phase == "over":
             return True
-        going = [v for v in flying if views[v].phase in FOLLOWS_ORDER]
-        if not going and all(views[v].phase == "idle" for v in self.members):
+        following = [v for v in flying if views[v].phase in FOLLOWING_PHASES]
+        if not following and all(views[v].phase == "idle" for v in self.members):
             self.phase = "over"
             return True
-        return self.phase == "flying" and now_s >= self.until_s - EXPIRY_WITHIN_S and len(going) < len(flying)
+        return (
+            self.phase == "flying"
+            and now_s >= self.until_s - EXPIRY_WITHIN_S
+            and len(following) < len(flying)
+        )
 
-    def _why_left(self, vehicle: str, views: MemberView) -> str | None:
+    def _why_left(self, vehicle: str, view: MemberView) -> str | None:
         """Why a member no longer flies its request; None while it does."""
-        if views.phase not in FOLLOWS_ORDER:
-            why = f": {views.ended.rstrip('.')}" if views.ended else ""
+        if view.phase not in FOLLOWING_PHASES:
+            why = f": {view.ended.rstrip('.')}" if view.ended else ""
             return f"Vehicle {vehicle} no longer follows the group's setpoints{why}"
-        if self.phase == "waiting" and views.request != self._waits[vehicle]:
+        if self.phase == "waiting" and view.request != self._standby[vehicle]:
             return f"Vehicle {vehicle} was given another setpoint before the common start"
         return None
 
-    def _places(self, now_s: float, views: Mapping[str, MemberView]) -> dict[str, MovingVehicle]:
-        """Positions in the frame of the first member with a known origin; only members with a known
-        position."""
+    def _moving_vehicles(self, now_s: float, views: Mapping[str, MemberView]) -> dict[str, MovingVehicle]:
+        """Motion of the members with a known position, in the frame of the first one with a known origin."""
         common: LocalOrigin | None = None
         known: dict[str, MovingVehicle] = {}
         for vehicle in self.members:
-            if not self._counts(views[vehicle]):
+            if not self._is_checked(views[vehicle]):
                 continue
             snapshot = views[vehicle].snapshot
             position, origin = snapshot.position_at(now_s), snapshot.bounds.origin
@@ -255,9 +260,9 @@ class GroupGuard:
             common = common or origin
             request = views[vehicle].request
             setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
-            one = moving(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
+            one = motion_of(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, one.velocity_ned_m_s)
-            if not is_steered(setpoint):
+            if not has_velocity_control(setpoint):
                 faster = self._trends[vehicle].faster_ned_m_s(one.age_s + LEVEL_AFTER_S)
                 one = replace(one, velocity_ned_m_s=faster)
             known[vehicle] = one
@@ -325,13 +330,14 @@ class GroupGuard:
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
 
 
-def is_steered(setpoint: Setpoint | None) -> bool:
-    """Whether the vehicle's velocity and position controllers are active; otherwise wind and tilt accelerate
-    it."""
+def has_velocity_control(setpoint: Setpoint | None) -> bool:
+    """Whether the velocity controller is active. Without it, wind and tilt accelerate the vehicle."""
     return not isinstance(setpoint, Acceleration | Attitude | Rates | ThrustTorque | Actuators)
 
 
-def moving(snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoint | None) -> MovingVehicle:
+def motion_of(
+    snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoint | None
+) -> MovingVehicle:
     """Motion of a vehicle for the separation check.
 
     Args:
@@ -346,5 +352,6 @@ def moving(snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoi
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
         max(0.0, now_s - snapshot.received_s),
-        brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if is_steered(setpoint) else NO_POSITION_CONTROL_SHARE),
+        brakes_m_s2(snapshot.bounds.tilt_rad)
+        * (1.0 if has_velocity_control(setpoint) else NO_POSITION_CONTROL_SHARE),
     )

@@ -1,8 +1,8 @@
 """The guard of a group, for the vehicles of one offboard mission.
 
-The vehicles have no common setpoint stream: each has its own stream between take-off and landing, so no
-vehicle counts as having left. A vehicle is checked while it is armed, including PX4's own take-off and
-landing. The mission gets each finding, and stops the vehicles that have no stream.
+Each vehicle has a setpoint stream only between take-off and landing, so the end of a stream does not mean
+that the vehicle has left. A vehicle is checked while it is armed, including PX4's own take-off and
+landing. The mission receives each finding, and stops the vehicles that have no stream.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class MissionGuard(GroupGuard):
         """Always None, because the mission sets each vehicle's setpoints."""
         return None
 
-    def _counts(self, views: MemberView) -> bool:
-        return views.snapshot.armed
+    def _is_checked(self, view: MemberView) -> bool:
+        return view.snapshot.armed
 
-    def _why_left(self, vehicle: str, views: MemberView) -> str | None:
+    def _why_left(self, vehicle: str, view: MemberView) -> str | None:
         return None
 
     def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:

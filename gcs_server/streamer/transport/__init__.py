@@ -1,2 +1,1 @@
-"""The last step, and the only one that knows MAVLink: packs a setpoint and hands the message to the
-sender."""
+"""The last step of a setpoint: packs it into MAVLink or ROS 2 messages and passes them to the sender."""

@@ -1,8 +1,8 @@
 """Packs setpoints into MAVLink payloads: one encoder per message.
 
 PX4 v1.16 follows local frames 1 (LOCAL_NED) and 8 (BODY_NED) and global frames 5, 6 and 11; of the global
-ones only 5 (altitude above mean sea level) does not depend on home. In frame 8 it ignores positions, and
-drops the whole velocity if one of its ignore bits is set. The *ignore* bits select the fields that are used.
+ones only 5 (altitude above mean sea level) does not depend on home. In frame 8, PX4 ignores positions, and
+drops the whole velocity if one of its *ignore* bits is set. PX4 uses the fields whose *ignore* bit is 0.
 """
 
 from __future__ import annotations
@@ -178,15 +178,15 @@ _ENCODERS: dict[type, Callable[[Any, tuple[int, int]], Packed]] = {
     Attitude: _attitude_target,
     Rates: _rates,
 }
-MAVLINK_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
-"""Setpoint types that a MAVLink message carries to PX4 directly."""
+MAVLINK_KINDS = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
+"""Setpoint types for which there is a MAVLink message that PX4 follows."""
 
 
 def encode(setpoint: DirectSetpoint, target: tuple[int, int]) -> Packed:
     """Message id and payload; the payload's time is zero.
 
     Args:
-        setpoint: what to send.
+        setpoint: the setpoint to send.
         target: the vehicle's system id and its autopilot's component id.
     """
     return _ENCODERS[type(setpoint)](setpoint, target)

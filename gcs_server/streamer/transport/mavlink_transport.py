@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gcs_server.streamer.transport.mavlink import (
-    MAVLINK_CARRIES,
+    MAVLINK_KINDS,
     MSG_COMMAND_LONG,
     Packed,
     encode,
@@ -30,7 +30,7 @@ class MavlinkTransport:
 
     def load(self, setpoint: DirectSetpoint) -> None:
         """See `SetpointLoader`."""
-        if setpoint.type not in MAVLINK_CARRIES:
+        if setpoint.type not in MAVLINK_KINDS:
             raise ValueError(f"no MAVLink message carries {setpoint.type}")
         self._packed = encode(setpoint, self._target)
 

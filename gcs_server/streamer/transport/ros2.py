@@ -1,6 +1,6 @@
 """Packs setpoints into PX4's ROS 2 messages: OffboardControlMode and the setpoint's own topics.
 
-The flags of OffboardControlMode only choose the controllers. Its arrival alone keeps Offboard alive. PX4
+PX4 stays in Offboard as long as it receives OffboardControlMode, whose flags only choose the controllers. PX4
 follows setpoint topics in any mode, so setpoints are sent only while the vehicle reports Offboard.
 """
 
@@ -40,7 +40,7 @@ from missions.setpoints import (
 
 NAN: Final = math.nan
 MOTORS, SERVOS = 12, 8
-"""Values of ActuatorMotors and ActuatorServos."""
+"""Numbers of values in ActuatorMotors and ActuatorServos."""
 CONTROL_MODE: Final = "/fmu/in/offboard_control_mode"
 SETPOINT_TOPICS: Final[Mapping[str, str]] = {
     "TrajectorySetpoint": "/fmu/in/trajectory_setpoint",
@@ -51,7 +51,7 @@ SETPOINT_TOPICS: Final[Mapping[str, str]] = {
     "ActuatorMotors": "/fmu/in/actuator_motors",
     "ActuatorServos": "/fmu/in/actuator_servos",
 }
-"""Topic by type."""
+"""The topic of each message type."""
 TOPIC_TYPES: Final[Mapping[str, str]] = {
     CONTROL_MODE: "OffboardControlMode",
     CONTROLLERS: SENT_TYPES[CONTROLLERS],
@@ -61,7 +61,7 @@ TOPIC_TYPES: Final[Mapping[str, str]] = {
 """Type of every topic that a stream sends."""
 _time = struct.Struct("<Q")
 Encoded = tuple[str, tuple[tuple[str, dict[str, Any]], ...]]
-"""Flag of OffboardControlMode, and types with their fields."""
+"""A flag of OffboardControlMode, and message types with their fields."""
 
 
 class TopicSender(Protocol):
@@ -140,7 +140,7 @@ _ENCODERS: dict[type, Callable[[Any], Encoded]] = {
     ThrustTorque: _thrust_torque,
     Actuators: _actuators,
 }
-ROS2_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
+ROS2_KINDS = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
 """Setpoint types for which PX4 has a ROS 2 message."""
 
 
@@ -195,7 +195,7 @@ class Ros2Transport:
         self._loaded = setpoint
 
     def send(self, outgoing: Outgoing, sender: TopicSender) -> bool:
-        """False if not everything was sent."""
+        """Sends all messages of a setpoint or mode request; returns False if one could not be sent."""
         now_us = self._unix_us()
         try:
             if isinstance(outgoing, ModeRequest):

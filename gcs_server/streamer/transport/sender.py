@@ -22,8 +22,8 @@ class PayloadSender(Protocol):
     """Sends payloads to one vehicle; may be called from any thread."""
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
-        """Sends a payload; returns False if nothing was sent. The lifetime starts at `created_s`, the
-        monotonic time at which the payload was created."""
+        """Sends a payload; returns False if nothing was sent. `created_s` is the monotonic time at which
+        the payload was created; a payload that is too old is not sent."""
         ...
 
     def send_path(self) -> SendPath | None:

@@ -1,4 +1,4 @@
-"""The last step of a setpoint: sent over the link on which its vehicle is reached now, MAVLink or ROS 2."""
+"""Sends a setpoint over the link on which the vehicle is reached now, MAVLink or ROS 2."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ class VehicleTransport:
         self._pack(self.mavlink if self.topics() is None else self._ros2)
 
     def send(self, outgoing: Outgoing) -> bool:
-        """False if nothing was sent: the link cannot send now, or does not carry the setpoint."""
+        """Sends; returns False if nothing was sent, because the link cannot send now or cannot carry the
+        setpoint."""
         topics = self.topics()
         if topics is None and isinstance(outgoing, SetpointDue) and outgoing.mode != OFFBOARD:
             return False  # MAVLink setpoints are for Offboard only

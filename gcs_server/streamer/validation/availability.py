@@ -9,13 +9,13 @@ from typing import Protocol
 
 from gcs_server.errors import Refused
 from gcs_server.streamer.frames.resolve import LOCAL_KINDS, RESOLVED_KINDS
-from gcs_server.streamer.transport.mavlink import MAVLINK_CARRIES
-from gcs_server.streamer.transport.ros2 import ROS2_CARRIES
+from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
+from gcs_server.streamer.transport.ros2 import ROS2_KINDS
 from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 
 CARRIED_BY: dict[str, frozenset[str]] = {
-    "MAVLink": MAVLINK_CARRIES | RESOLVED_KINDS,
-    "ROS 2": ROS2_CARRIES | RESOLVED_KINDS | LOCAL_KINDS,
+    "MAVLink": MAVLINK_KINDS | RESOLVED_KINDS,
+    "ROS 2": ROS2_KINDS | RESOLVED_KINDS | LOCAL_KINDS,
 }
 """Setpoint types by link protocol: types that its messages can carry, directly or after conversion."""
 WAIT_REMEDY = "Wait for GPS and the estimator (see the vehicle's messages), then try again."

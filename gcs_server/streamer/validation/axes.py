@@ -9,7 +9,7 @@ from missions.setpoints import NOTHING, Acceleration, Partial3, Position, Setpoi
 FRAMES = (
     "PX4 follows the local frames 1 (LOCAL_NED) and 8 (BODY_NED) and the global frames 5, 6 and 11 only, and "
     "the type of a setpoint says which: position and velocity are local NED, velocity_body goes along the "
-    "heading, position_body is an offset from where the vehicle is (what frames 7 and 9 were meant for), "
+    "heading, position_body is an offset from the current position (like frames 7 and 9 in MAVLink), "
     "position_global is latitude and longitude."
 )
 FORCE = (
@@ -43,10 +43,10 @@ def axes_problem(
     for name, (north, east, _) in named.items():
         if (north is None) != (east is None):
             return f"{name}: north and east are needed together; PX4 does not fly one without the other."
-    for axis, words in enumerate(_AXES):
+    for axis, name in enumerate(_AXES):
         if all(vector[axis] is None for vector in named.values()):
             return (
-                f"{words} is not controlled: PX4 stops instead of flying the rest. Give a position, a "
+                f"{name} is not controlled: PX4 stops instead of flying the rest. Give a position, a "
                 "velocity or an acceleration on every axis (type trajectory mixes them)."
             )
     return None

@@ -28,10 +28,10 @@ from missions.setpoints import (
 
 SETPOINT_MAX_DISTANCE_M = 1000.0
 PATH_START_WITHIN_M = 5.0
-PATH_LOOK_S = 0.2
-"""Spacing at which a path is checked."""
-FASTER_THAN = 1.05
-"""Factor by which a curve may exceed the limit between its points."""
+PATH_CHECK_PERIOD_S = 0.2
+"""Time between two checked positions of a path [s]."""
+SPEED_TOLERANCE = 1.05
+"""Factor by which the speed of a curve may exceed the limit between its points."""
 LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitude, distance and fence."
 LOCAL_FRAME_HINT = "Coordinates are metres north, east, down of the vehicle's local origin."
 
@@ -48,11 +48,13 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
         Refused: the path leaves the limits, or this cannot be checked.
     """
     bounds = snapshot.bounds
-    if has_position_limits and bounds.unknown is not None:
-        raise Refused(f"The operator's limits cannot be enforced: {bounds.unknown}.", remedy=LIMITS_REMEDY)
+    if has_position_limits and bounds.not_enforceable is not None:
+        raise Refused(
+            f"The operator's limits cannot be enforced: {bounds.not_enforceable}.", remedy=LIMITS_REMEDY
+        )
     region = bounds.region
     for segment in segments:
-        places = _places(segment)
+        places = _positions(segment)
         if isinstance(segment, WaitSegment) and segment.kind == "land":
             places = places[:0]  # the landing descends to the ground, whose altitude is unknown
         outside = region.are_outside(places[:, :2]) | (places[:, 2] < region.down_min_m)
@@ -66,11 +68,13 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
             )
 
 
-def _places(segment: Segment) -> NDArray[np.float64]:
+def _positions(segment: Segment) -> NDArray[np.float64]:
     """Positions of a segment, (N, 3) [m]."""
     if isinstance(segment, CurveSegment | TableSegment):
         duration_s = segment.duration_s
-        times_s = np.minimum(np.arange(math.ceil(duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, duration_s)
+        times_s = np.minimum(
+            np.arange(math.ceil(duration_s / PATH_CHECK_PERIOD_S) + 1) * PATH_CHECK_PERIOD_S, duration_s
+        )
         if isinstance(segment, CurveSegment):
             return segment.curve.sample(times_s).position_ned_m
         return segment.path.sample(times_s)[0]
@@ -90,8 +94,8 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
         Refused: the target is too far, outside, too fast, or cannot be checked.
     """
     bounds, position_now = snapshot.bounds, snapshot.position_at(now_s)
-    if has_position_limits and (bounds.unknown is not None or position_now is None):
-        why = bounds.unknown or "the vehicle has no valid position estimate"
+    if has_position_limits and (bounds.not_enforceable is not None or position_now is None):
+        why = bounds.not_enforceable or "the vehicle has no valid position estimate"
         raise Refused(
             f"The operator's limits cannot be enforced: {why}.",
             remedy=LIMITS_REMEDY,
@@ -132,11 +136,11 @@ def _check_inside(target: Vector3, position_now: Vector3, bounds: Bounds) -> Non
             f"The target is outside {breach}.", remedy="Choose a position inside, or change the limit."
         )
     region, start, end = bounds.region, (position_now[0], position_now[1]), (target[0], target[1])
-    far_m = math.dist(start, end)
-    if far_m < 1e-6 or region.breach(start) is not None:
+    distance_m = math.dist(start, end)
+    if distance_m < 1e-6 or region.breach(start) is not None:
         return  # from outside, the vehicle may fly back inside
-    direction = ((end[0] - start[0]) / far_m, (end[1] - start[1]) / far_m)
-    if region.distance_to_edge_m(start, direction) < far_m:
+    direction = ((end[0] - start[0]) / distance_m, (end[1] - start[1]) / distance_m)
+    if region.distance_to_edge_m(start, direction) < distance_m:
         raise Refused(
             "The straight line to the target leaves the fence.",
             remedy="Fly around the corner: with a position in between, or with a path.",
@@ -151,6 +155,7 @@ def _breach(position: Vector3, bounds: Bounds) -> str | None:
 
 
 def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
+    """Raises Refused if the path begins too far away, leaves the limits, or is too fast."""
     begin = path.points[0].position_ned_m
     off_m = math.dist(begin, position_now)
     if off_m > PATH_START_WITHIN_M:
@@ -162,7 +167,8 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
         _check_distance(point.position_ned_m, position_now, f"Point {index} of the path")
     curve = PathCurve(path, None)
     checked_at_s = np.minimum(
-        np.arange(math.ceil(curve.duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, curve.duration_s
+        np.arange(math.ceil(curve.duration_s / PATH_CHECK_PERIOD_S) + 1) * PATH_CHECK_PERIOD_S,
+        curve.duration_s,
     )
     for index in np.flatnonzero(_violations(*curve.sample(checked_at_s), bounds)):
         t_s = float(checked_at_s[index])
@@ -190,21 +196,21 @@ def _violations(
         region.are_outside(places[:, :2])
         | (down_m < region.down_min_m)
         | (down_m > region.down_max_m)
-        | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * FASTER_THAN)
-        | (-down_m_s > bounds.climb_m_s * FASTER_THAN)
-        | (down_m_s > bounds.sink_m_s * FASTER_THAN)
+        | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * SPEED_TOLERANCE)
+        | (-down_m_s > bounds.climb_m_s * SPEED_TOLERANCE)
+        | (down_m_s > bounds.sink_m_s * SPEED_TOLERANCE)
     )
 
 
 def _too_fast(velocity: Vector3, bounds: Bounds) -> str | None:
     speed, velocity_down_m_s = math.hypot(velocity[0], velocity[1]), velocity[2]
-    if speed > bounds.speed_m_s * FASTER_THAN:
+    if speed > bounds.speed_m_s * SPEED_TOLERANCE:
         return f"the path flies at {speed:.1f} m/s; at most {bounds.speed_m_s:g} m/s are allowed"
-    if -velocity_down_m_s > bounds.climb_m_s * FASTER_THAN:
+    if -velocity_down_m_s > bounds.climb_m_s * SPEED_TOLERANCE:
         return (
             f"the path climbs at {-velocity_down_m_s:.1f} m/s; at most {bounds.climb_m_s:g} m/s are allowed"
         )
-    if velocity_down_m_s > bounds.sink_m_s * FASTER_THAN:
+    if velocity_down_m_s > bounds.sink_m_s * SPEED_TOLERANCE:
         return (
             f"the path descends at {velocity_down_m_s:.1f} m/s; at most {bounds.sink_m_s:g} m/s are allowed"
         )

@@ -1,1 +1,1 @@
-"""Frozen values that the streamer's packages exchange: order, snapshot, bounds, events, outgoing."""
+"""Frozen values that the streamer's packages exchange: request, snapshot, bounds, events, outgoing."""

@@ -12,11 +12,11 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 
 INF = math.inf
-NOWHERE_LIMITED = Region()
+UNLIMITED_REGION = Region()
 DEFAULT_POSITION_GAIN = 0.95
-"""MPC_XY_P: approach speed of PX4 per metre of distance [1/s]."""
+"""Default of MPC_XY_P: PX4's approach speed per metre of distance [1/s]."""
 DEFAULT_HEIGHT_GAIN = 1.0
-"""MPC_Z_P."""
+"""Default of MPC_Z_P [1/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +34,20 @@ class Bounds:
     slew_velocity_m_s2: float = INF
     slew_attitude_rad_s: float = INF
     approach_m_s: float = INF
-    """Approach speed to positions; PX4 itself applies only its own limit."""
+    """Maximum speed towards a target position. The operator's limit; PX4 applies its own limit itself."""
     approach_climb_m_s: float = INF
     approach_sink_m_s: float = INF
     position_gain: float = DEFAULT_POSITION_GAIN
     height_gain: float = DEFAULT_HEIGHT_GAIN
     obstacle_brake: bool = True
     """Whether the vehicle is stopped before obstacles that its sensors measure."""
-    region: Region = NOWHERE_LIMITED
+    region: Region = UNLIMITED_REGION
     origin: LocalOrigin | None = None
-    unknown: str | None = None
+    not_enforceable: str | None = None
     """Why the operator's position limits cannot be applied now; None if they can."""
 
     @property
-    def follows_the_vehicle(self) -> bool:
+    def depends_on_position(self) -> bool:
         """Whether the limits of a setpoint depend on the vehicle's position."""
         region = self.region
         return (
@@ -77,7 +77,7 @@ def bounds_of(
         origin: origin of the local frame, for a fence in latitude and longitude.
         gains: MPC_XY_P and MPC_Z_P, if known.
     """
-    region, unknown = _region(vehicle, operator, home, origin)
+    region, not_enforceable = _region(vehicle, operator, home, origin)
     return Bounds(
         speed_m_s=_least(vehicle.speed_max_m_s, operator.speed_max_m_s),
         climb_m_s=_least(vehicle.climb_max_m_s, operator.climb_max_m_s),
@@ -101,7 +101,7 @@ def bounds_of(
         obstacle_brake=operator.obstacle_brake,
         region=region,
         origin=origin,
-        unknown=unknown,
+        not_enforceable=not_enforceable,
     )
 
 
@@ -115,13 +115,15 @@ def _region(
     circles: list[Circle] = []
     polygons: list[Polygon] = []
     down_min_m, down_max_m = -INF, INF
-    unknown = None
+    not_enforceable = None
     heights = (vehicle.height_max_m, operator.height_max_m, operator.height_min_m)
     distances = (vehicle.distance_max_m, operator.distance_max_m)
     if any(limit is not None for limit in (*heights, *distances)):
         home_ned = _home_ned(home, origin)
         if home_ned is None:
-            unknown = "there is no home position, from which altitude and distance limits are measured"
+            not_enforceable = (
+                "there is no home position, from which altitude and distance limits are measured"
+            )
         else:
             down_min_m = home_ned[2] - _least(vehicle.height_max_m, operator.height_max_m)
             if operator.height_min_m is not None:
@@ -133,12 +135,12 @@ def _region(
     fence = operator.fence
     if fence is not None:
         if origin is None:
-            unknown = "there is no valid global position, which a fence needs"
+            not_enforceable = "there is no valid global position, which a fence needs"
         elif isinstance(fence, CircleFence):
             circles.append(fence.to_local(origin, "the operator's fence"))
         else:
             polygons.append(fence.to_local(origin, "the operator's fence"))
-    return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), unknown
+    return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), not_enforceable
 
 
 def _home_ned(home: Home | None, origin: LocalOrigin | None) -> Vector3 | None:

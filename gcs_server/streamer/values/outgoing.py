@@ -1,4 +1,4 @@
-"""What a stream sends, independent of the transport."""
+"""The setpoints and mode requests that a stream sends, independent of the transport."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class SetpointDue:
     now_s: float
     """Monotonic."""
     in_mode: bool = True
-    """Whether the vehicle reports the mode in which it flies the setpoints. Before Offboard, it must receive
-    that setpoints exist, but over ROS 2 it would follow them in any mode."""
+    """Whether the vehicle reports the mode in which it flies the setpoints. If not, ROS 2 sends only
+    OffboardControlMode, because PX4 would follow the setpoint topics in any mode."""
     mode: str = OFFBOARD
-    """That mode: Offboard, or a mode registered with PX4 (`external_1` …)."""
+    """Mode in which the setpoints are flown: Offboard, or a mode registered with PX4 (`external_1` …)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,8 +39,8 @@ class Snapshot:
     velocity_ned_m_s: Vector3 | None
     yaw_ned_rad: float | None
     """None if no attitude is received."""
-    mode_asked_by: str | None = None
-    """The command of this server that caused the current mode, and its client."""
+    mode_requested_by: str | None = None
+    """The command of this server that caused the current mode, with its client, as text."""
     estimate_s: float | None = None
     """Time at which the position was received; default: the time of the snapshot."""
     armed: bool = False

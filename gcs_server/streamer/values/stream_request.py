@@ -14,7 +14,7 @@ OFFBOARD = "offboard"
 
 
 def mode_label(mode: str) -> str:
-    """The mode of a stream in a text."""
+    """The mode of a stream, for messages."""
     return "Offboard" if mode == OFFBOARD else "its mode"
 
 

@@ -40,9 +40,9 @@ def mode(now_s: float = 0.0) -> ExternalMode:
 def registered(now_s: float = 0.0) -> ExternalMode:
     made = mode(now_s)
     made.step(now_s)
-    made.replied(REGISTERED, now_s)
+    made.on_reply(REGISTERED, now_s)
     for _ in range(2):
-        made.asked(ASKED, now_s, can_run=True)
+        made.on_check_request(ASKED, now_s, can_run=True)
     return made
 
 
@@ -62,30 +62,34 @@ def test_the_request_is_the_recorded_one_of_the_interface_library() -> None:
 def test_it_can_be_selected_once_px4_has_evaluated_an_answer() -> None:
     made = mode()
     made.step(0.0)
-    controllers = fields(made.replied(REGISTERED, 0.02), CONTROLLERS)
+    controllers = fields(made.on_reply(REGISTERED, 0.02), CONTROLLERS)
     assert controllers["source_id"] == 23
     assert controllers["flag_control_position_enabled"]
     assert controllers["flag_control_allocation_enabled"]
     assert (made.registration.state, made.registration.mode) == ("registering", None)
-    made.asked(ASKED, 0.3, can_run=True)
+    made.on_check_request(ASKED, 0.3, can_run=True)
     assert made.registration.state == "registering"
-    made.asked(ASKED, 0.6, can_run=True)
+    made.on_check_request(ASKED, 0.6, can_run=True)
     assert (made.registration.state, made.registration.mode) == ("registered", "external_1")
     assert made.registration.nav_state == 23
 
 
 def test_each_arming_check_is_answered_at_once_with_the_requirements() -> None:
-    reply = fields(registered().asked(ASKED, 0.9, can_run=True), CHECK_REPLY)
+    reply = fields(registered().on_check_request(ASKED, 0.9, can_run=True), CHECK_REPLY)
     assert (reply["request_id"], reply["registration_id"]) == (115, 0)
     needs = {name for name, value in reply.items() if name.startswith("mode_req_") and value}
     assert needs == {"mode_req_attitude", "mode_req_local_position", "mode_req_prevent_arming"}
     assert reply["can_arm_and_run"]
-    assert not fields(registered().asked(ASKED, 0.9, can_run=False), CHECK_REPLY)["can_arm_and_run"]
+    assert not fields(registered().on_check_request(ASKED, 0.9, can_run=False), CHECK_REPLY)[
+        "can_arm_and_run"
+    ]
 
 
 def test_the_reply_differs_from_the_recorded_one_only_in_what_it_states() -> None:
     theirs = MESSAGES["ArmingCheckReply"].decode(RECORDED[CHECK_REPLY])
-    ours = fields(registered().asked({"request_id": theirs["request_id"]}, 0.9, can_run=True), CHECK_REPLY)
+    ours = fields(
+        registered().on_check_request({"request_id": theirs["request_id"]}, 0.9, can_run=True), CHECK_REPLY
+    )
     assert {name for name in ours if ours[name] != theirs[name]} == {"mode_req_prevent_arming"}
 
 
@@ -99,7 +103,7 @@ def test_without_a_reply_it_asks_five_times_and_then_says_why() -> None:
     assert made.registration.state == "refused"
     assert "did not answer" in made.registration.why
     assert made.step(now_s + 10) == []
-    assert made.asked(ASKED, now_s, can_run=True) == []
+    assert made.on_check_request(ASKED, now_s, can_run=True) == []
 
 
 @pytest.mark.parametrize(
@@ -113,7 +117,7 @@ def test_without_a_reply_it_asks_five_times_and_then_says_why() -> None:
 def test_a_refusal_ends_the_registration(refusal: dict[str, Any]) -> None:
     made = mode()
     made.step(0.0)
-    assert made.replied({**REGISTERED, **refusal}, 0.02) == []
+    assert made.on_reply({**REGISTERED, **refusal}, 0.02) == []
     assert made.registration.state == "refused"
     assert "COM_MODE_ARM_CHK" in made.registration.why
     assert made.step(5.0) == []
@@ -123,14 +127,14 @@ def test_a_refusal_ends_the_registration(refusal: dict[str, Any]) -> None:
 def test_a_reply_to_another_program_is_not_ours(other: dict[str, Any]) -> None:
     made = mode()
     made.step(0.0)
-    assert made.replied({**REGISTERED, **other}, 0.02) == []
+    assert made.on_reply({**REGISTERED, **other}, 0.02) == []
     assert made.registration.nav_state is None
 
 
 def test_a_second_registration_by_a_repeated_request_is_removed() -> None:
     made = registered()
     again = {**REGISTERED, "arming_check_id": 1, "mode_id": 24}
-    removal = fields(made.replied(again, 1.2), UNREGISTER)
+    removal = fields(made.on_reply(again, 1.2), UNREGISTER)
     assert (removal["arming_check_id"], removal["mode_id"], removal["mode_executor_id"]) == (1, 24, -1)
     assert made.registration.mode == "external_1"
 
@@ -143,18 +147,18 @@ def test_when_px4_stops_asking_the_mode_is_lost() -> None:
     assert made.registration.state == "lost"
     assert "restarted" in made.registration.why
     assert made.registration.mode is None
-    assert made.asked(ASKED, 5.0, can_run=True) == []
+    assert made.on_check_request(ASKED, 5.0, can_run=True) == []
     assert made.completed(success=True) == []
 
 
 def test_a_mode_that_px4_has_removed_is_lost() -> None:
     made = registered()
-    made.status({"can_set_nav_states_mask": 0})
+    made.on_status({"can_set_nav_states_mask": 0})
     assert made.registration.state == "registered", "the status is older than the registration"
-    made.status({"can_set_nav_states_mask": MASK})
-    made.status({"can_set_nav_states_mask": MASK})
+    made.on_status({"can_set_nav_states_mask": MASK})
+    made.on_status({"can_set_nav_states_mask": MASK})
     assert made.registration.state == "registered"
-    made.status({"can_set_nav_states_mask": 0})
+    made.on_status({"can_set_nav_states_mask": 0})
     assert made.registration.state == "lost"
     assert "no answers in time" in made.registration.why
 
@@ -172,7 +176,7 @@ def test_a_removed_mode_is_unregistered_as_recorded_and_answers_nothing() -> Non
     made = registered()
     ((topic, data),) = made.remove()
     assert (topic, data) == (UNREGISTER, RECORDED[UNREGISTER])
-    assert made.asked(ASKED, 2.0, can_run=True) == []
+    assert made.on_check_request(ASKED, 2.0, can_run=True) == []
     assert made.remove() == []
     assert mode().remove() == []
 

@@ -188,10 +188,10 @@ def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
         def close(self):
             pass
 
-        has_news = False
+        has_pending_reports = False
 
     class Messages:
-        waits = False
+        has_unsent_data = False
 
         def fileno(self):
             return 0

@@ -62,7 +62,7 @@ async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(stream
     await begin(streams, "1", vehicle)
     await begin(streams, "2", other)
     for _ in range(8):  # longer than the server may be silent
-        bad = replace(snapshot(), mode_asked_by=lambda: "cannot be pickled")
+        bad = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
         streams.beat({"1": bad, "2": snapshot()})
         await asyncio.sleep(0.1)
     count = len(other.frames)

@@ -12,7 +12,7 @@ import pytest
 from gcs_server.streamer.groups import plan
 from gcs_server.streamer.groups.checks import GroupChecks
 from gcs_server.streamer.groups.plan import MAX_PLAN_S, Planned, first_conflict, too_near_now
-from gcs_server.streamer.separation.guard import GroupGuard, MemberView, moving
+from gcs_server.streamer.separation.guard import GroupGuard, MemberView, motion_of
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
@@ -95,14 +95,14 @@ def test_the_margin_grows_with_inaccuracy_and_age():
 
 def test_a_vehicle_without_reported_accuracy_gets_a_default_margin():
     silent = replace(snapshot(), accuracy_m=None)
-    assert moving(silent, 101.0, HERE, None).accuracy_m == 1.0
-    assert moving(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
+    assert motion_of(silent, 101.0, HERE, None).accuracy_m == 1.0
+    assert motion_of(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
 
 
 def test_vehicles_with_low_tilt_or_attitude_setpoints_are_stopped_earlier():
     def brakes(tilt_deg, setpoint):
         bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
-        return moving(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
+        return motion_of(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
 
     steered, drifting = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
     assert brakes(45, steered) == 2.5
@@ -366,7 +366,7 @@ def test_an_accelerating_member_is_stopped_in_time():
 def test_a_common_expiry_is_not_a_finding():
     watch = guard()
     watch.check(101.0, seen())
-    watch._next_look_s = 0.0
+    watch._next_check_s = 0.0
     assert not watch.check(130.99, seen(request=GO, phase="holding")).hold
     assert not watch.findings
     over = {v: MemberView("idle", None, snapshot(), "done") for v in "12"}

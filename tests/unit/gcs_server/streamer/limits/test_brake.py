@@ -32,14 +32,14 @@ HERE = VehicleMotion((0.0, 0.0, -5.0), STILL, 0.0)
 
 def seen(distance_m, direction=(1.0, 0.0, 0.0), *, range_m=20.0, velocity=STILL, age_s=0.0):
     scan = Scan(NOW_S - age_s, (direction,), (distance_m,), range_m)
-    return BrakeMemory().around(NOW_S, (scan,), HERE.position_ned_m, velocity)
+    return BrakeMemory().update(NOW_S, (scan,), HERE.position_ned_m, velocity)
 
 
 UNLIMITED = Bounds()
 
 
-def limited(wanted, around, here=HERE, bounds=UNLIMITED):
-    return apply_limits(wanted, bounds, here, around=around)
+def limited(wanted, surroundings, here=HERE, bounds=UNLIMITED):
+    return apply_limits(wanted, bounds, here, surroundings=surroundings)
 
 
 def test_a_velocity_towards_an_obstacle_is_limited_to_the_braking_speed():
@@ -78,9 +78,9 @@ def test_within_the_margin_the_vehicle_is_moved_back_if_there_is_room():
         (-0.2, 0.0, 1.0)
     )
     both = Scan(NOW_S, ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), (0.8, 0.9), 20.0)
-    around = BrakeMemory().around(NOW_S, (both,), HERE.position_ned_m, STILL)
-    assert limited(Velocity((8.0, 0.0, 0.0)), around).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
-    assert limited(Position((30.0, 0.0, -5.0)), around).setpoint.position_ned_m == (0.0, 0.0, -5.0)
+    surroundings = BrakeMemory().update(NOW_S, (both,), HERE.position_ned_m, STILL)
+    assert limited(Velocity((8.0, 0.0, 0.0)), surroundings).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
+    assert limited(Position((30.0, 0.0, -5.0)), surroundings).setpoint.position_ned_m == (0.0, 0.0, -5.0)
 
 
 def test_a_place_on_earth_becomes_a_local_one():
@@ -135,16 +135,16 @@ def test_measurements_are_used_for_two_seconds_at_the_same_height():
     ahead, over = ((1.0, 0.0, 0.0),), ((math.cos(0.5), 0.0, -math.sin(0.5)),)
     for since_s, climbed_m, kept in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
         memory = BrakeMemory()
-        memory.around(NOW_S, (Scan(NOW_S, ahead, (4.0,), 20.0),), HERE.position_ned_m, STILL)
+        memory.update(NOW_S, (Scan(NOW_S, ahead, (4.0,), 20.0),), HERE.position_ned_m, STILL)
         later_s, at = NOW_S + since_s, (0.5, 0.0, -5.0 - climbed_m)
-        around = memory.around(later_s, (Scan(later_s, over, (None,), 20.0),), at, STILL)
-        assert around.points_ne_m.tolist() == ([[3.5, 0.0]] if kept else [])
+        surroundings = memory.update(later_s, (Scan(later_s, over, (None,), 20.0),), at, STILL)
+        assert surroundings.points_ne_m.tolist() == ([[3.5, 0.0]] if kept else [])
 
 
 def test_without_a_position_the_newest_measurements_count():
     scan = Scan(NOW_S - 0.5, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
-    around = BrakeMemory().around(NOW_S, (scan,), None, (2.0, 0.0, 0.0))
-    assert around.points_ne_m.tolist() == [[3.0, 0.0]]
+    surroundings = BrakeMemory().update(NOW_S, (scan,), None, (2.0, 0.0, 0.0))
+    assert surroundings.points_ne_m.tolist() == [[3.0, 0.0]]
 
 
 def test_a_climb_stops_below_an_obstacle_measured_above():
@@ -179,11 +179,11 @@ def test_flight_along_a_near_wall_is_allowed():
     headings = [math.radians(5.0 * k) for k in range(72)]
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in headings)
     wall = tuple(0.6 / ray[1] if ray[1] > 0.05 else None for ray in rays)  # 0.6 m to the east
-    around = BrakeMemory().around(NOW_S, (Scan(NOW_S, rays, wall, 20.0),), HERE.position_ned_m, STILL)
-    assert limited(Velocity((1.0, 0.0, 0.0)), around).setpoint.velocity_ned_m_s[0] > 0.0
-    assert limited(Velocity((0.0, 1.0, 0.0)), around).setpoint.velocity_ned_m_s[1] < 0.0
+    surroundings = BrakeMemory().update(NOW_S, (Scan(NOW_S, rays, wall, 20.0),), HERE.position_ned_m, STILL)
+    assert limited(Velocity((1.0, 0.0, 0.0)), surroundings).setpoint.velocity_ned_m_s[0] > 0.0
+    assert limited(Velocity((0.0, 1.0, 0.0)), surroundings).setpoint.velocity_ned_m_s[1] < 0.0
     away = Velocity((0.0, -1.0, 0.0))
-    assert limited(away, around).setpoint == away
+    assert limited(away, surroundings).setpoint == away
 
 
 @settings(max_examples=25, deadline=None, phases=[Phase.generate])
@@ -202,8 +202,8 @@ def test_it_always_stops_before_a_wall(wall_m, speed, course, by_position):
             met = tuple(d if ray[0] > 0.05 and (d := (wall_m - n) / ray[0]) < 20.0 else None for ray in rays)
             scan = Scan(now_s, rays, met, 20.0)
         here = VehicleMotion((n, e, -5.0), (vn, ve, 0.0), 0.0)
-        around = memory.around(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
-        sent = apply_limits(wanted, Bounds(), here, around=around).setpoint
+        surroundings = memory.update(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
+        sent = apply_limits(wanted, Bounds(), here, surroundings=surroundings).setpoint
         if isinstance(sent, Position):
             asked = (0.95 * (sent.position_ned_m[0] - n), 0.95 * (sent.position_ned_m[1] - e))
         else:
@@ -240,8 +240,8 @@ def fly_braked(wanted, seed, wind_m_s, seconds=60.0):
         if step % 4 == 0:
             scan = Scan(now_s, RAYS, tuple(distance_to_the_box(ray, n, e) for ray in RAYS), 20.0)
         here = VehicleMotion((n + drift_n, e + drift_e, -5.0), (vn, ve, 0.0), 0.0)
-        around = memory.around(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
-        result = limited(wanted, around, here)
+        surroundings = memory.update(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
+        result = limited(wanted, surroundings, here)
         memory.track_ne = result.track_ne
         to_n, to_e = result.setpoint.position_ned_m[:2]
         feed_n, feed_e, _ = getattr(result.setpoint, "velocity_ned_m_s", STILL)
@@ -263,14 +263,14 @@ def test_a_braked_vehicle_stands_before_the_obstacle_and_does_not_drift_around_i
     assert min(n for n, _ in track[len(track) // 2 :]) > BOX_NORTH_M - 2.5
 
 
-def braked_twice(first, second, aside_m, around=None):
+def braked_twice(first, second, aside_m, surroundings=None):
     """The position of the second setpoint, sent to a vehicle that was braked and then moved to the east."""
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
     memory.track_ne = limited(
-        Position(first), memory.around(NOW_S, (scan,), HERE.position_ned_m, STILL)
+        Position(first), memory.update(NOW_S, (scan,), HERE.position_ned_m, STILL)
     ).track_ne
     moved = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
-    later = memory.around(NOW_S, around or (scan,), moved.position_ned_m, STILL)
+    later = memory.update(NOW_S, surroundings or (scan,), moved.position_ned_m, STILL)
     return limited(Position(second), later, moved).setpoint.position_ned_m
 
 
@@ -303,8 +303,8 @@ def test_the_speed_limit_does_not_release_the_vehicle_from_its_track():
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (1.6,), 20.0)
     for aside_m in (0.0, 0.5):
         here = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
-        around = memory.around(NOW_S, (scan,), here.position_ned_m, STILL)
-        result = limited(Position((30.0, 0.0, -5.0)), around, here, slow)
+        surroundings = memory.update(NOW_S, (scan,), here.position_ned_m, STILL)
+        result = limited(Position((30.0, 0.0, -5.0)), surroundings, here, slow)
         memory.track_ne = result.track_ne
     north, east, _ = result.setpoint.position_ned_m
     assert east == pytest.approx(0.0, abs=1e-6)

@@ -7,8 +7,8 @@ import pytest
 from gcs_server.api.offboard_views import SetpointType
 from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.streamer.frames.resolve import LOCAL_KINDS, RESOLVED_KINDS
-from gcs_server.streamer.transport.mavlink import MAVLINK_CARRIES
-from gcs_server.streamer.transport.ros2 import ROS2_CARRIES
+from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
+from gcs_server.streamer.transport.ros2 import ROS2_KINDS
 from gcs_server.streamer.validation.availability import why_not_carried
 from missions.setpoints import KINDS
 
@@ -25,11 +25,11 @@ def test_the_answers_name_each_kind() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_ros_2_link_carries_every_kind(kind: str) -> None:
     assert why_not_carried(kind, "ROS 2") is None
-    assert (kind in ROS2_CARRIES) == (kind not in RESOLVED_KINDS | LOCAL_KINDS)
+    assert (kind in ROS2_KINDS) == (kind not in RESOLVED_KINDS | LOCAL_KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_is_encoded_or_resolved_or_refused_with_a_reason(kind: str) -> None:
     why_not = why_not_carried(kind, "MAVLink")
-    assert (why_not is None) == (kind in MAVLINK_CARRIES | RESOLVED_KINDS)
+    assert (why_not is None) == (kind in MAVLINK_KINDS | RESOLVED_KINDS)
     assert why_not is None or kind in why_not
