@@ -27,7 +27,7 @@ from gcs_server.client.plans import Plan, Plans
 from gcs_server.client.setpoints import Body, Expiry, lifetime
 from gcs_server.client.vehicle import Vehicle, until_found
 
-LEAVING_S = 2.0
+LEAVE_TIMEOUT_S = 2.0
 """Maximum wait for the server at the end of the block [s]."""
 
 
@@ -69,7 +69,7 @@ class Gcs:
     async def __aexit__(self, *_: object) -> None:
         if self._has_commanded:  # releases control of all vehicles
             with suppress(httpx.TransportError):
-                await self._http.post("/me/leave", timeout=LEAVING_S)
+                await self._http.post("/me/leave", timeout=LEAVE_TIMEOUT_S)
         await self._http.aclose()
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any:
@@ -104,7 +104,7 @@ class Gcs:
         return Vehicle(self, vehicle_id)
 
     async def hold(self, vehicles: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """Switches several vehicles to Hold at once, whoever has control.
+        """Switches several vehicles to Hold at once, even if another client has control.
 
         Args:
             vehicles: their ids; default: all armed vehicles.
@@ -136,14 +136,14 @@ class Gcs:
             Timeout: no vehicle connected or became ready in time.
         """
 
-        async def look() -> Vehicle | None:
+        async def find() -> Vehicle | None:
             for vehicle in await self.vehicles():
                 if vehicle_id in (None, vehicle.id) and (not ready or await vehicle.is_ready()):
                     return vehicle
             return None
 
         what = f"vehicle {vehicle_id}" if vehicle_id else "a vehicle"
-        return await until_found(look, timeout_s, f"{what} to be {'ready to arm' if ready else 'heard'}")
+        return await until_found(find, timeout_s, f"{what} to be {'ready to arm' if ready else 'connected'}")
 
     async def socket(self, path: str) -> ClientConnection:
         """A WebSocket below `/api/v1`.
@@ -155,9 +155,8 @@ class Gcs:
         address = f"{self.url.replace('http', 'ws', 1)}/api/v1{path}"
         try:
             return await connect(address, additional_headers=self._headers, compression=None)
-        except (
-            InvalidStatus
-        ) as refused:  # a failed handshake has no text; an ordinary request returns the reason
+        except InvalidStatus as refused:
+            # a failed handshake contains no text; an ordinary request raises the error with the reason
             await self.request("GET", "/version")
             raise Unreachable(f"{self.url} refused {path}: {refused}.") from refused
         except OSError as error:

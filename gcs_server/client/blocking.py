@@ -84,7 +84,7 @@ class SyncGcs(LoopThread):
         return SyncVehicle(self._inner.vehicle(vehicle_id), self._portal)
 
     def hold(self, vehicles: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """Switches several vehicles to Hold at once, whoever has control.
+        """Switches several vehicles to Hold at once, even if another client has control.
 
         Args:
             vehicles: their ids; default: all armed vehicles.
@@ -251,7 +251,11 @@ class SyncVehicle:
         return self._portal.call(lambda: self._inner.is_ready())
 
     def until(
-        self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
+        self,
+        condition: Callable[[dict[str, Any]], bool],
+        *,
+        timeout_s: float = 60.0,
+        what: str = "the condition",
     ) -> dict[str, Any]:
         """Waits until `condition` is true for the result of `show`, and returns that result.
 
@@ -281,7 +285,7 @@ class SyncVehicle:
         self._portal.call(lambda: self._inner.land())
 
     def land_now(self) -> None:
-        """Lands at the current position, whoever has control."""
+        """Lands at the current position, even if another client has control."""
         self._portal.call(lambda: self._inner.land_now())
 
     def rtl(self) -> None:

@@ -43,13 +43,13 @@ class SyncControl:
         """Takes control.
 
         Args:
-            force: take control from another client, after it denied a request or did not answer, or if it
-                cannot be asked.
+            force: take control from another client that denied the request, did not answer it, or cannot
+                receive it.
             on_expiry: command sent to the flying vehicle if this program sends nothing for `lease_s`.
 
         Raises:
             NotInControl: another client has control.
-            Refused: `force` was used without asking first.
+            Refused: `force` was used without a request before.
         """
         return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
 
@@ -264,7 +264,7 @@ class SyncOffboard(SetpointCalls[Answer]):
         """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
 
         Raises:
-            Timeout: another setpoint, mode or client has interrupted it.
+            Timeout: another setpoint, mode or client has interrupted the path.
         """
         self._portal.call(lambda: self._inner.follow_path(points))
 

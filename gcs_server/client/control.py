@@ -15,7 +15,7 @@ from gcs_server.client.errors import ApiError, Unreachable
 from gcs_server.client.setpoints import Body
 
 OnLost = Literal["nothing", "hold", "land", "rtl"]
-RENEWALS_A_LEASE = 4
+RENEWALS_PER_LEASE = 4
 POLL_S = 0.25
 
 
@@ -39,13 +39,13 @@ class Control:
         """Takes control.
 
         Args:
-            force: take control from another client, after it denied a request or did not answer, or if it
-                cannot be asked.
+            force: take control from another client that denied the request, did not answer it, or cannot
+                receive it.
             on_expiry: command sent to the flying vehicle if this program sends nothing for `lease_s`.
 
         Raises:
             NotInControl: another client has control.
-            Refused: `force` was used without asking first.
+            Refused: `force` was used without a request before.
         """
         body: Body = {"force": force}
         return await self._vehicle.request(
@@ -66,7 +66,7 @@ class Control:
         loop = asyncio.get_running_loop()
         end_s = loop.time() + wait_s
         while not status["yours"] and loop.time() < end_s:
-            if all(asking["key"] != status["your_key"] for asking in status["requests"]):
+            if all(request["key"] != status["your_key"] for request in status["requests"]):
                 break  # denied
             await asyncio.sleep(POLL_S)
             status = await self.show()
@@ -93,7 +93,7 @@ class Control:
         status = await self.take(force=force, on_expiry=on_expiry)
         problem: BaseException | None = None
         async with asyncio.TaskGroup() as group:
-            renewing = group.create_task(self._renew(status["lease_s"] / RENEWALS_A_LEASE))
+            renewing = group.create_task(self._renew(status["lease_s"] / RENEWALS_PER_LEASE))
             try:
                 yield status
             except BaseException as error:

@@ -87,8 +87,8 @@ _STATUS_BY_CODE = {"invalid_request": 422, "unknown_vehicle": 404, "disconnected
 def raise_problem(problem: dict[str, object]) -> NoReturn:
     """Raises the `ApiError` for a problem inside another document, such as an operation."""
     code = str(problem.get("code"))
-    told = problem.get("status")
-    status = told if isinstance(told, int) else _STATUS_BY_CODE.get(code, 409)
+    given = problem.get("status")
+    status = given if isinstance(given, int) else _STATUS_BY_CODE.get(code, 409)
     kind = NotInControl if code == "not_in_control" else _BY_STATUS.get(status, ApiError)
     raise kind(status, problem)
 

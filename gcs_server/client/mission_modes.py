@@ -13,7 +13,7 @@ from gcs_server.client.plans import Plan
 class MissionModes:
     """The offboard missions that this server has registered as flight modes of a vehicle.
 
-    The vehicle must be reached over ROS 2. PX4 starts the mission when anybody selects the mode in the air:
+    The vehicle must be reached over ROS 2. The mission starts when the mode is selected in the air: by
     `vehicle.set_mode(mode["mode"])`, another ground station, or a transmitter. A mode is unregistered when
     the server ends.
     """

@@ -157,11 +157,11 @@ class SetpointCalls(ABC, Generic[R_co]):
         return self.send(setpoints.rates(roll_rad_s, pitch_rad_s, yaw_rad_s, thrust))
 
     def thrust_torque(self, thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> R_co:
-        """Refused by MAVLink links."""
+        """Apply body thrust and torque; refused on MAVLink links."""
         return self.send(setpoints.thrust_torque(thrust_frd, torque_frd))
 
     def actuators(self, motors: Partial = (), servos: Partial = ()) -> R_co:
-        """Refused by MAVLink links."""
+        """Set individual motors and servos; refused on MAVLink links."""
         return self.send(setpoints.actuators(motors, servos))
 
     def path(self, points: PathPoints) -> R_co:
@@ -215,7 +215,7 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
         """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
 
         Raises:
-            Timeout: another setpoint, mode or client has interrupted it.
+            Timeout: another setpoint, mode or client has interrupted the path.
         """
         listed = list(points)
         started = await self.path(listed)

@@ -44,11 +44,11 @@ class LoopThread:
 def iterate(portal: BlockingPortal, source: AsyncGenerator[T]) -> Generator[T]:
     """Iterates over an asynchronous generator, and always closes it at the end of the iteration."""
 
-    async def following() -> T:
+    async def next_item() -> T:
         return await anext(source, _END)
 
     try:
-        while (found := portal.call(following)) is not _END:
+        while (found := portal.call(next_item)) is not _END:
             yield found
     finally:
         portal.call(source.aclose)

@@ -80,7 +80,11 @@ class Vehicle:
         return bool(health and health["ready_to_arm"])
 
     async def until(
-        self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
+        self,
+        condition: Callable[[dict[str, Any]], bool],
+        *,
+        timeout_s: float = 60.0,
+        what: str = "the condition",
     ) -> dict[str, Any]:
         """Waits until `condition` is true for the result of `show`, and returns that result.
 
@@ -115,7 +119,7 @@ class Vehicle:
         await self.request("POST", "/land")
 
     async def land_now(self) -> None:
-        """Lands at the current position, whoever has control."""
+        """Lands at the current position, even if another client has control."""
         await self.request("POST", "/land_now", {"confirm": f"vehicle {self.id} lands now"})
 
     async def rtl(self) -> None:

@@ -28,13 +28,14 @@ log = logging.getLogger(__name__)
 
 MAX_RUNNING = 20
 LINK_GRACE_S = 1.0
-"""Time after which work on a lost vehicle is stopped, if it has not failed with its own error before [s]."""
+"""Time after a vehicle was lost until its work is stopped [s]. Until then, the work can fail with its own
+error."""
 MAX_RESULT = 16_384
 """Maximum size of a result as JSON [characters]."""
 MAX_ENDED = 50
 MAX_TEXT_LENGTH = 300
-TELL_PERIOD_S = 0.2
-"""Minimum time between two progress events of an operation; its end is reported immediately [s]."""
+PROGRESS_PERIOD_S = 0.2
+"""Minimum time between two progress events of an operation [s]; the end is reported immediately."""
 
 State = Literal["running", "succeeded", "failed", "cancelled"]
 ReportProgress = Callable[[str, float | None], None]
@@ -170,7 +171,7 @@ class Operations:
         self._running[operation_id] = _Running(
             task, asyncio.Event(), needs_vehicle, self._clock.monotonic_s()
         )
-        task.add_done_callback(lambda _: self._never_ran(operation_id))
+        task.add_done_callback(lambda _: self._end_not_started(operation_id))
         self._on_change(operation)
         return operation
 
@@ -178,7 +179,7 @@ class Operations:
         """Waits for the end of an operation; cancelling the wait does not end the operation.
 
         Raises:
-            UnknownOperation: there is none of that id.
+            UnknownOperation: there is no such operation.
             GcsError: the error of the operation.
         """
         operation = self.get(operation_id)
@@ -194,7 +195,7 @@ class Operations:
         """Cancels an operation, and returns once its work has cleaned up; does nothing if it has ended.
 
         Raises:
-            UnknownOperation: there is none of that id.
+            UnknownOperation: there is no such operation.
         """
         operation = self.get(operation_id)
         running = self._running.get(operation_id)
@@ -207,13 +208,13 @@ class Operations:
     def vehicle_lost(self, vehicle_id: str, reason: str) -> None:
         """Called when the vehicle's link is lost or the vehicle is removed; operations that need the vehicle
         fail."""
-        concerned = [
+        affected = [
             running
             for operation_id, running in self._running.items()
             if running.needs_vehicle and self._known[operation_id].vehicle == vehicle_id
         ]
-        if concerned:
-            self._supervisor.spawn("operations of a lost vehicle", self._fail(concerned, vehicle_id, reason))
+        if affected:
+            self._supervisor.spawn("operations of a lost vehicle", self._fail(affected, vehicle_id, reason))
 
     async def close(self) -> None:
         """Cancels all operations, waits for them, and refuses new ones."""
@@ -226,9 +227,9 @@ class Operations:
 
     # --- inside -------------------------------------------------------------------------------------
 
-    async def _fail(self, concerned: list[_Running], vehicle_id: str, reason: str) -> None:
+    async def _fail(self, affected: list[_Running], vehicle_id: str, reason: str) -> None:
         await self._clock.sleep(LINK_GRACE_S)
-        for running in concerned:
+        for running in affected:
             if not running.ended.is_set():
                 running.stop_error = Disconnected(f"Vehicle {vehicle_id} was lost: {reason}")
                 running.task.cancel()
@@ -255,9 +256,8 @@ class Operations:
         else:
             self._end(operation_id, "succeeded", "Done.", result=result)
 
-    def _never_ran(self, operation_id: str) -> None:
-        """Ends an operation whose task was cancelled before its first step, because `_run` was never
-        called."""
+    def _end_not_started(self, operation_id: str) -> None:
+        """Ends an operation whose task was cancelled before its first step, so that `_run` did not end it."""
         if operation_id in self._running:
             error = self._running[operation_id].stop_error
             state: State = "cancelled" if error is None else "failed"
@@ -271,7 +271,7 @@ class Operations:
         changed = replace(self._known[operation_id], text=text[:MAX_TEXT_LENGTH], progress=fraction)
         self._known[operation_id] = changed
         now_s = self._clock.monotonic_s()
-        if now_s - running.reported_s >= TELL_PERIOD_S:
+        if now_s - running.reported_s >= PROGRESS_PERIOD_S:
             running.reported_s = now_s
             self._on_change(changed)
 
@@ -295,9 +295,8 @@ class Operations:
         )
         if state == "succeeded":
             ended = replace(ended, progress=1.0)
-        self._known[operation_id] = (
-            ended  # moved to the end: operations are dropped in the order in which they ended
-        )
+        # moved to the end: operations are dropped in the order in which they ended
+        self._known[operation_id] = ended
         done = [key for key in self._known if key not in self._running]
         for key in done[: max(0, len(done) - MAX_ENDED)]:
             del self._known[key]

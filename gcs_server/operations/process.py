@@ -38,7 +38,7 @@ async def run_process(
     report: ReportProgress,
     *,
     request: bytes = b"",
-    longest_line: int = MAX_LINE_LENGTH,
+    max_line_bytes: int = MAX_LINE_LENGTH,
 ) -> dict[str, object]:
     """Runs a command and returns the result that it writes.
 
@@ -46,21 +46,20 @@ async def run_process(
         command: program and arguments.
         report: receives the progress of the process.
         request: input of the process, without a line feed; the process reads it with `read_request`.
-        longest_line: maximum length of a line that the process may write [bytes].
+        max_line_bytes: maximum length of a line that the process may write [bytes].
 
     Raises:
         WorkerFailed: the process reported a problem or ended without a result.
     """
     process = await asyncio.create_subprocess_exec(
-        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=longest_line
+        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=max_line_bytes
     )
     assert process.stdin is not None
     assert process.stdout is not None
     try:
         if request:
-            with contextlib.suppress(
-                ConnectionError
-            ):  # the process has ended; its output contains the reason
+            # ConnectionError: the process has ended; its output contains the reason
+            with contextlib.suppress(ConnectionError):
                 process.stdin.write(request + b"\n")
                 await process.stdin.drain()
         while line := await process.stdout.readline():
@@ -128,14 +127,15 @@ def limit(*, memory_bytes: int, computing_s: int, timeout_s: int) -> None:
 def serve(work: Callable[[ReportProgress], dict[str, object]]) -> None:
     """Runs `work` in this process and writes the output for `run_process`; an exception is reported as the
     problem."""
-    threading.Thread(target=_end_with_the_server, daemon=True).start()
+    threading.Thread(target=_exit_with_server, daemon=True).start()
     try:
         _write({"result": work(lambda text, progress: _write({"text": text, "progress": progress}))})
     except Exception as error:
         _write({"problem": str(error) or type(error).__name__})
 
 
-def _end_with_the_server() -> None:
+def _exit_with_server() -> None:
+    """Waits until the server closes the standard input, then ends the process."""
     while sys.stdin.buffer.read(4096):
         pass
     os._exit(1)

@@ -16,13 +16,13 @@ SAME_START_M = 5.0
 
 
 def corridor_of(
-    dry_run: Mapping[str, Any], here_ned_m: Vector3, origin: LocalOrigin | None, role: str | None = None
+    dry_run: Mapping[str, Any], position_ned_m: Vector3, origin: LocalOrigin | None, role: str | None = None
 ) -> Corridor:
     """The corridor in the vehicle's local frame.
 
     Args:
         dry_run: the result of the dry run.
-        here_ned_m: the vehicle's position.
+        position_ned_m: the vehicle's position.
         origin: origin of the vehicle's local frame. None: unknown; the dry run is then assumed to have
             started at this position.
         role: the vehicle's role in a mission of several vehicles; None: the mission has one vehicle. In
@@ -35,16 +35,16 @@ def corridor_of(
     corridor = _corridor(dry_run, role)
     if dry_run["kind"] != "offboard_mission" or corridor is None:
         raise Refused(
-            f"Dry run {dry_run['id']} has no corridor of {_what(role)}.",
+            f"Dry run {dry_run['id']} has no corridor of {_subject(role)}.",
             remedy="Fly the mission in simulation with `flights` of 10 or more, and name that dry run.",
         )
     first_n, first_e, first_d = corridor["position_ned_m"][0]
-    start = (here_ned_m[0] - first_n, here_ned_m[1] - first_e, here_ned_m[2] - first_d)
+    start = (position_ned_m[0] - first_n, position_ned_m[1] - first_e, position_ned_m[2] - first_d)
     if origin is not None:
         home = dry_run["nominal"]["origin"]
         north, east, down = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
         start = (north, east, down if role is None else start[2])
-        away_m = math.dist((north + first_n, east + first_e), here_ned_m[:2])
+        away_m = math.dist((north + first_n, east + first_e), position_ned_m[:2])
         if away_m > SAME_START_M:
             raise Refused(
                 f"Dry run {dry_run['id']} began {away_m:.0f} m from the vehicle's position.",
@@ -58,14 +58,14 @@ def corridor_of(
 
 
 def _corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any] | None:
-    many, together = dry_run["monte_carlo"], dry_run["together"]
-    if many is None or (role is None) != (together is None):
+    monte_carlo, together = dry_run["monte_carlo"], dry_run["together"]
+    if monte_carlo is None or (role is None) != (together is None):
         return None
     if together is None:
-        return many["corridor"]
+        return monte_carlo["corridor"]
     own = together["monte_carlo"]["roles"].get(role)
     return None if own is None else own["corridor"]
 
 
-def _what(role: str | None) -> str:
+def _subject(role: str | None) -> str:
     return "an offboard mission of one vehicle" if role is None else f"the role {role!r}"

@@ -13,7 +13,7 @@ from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import WorkerFailed, run_process
 
-AT_ONCE = 2
+MAX_RUNNING = 2
 """Maximum number of processes; they have low priority, but a small computer has only two cores."""
 MAX_KEPT = 10
 MAX_ANSWER_BYTES = 8 * 1024 * 1024
@@ -32,11 +32,11 @@ class DryRuns:
         """Id of the next dry run.
 
         Raises:
-        Refused: the limit of running dry runs is reached.
+            Refused: the limit of running dry runs is reached.
         """
-        if self._running >= AT_ONCE:
+        if self._running >= MAX_RUNNING:
             raise Refused(
-                f"{AT_ONCE} dry runs are already running, which is the limit.",
+                f"{MAX_RUNNING} dry runs are already running, which is the limit.",
                 remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
             )
         self._count += 1
@@ -60,12 +60,12 @@ class DryRuns:
             Refused: the plan cannot be flown, the simulation takes too long, or too many dry runs are
                 running.
         """
-        if self._running >= AT_ONCE:
-            raise Refused(f"{AT_ONCE} dry runs are already running.", remedy="Wait until one has ended.")
+        if self._running >= MAX_RUNNING:
+            raise Refused(f"{MAX_RUNNING} dry runs are already running.", remedy="Wait until one has ended.")
         self._running += 1
         try:
             result = await run_process(
-                COMMAND, report, request=json.dumps(request).encode(), longest_line=MAX_ANSWER_BYTES
+                COMMAND, report, request=json.dumps(request).encode(), max_line_bytes=MAX_ANSWER_BYTES
             )
         except WorkerFailed as error:
             raise Refused(
@@ -85,7 +85,7 @@ class DryRuns:
         """The result of a dry run.
 
         Raises:
-        UnknownDryRun: there is no such dry run, it has not ended, or it was deleted.
+            UnknownDryRun: there is no such dry run, it has not ended, or it was deleted.
         """
         result = self._kept.get(dry_run_id)
         if result is None:

@@ -60,7 +60,7 @@ class PlanFiles:
         """Ids of all plans.
 
         Raises:
-        OSError: the folder cannot be read.
+            OSError: the folder cannot be read.
         """
         try:
             return sorted(path.name for path in self.folder.iterdir() if _ID.fullmatch(path.name))
@@ -84,8 +84,8 @@ class PlanFiles:
         """Description of one version.
 
         Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is not a version of a plan.
+            OSError: the file cannot be read.
+            ValueError: the file is not a version of a plan.
         """
         return self._read(plan_id, version, MAX_HEAD_BYTES)[0]
 
@@ -159,9 +159,9 @@ def _head(value: Any) -> PlanVersion:
     if not isinstance(value, dict):
         raise ValueError("its first line is not a JSON object")
     fields: dict[str, Any] = {
-        "kind": "waypoint_plan",
+        "kind": "waypoint_plan",  # files of older versions do not have this field
         **cast(dict[str, Any], value),
-    }  # files of older versions do not have this field
+    }
     types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
     time = fields.get("changed_unix_s")
     if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):

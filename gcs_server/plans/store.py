@@ -1,4 +1,4 @@
-"""The plans in the data folder, with versions. Each save names the version that was changed. All disk work
+"""The plans in the data folder, with versions. Each save names the version that it changes. All disk work
 runs in one thread, one task after the other, so that saves never interleave and a cancelled caller does not
 interrupt a save.
 """

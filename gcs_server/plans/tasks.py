@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from missions.trajectory.limits import MotionLimits
 
 Values = dict[str, Any]
-"""As JSON."""
+"""A JSON object."""
 
 
 def run(task: str, arguments: Mapping[str, Any]) -> Values:
@@ -56,19 +56,19 @@ def _check(arguments: Mapping[str, Any]) -> Values:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
     findings = check(plan, CheckLimits(vehicle=vehicle, power=power))
-    below = PlanGround()
+    ground = PlanGround()
     if arguments["elevation"]:
         from gcs_server.plans import terrain_tasks  # GDAL, 0.3 s to import
 
-        of_ground, below = terrain_tasks.of_plan(plan, arguments["elevation"], vehicle.return_alt_m)
-        findings = (*findings, *of_ground)
+        ground_findings, ground = terrain_tasks.of_plan(plan, arguments["elevation"], vehicle.return_alt_m)
+        findings = (*findings, *ground_findings)
     return {
         "kind": "waypoint_plan",
         "findings": [_finding(each) for each in findings],
         "estimates": dataclasses.asdict(estimate(plan, vehicle, power)),
         "flight": None,
-        "ground": list(below.profile),
-        "ground_not_known": list(below.not_known),
+        "ground": list(ground.profile),
+        "ground_not_known": list(ground.not_known),
     }
 
 
@@ -109,14 +109,14 @@ def _check_mission(
     timeline = compiler.compile_mission(mission, vehicle, start)
     here = start.position_ned_m
     legs = samples.legs(timeline, here)
-    of_ground, below = _mission_ground(legs, start.origin, here[2], arguments["elevation"])
+    ground_findings, ground = _mission_ground(legs, start.origin, here[2], arguments["elevation"])
     estimates = Estimate(
         timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, here[2]), timeline.photos,
         timeline.energy_wh, endless=False, known_altitudes=True,
     )  # fmt: skip
     return {
         "kind": "offboard_mission",
-        "findings": [_mission_finding(each) for each in (*timeline.findings, *of_ground)],
+        "findings": [_mission_finding(each) for each in (*timeline.findings, *ground_findings)],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
@@ -125,8 +125,8 @@ def _check_mission(
             "start_ned_m": here,
             "origin": None if start.origin is None else dataclasses.asdict(start.origin),
         },
-        "ground": list(below.profile),
-        "ground_not_known": list(below.not_known),
+        "ground": list(ground.profile),
+        "ground_not_known": list(ground.not_known),
     }
 
 
@@ -141,8 +141,8 @@ def _mission_ground(
 
 
 def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: Sequence[str]) -> Values:
-    """Checks a mission of several vehicles. All vehicles have these parameters and start on the ground at the
-    start position of their role.
+    """Checks a mission of several vehicles. All vehicles have the parameters of `vehicle` and start on the
+    ground at the start position of their role.
     """
     from missions.offboard import mission_checks, roles, samples
 
@@ -163,10 +163,10 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
     legs = [
         leg for role, each in timelines.items() for leg in samples.legs(each, starts[role].position_ned_m)
     ]
-    of_ground, below = _mission_ground(legs, origin, 0.0, elevation)
+    ground_findings, ground = _mission_ground(legs, origin, 0.0, elevation)
     return {
         "kind": "offboard_mission",
-        "findings": [_mission_finding(each) for each in (*compiled.findings, *of_ground)],
+        "findings": [_mission_finding(each) for each in (*compiled.findings, *ground_findings)],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(s) for each in timelines.values() for s in samples.step_times(each)],
@@ -175,8 +175,8 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
             "start_ned_m": (0.0, 0.0, 0.0),
             "origin": None if origin is None else dataclasses.asdict(origin),
         },
-        "ground": list(below.profile),
-        "ground_not_known": list(below.not_known),
+        "ground": list(ground.profile),
+        "ground_not_known": list(ground.not_known),
     }
 
 
@@ -255,7 +255,8 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `start` (as
     `Start`, `origin` as a mapping or null), `elevation`: paths of elevation files.
 
-    `flown` is pickled, because only this server and its processes write and read it.
+    `flown` in the answer is the pickled timeline with its motion limits; only this server and its processes
+    write and read it.
     """
     from missions.offboard.compiler import compile_mission
 
@@ -263,9 +264,9 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     vehicle = _vehicle_of(arguments)
     start = _start_of(arguments["start"])
     timeline = compile_mission(mission, vehicle, start)
-    of_ground = _ground_findings(timeline, start, arguments["elevation"])
+    ground_findings = _ground_findings(timeline, start, arguments["elevation"])
     return {
-        "findings": [_short_finding(each) for each in (*timeline.findings, *of_ground)],
+        "findings": [_short_finding(each) for each in (*timeline.findings, *ground_findings)],
         "flown": _pickled((timeline, _motion_of(mission, vehicle))),
     }
 
@@ -274,7 +275,7 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Values:
     """Compiles a mission of several vehicles. Arguments: `plan` (JSON text), `vehicles`: for each role the
     arguments of `compile`; `elevation`.
 
-    `flown` is pickled: timeline and motion limits of each role.
+    `flown` in the answer is pickled: the timeline and the motion limits of each role.
     """
     from missions.offboard.roles import compile_roles
 

@@ -43,7 +43,7 @@ def of_mission(
 
     Args:
         legs: the legs of one vehicle, or of all roles in sequence, in the frame of `origin`.
-        origin: origin of the local frame; None: unknown, so there are no findings and no ground.
+        origin: origin of the local frame; None: unknown, and nothing is found.
         start_down_m: down coordinate of the start.
         paths: paths of the elevation files.
     """

@@ -40,13 +40,13 @@ class PlanWork:
     async def run(
         self, task: str, arguments: Mapping[str, Any], *, small: bool, field: str = "plan"
     ) -> dict[str, Any]:
-        """Runs one task; if the caller is cancelled, its process ends.
+        """Runs one task; if the caller is cancelled, the task's process ends.
 
         Args:
             task: one of `tasks.TASKS`.
             arguments: arguments of the task.
             small: whether the task takes only milliseconds for any content, so that it can run in a thread.
-            field: field of the request that errors name.
+            field: the field of the request that errors name.
 
         Raises:
             InvalidRequest: the plan or file cannot be used; the error contains the part, the reason and the
@@ -89,7 +89,7 @@ class PlanWork:
         try:
             async with self._free:
                 return await run_process(
-                    COMMAND, lambda _text, _share: None, request=request, longest_line=MAX_ANSWER_BYTES
+                    COMMAND, lambda _text, _share: None, request=request, max_line_bytes=MAX_ANSWER_BYTES
                 )
         except WorkerFailed as error:
             raise Refused(

@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api.dry_run_models import DryRunView
 from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.plans import dry_runs
-from gcs_server.plans.dry_runs import AT_ONCE, MAX_KEPT, DryRuns
+from gcs_server.plans.dry_runs import MAX_KEPT, MAX_RUNNING, DryRuns
 from missions import plan as plan_document
 from tests.support.dry_runs import HOME, QUICK, hop
 from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
@@ -140,7 +140,7 @@ def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
         runs = DryRuns()
         tasks = [
             asyncio.ensure_future(runs.run(str(n), request(hop()), ABOUT, lambda *_: None))
-            for n in range(AT_ONCE)
+            for n in range(MAX_RUNNING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already running"):

@@ -13,7 +13,7 @@ from gcs_server.operations.operations import (
     MAX_RESULT,
     MAX_RUNNING,
     MAX_TEXT_LENGTH,
-    TELL_PERIOD_S,
+    PROGRESS_PERIOD_S,
     Operations,
 )
 from gcs_server.supervise import Supervisor
@@ -81,7 +81,7 @@ def test_progress_events_are_limited_to_a_few_per_second():
 
         begin(at, work)
         await asyncio.sleep(2.0)
-        assert len(at.told) <= 2 + 1.0 / TELL_PERIOD_S
+        assert len(at.told) <= 2 + 1.0 / PROGRESS_PERIOD_S
         assert all(o.progress is None or 0 <= o.progress <= 1 for o in at.told)
         assert all(len(o.text) <= MAX_TEXT_LENGTH for o in at.told)
 
