@@ -161,7 +161,7 @@ class Server:
             simulator=self._simulator is not None,
         )
         self.station.hub.watch_replays(replays.all)
-        self.station.hub.watch_ros2_topics(self.station.topic_inspectors.look)
+        self.station.hub.watch_ros2_topics(self.station.topic_inspectors.inspect)
         self.streamer.groups.on_change = self._publish_group
         self.fleet.subscribe(self._watch_for_losses)
         self._links = (*settings.links, *more_links)

@@ -32,7 +32,7 @@ async def ros2_topics(vehicle: VehicleDep, station: StationDep) -> Response:
     values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no ROS 2 link.
     """
     until_s = station.clock.monotonic_s() + LONGEST_START_S
-    while (inspection := station.topic_inspectors.look(vehicle)) is not None:
+    while (inspection := station.topic_inspectors.inspect(vehicle)) is not None:
         if inspection.state != "starting" or station.clock.monotonic_s() >= until_s:
             return answer(inspection)
         await station.clock.sleep(LOOK_EVERY_S)

@@ -1,7 +1,7 @@
 """The vehicle's time since its boot, from the timestamps of its ROS 2 messages.
 
 With time synchronization (`UXRCE_DDS_SYNCT`, the default) PX4 sends its timestamps in microseconds since 1970
-on the agent's clock, and the offset to its own time once a second (`timesync_status`). Without it timestamps
+on the agent's clock, and the offset to its own time once a second (`timesync_status`). Without it, timestamps
 count from the boot.
 """
 
@@ -11,9 +11,10 @@ from typing import Final
 
 LONGEST_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
 """Larger timestamps count from 1970."""
-PATIENCE_S: Final = 3.0
-"""After this time without `timesync_status` the first timestamp is used as the time of the boot."""
+TIMESYNC_TIMEOUT_S: Final = 3.0
+"""Time without `timesync_status` after which the first timestamp is used as the time of the boot [s]."""
 LARGEST_OFFSET_US: Final = 2**62
+"""Larger offsets are not plausible and are ignored."""
 
 
 class BootTime:
@@ -25,7 +26,7 @@ class BootTime:
         """When the first timestamp since 1970 arrived [s, monotonic], and the timestamp [µs]."""
 
     def synchronize(self, estimated_offset_us: int) -> None:
-        """Applies `timesync_status`: this offset is added to a timestamp."""
+        """Applies the offset of `timesync_status` [µs], which is added to timestamps."""
         if abs(estimated_offset_us) < LARGEST_OFFSET_US:
             self._offset_us = estimated_offset_us
 
@@ -41,7 +42,7 @@ class BootTime:
         if self._offset_us is None:
             if self._first is None:
                 self._first = now_s, timestamp_us
-            if now_s - self._first[0] < PATIENCE_S:
+            if now_s - self._first[0] < TIMESYNC_TIMEOUT_S:
                 return None
             self._offset_us = -self._first[1]
         return max(0, timestamp_us + self._offset_us) // 1000 & 0xFFFFFFFF

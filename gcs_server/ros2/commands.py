@@ -1,7 +1,8 @@
-"""Converts commands of MAVLink to PX4's VehicleCommand, and its answers back.
+"""Converts MAVLink commands to VehicleCommand, and PX4's VehicleCommandAck to COMMAND_ACK.
 
-The server commands as component 192 over ROS 2: PX4 publishes the answers to commands of all links, and must
-not answer the same request a second time under the server's MAVLink address.
+Over ROS 2 the server sends its commands from component 192 instead of 190. PX4 publishes the answers to the
+commands of all links; the component id shows over which link a command was sent, so that its answer is not
+received twice.
 """
 
 from __future__ import annotations
@@ -63,16 +64,16 @@ def command_fields(frame: Frame) -> dict[str, Any] | None:
     }
 
 
-def mode_to_explain(fields: Values, present: int) -> int | None:
+def mode_to_explain(fields: Values, current_nav_state: int) -> int | None:
     """The mode whose requirements may explain a refusal of this command, as `nav_state`; None if none do.
 
     Args:
-        fields: of the VehicleCommand.
-        present: the vehicle's present mode.
+        fields: the fields of the VehicleCommand.
+        current_nav_state: the vehicle's current mode.
     """
     command = fields["command"]
     if command == d.MAV_CMD_COMPONENT_ARM_DISARM:
-        return present if fields["param1"] == 1.0 else None
+        return current_nav_state if fields["param1"] == 1.0 else None
     if command == d.MAV_CMD_DO_SET_MODE:
         main, sub = fields["param2"], fields["param3"]
         known = (mode for mode in BY_NAME.values() if (mode.main, mode.sub) == (main, sub))

@@ -1,7 +1,7 @@
 """DDS for the `ros2://` links, by Cyclone DDS, which is optional.
 
-Cyclone's own threads discover vehicles and receive their messages. `VehiclePort.take` only fetches what they
-have received, and `send` hands over to the socket (best effort); neither waits.
+Cyclone's own threads discover vehicles and receive their messages. `VehiclePort.take` only fetches the
+received messages, and `Writers.send` passes a message to the socket (best effort); neither waits.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ LOOPBACK: Final = "lo"
 MAX_PARTICIPANTS: Final = 99
 """On loopback: without multicast, discovery uses one port for each participant."""
 MAX_PUBLICATIONS: Final = 200
-"""Most announcements of writers read at once."""
+"""Maximum number of announcements of writers in one reading."""
 MAX_WRITERS: Final = 64
-"""Writers of one topic whose participant is remembered."""
+"""Maximum number of writers of one topic whose participant is stored."""
 SILENT_S: Final = 3.5
-"""After this silence of the participant in use, another one with the same topics is used."""
+"""Time without a status from the participant that is read, after which another one with the same topics is
+read [s]."""
 
 BEST_EFFORT: Final = Policy.Reliability.BestEffort
 
@@ -63,7 +64,7 @@ def configuration(interface: str | None) -> str:
 
 
 class SharedDomain:
-    """A DDS domain of this process; Cyclone allows one of each number, so links share it."""
+    """A DDS domain of this process. Links share it, because Cyclone allows one domain of each number."""
 
     def __init__(self, domain_id: int, interface: str | None) -> None:
         self.domain_id, self.interface = domain_id, interface
@@ -73,20 +74,20 @@ class SharedDomain:
 _domains: weakref.WeakValueDictionary[int, SharedDomain] = weakref.WeakValueDictionary()
 _domains_lock = threading.Lock()
 _types_lock = threading.Lock()
-"""Two threads cannot register a type of Cyclone at once."""
+"""Held while types are registered, because two threads cannot do this at the same time in Cyclone."""
 
 
 def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
-    """The domain of this number; it closes when its last user drops it.
+    """The domain of this number; it closes when the last reference to it is dropped.
 
     Raises:
-        DdsUnavailable: no such interface, or the domain is open on another one.
+        DdsUnavailable: there is no such interface, or the domain is open on another interface.
     """
     with _domains_lock:
         shared = _domains.get(domain_id)
         if shared is not None and shared.interface != interface:
             raise DdsUnavailable(
-                f"DDS domain {domain_id} is already used on {_place(shared.interface)}. "
+                f"DDS domain {domain_id} is already used on {_interface_text(shared.interface)}. "
                 "Use the same interface for all links of a domain."
             )
         if shared is None:
@@ -97,14 +98,14 @@ def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
         return shared
 
 
-def _place(interface: str | None) -> str:
+def _interface_text(interface: str | None) -> str:
     return f"interface {interface}" if interface else f"the loopback interface {LOOPBACK}"
 
 
 def _not_opened(domain_id: int, interface: str | None, problem: DDSException) -> str:
     return (
-        f"DDS domain {domain_id} could not be opened on {_place(interface)} ({problem.msg}). Check the "
-        "interface's name and that no more than a hundred programs use the domain."
+        f"DDS domain {domain_id} could not be opened on {_interface_text(interface)} ({problem.msg}). Check "
+        "the interface's name and that no more than a hundred programs use the domain."
     )
 
 
@@ -136,7 +137,7 @@ class DdsPort:
             raise DdsUnavailable(_not_opened(domain_id, interface, problem)) from None
 
     def discovered(self) -> list[Publication]:
-        """Writers that appeared since the last call, a bounded number; also the known ones that changed."""
+        """Writers that appeared or changed since the last call, a limited number."""
         try:
             found = self._publications.take(MAX_PUBLICATIONS)
         except DDSException:
@@ -162,9 +163,9 @@ class Writers:
     """Writers for topics that a vehicle subscribes to; created when they are first used.
 
     Args:
-        participant: this process's.
-        namespace: the vehicle's; may be empty.
-        domain: kept open as long as these writers; None: somebody else does so.
+        participant: the participant of this process.
+        namespace: namespace of the vehicle; may be empty.
+        domain: the domain, which stays open as long as these writers exist; None: the caller keeps it open.
     """
 
     def __init__(
@@ -182,8 +183,8 @@ class Writers:
         if topic not in self._writers:
             kind = idl_type(message)
             qos = Qos(BEST_EFFORT, Policy.Durability.Volatile, Policy.History.KeepLast(1))
-            where = Topic(self._participant, wire_name(topic, self._namespace), kind)
-            self._writers[topic] = kind, DataWriter(self._participant, where, qos=qos)
+            dds_topic = Topic(self._participant, wire_name(topic, self._namespace), kind)
+            self._writers[topic] = kind, DataWriter(self._participant, dds_topic, qos=qos)
 
     def send(self, topic: str, data: bytes) -> None:
         """Sends a message of a prepared topic.
@@ -235,8 +236,8 @@ class Readers:
     """Reads topics of one vehicle, without waiting.
 
     Args:
-        participant: this process's.
-        namespace: the vehicle's; may be empty.
+        participant: the participant of this process.
+        namespace: namespace of the vehicle; may be empty.
         read: the topics; `every_s` is not used.
     """
 
@@ -244,7 +245,7 @@ class Readers:
         self._readers = [(each, _open_reader(participant, each, namespace)) for each in read]
 
     def take(self) -> list[tuple[str, bytes]]:
-        """Messages received since the last call, a bounded number of each topic."""
+        """Messages received since the last call, a limited number of each topic."""
         taken: list[tuple[str, bytes]] = []
         for each, reader in self._readers:
             try:
@@ -291,18 +292,18 @@ class VehiclePort:
         self._source: str | None = None
         """The participant that is read."""
         self._source_s = 0.0
-        """When its last message was read."""
-        self.others_s = float("-inf")
+        """Time of its last vehicle status."""
+        self.other_status_s = float("-inf")
         """When another participant's vehicle status was last ignored."""
 
     def take(self, now_s: float) -> Iterable[tuple[str, bytes]]:
-        """Messages received since the last call, a bounded number of each topic that is due."""
+        """Messages received since the last call, a limited number of each topic that is due."""
         taken: list[tuple[str, bytes]] = []
         for each in self._readers:
             subscription = each.subscription
             if now_s < each.next_s:
                 continue
-            each.next_s = now_s + subscription.every_s * 0.9  # a reading that is a little early counts
+            each.next_s = now_s + subscription.every_s * 0.9  # 10 % less: a call may be a little early
             try:
                 samples = each.reader.take(subscription.depth)
             except DDSException:
@@ -314,7 +315,7 @@ class VehiclePort:
         return taken
 
     @property
-    def heard(self) -> bool:
+    def has_status(self) -> bool:
         """Whether a vehicle status has arrived."""
         return self._source is not None
 
@@ -325,7 +326,7 @@ class VehiclePort:
             self._source = participant
         if participant != self._source:
             if is_status:
-                self.others_s = now_s
+                self.other_status_s = now_s
             return False
         if is_status:
             self._source_s = now_s

@@ -21,15 +21,15 @@ from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MessageType
 
 MAX_ANNOUNCEMENTS: Final = 500
-"""Most announcements of writers, and of readers, read at once."""
+"""Maximum number of announcements of writers, and of readers, in one reading."""
 DEPTH: Final = 128
-"""Messages of a topic that wait for the next reading."""
+"""Maximum number of messages of a topic that are kept until the next reading."""
 QOS: Final = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH))
-"""Every writer's messages can be received with these."""
+"""With these settings the messages of every writer can be received."""
 
 
 class InspectionPort:
-    """A participant that only listens.
+    """A participant that only reads.
 
     Raises:
         DdsUnavailable: DDS cannot create it.
@@ -52,7 +52,7 @@ class InspectionPort:
         self._readers: dict[TopicKey, Any] = {}
 
     def announcements(self) -> list[Announcement]:
-        """Writers and readers of other participants that appeared or ended, a bounded number."""
+        """Writers and readers of other participants that appeared or ended, a limited number."""
         found: list[Announcement] = []
         for publishes, reader in self._builtin:
             try:

@@ -24,7 +24,7 @@ NEEDED_BY_MODE: Final = (
     ("manual_control_signal_lost", "mode_req_manual_control", "no manual control input"),
 )
 """(flag, mask of the modes that need it, text); a mode's bit is its `nav_state`."""
-ALWAYS: Final = (
+IN_ANY_MODE: Final = (
     ("battery_unhealthy", "battery unhealthy"),
     ("battery_low_remaining_time", "remaining flight time too low"),
     ("geofence_breached", "geofence breached"),
@@ -51,6 +51,6 @@ def problems(flags: Values, nav_state: int) -> Iterator[str]:
     for flag, mask, text in NEEDED_BY_MODE:
         if flags[flag] and nav_state < 32 and flags[mask] >> nav_state & 1:
             yield text
-    for flag, text in ALWAYS:
+    for flag, text in IN_ANY_MODE:
         if flags[flag]:
             yield text

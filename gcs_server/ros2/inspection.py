@@ -1,4 +1,4 @@
-"""The topics of a DDS domain with rate, age and last value: what the inspector shows. No DDS and no clock.
+"""The topics of a DDS domain with rate, age and last value, for the inspector. Uses neither DDS nor a clock.
 
 Everything here comes from other programs, so the number of endpoints and topics is limited.
 """
@@ -15,15 +15,15 @@ from gcs_server.ros2.message_types import SHOWN, MalformedMessage, MessageType
 from gcs_server.ros2.topics import vehicle_of, wire_type
 
 MAX_ENDPOINTS: Final = 4000
-"""Writers and readers that are remembered; further ones are ignored."""
+"""Maximum number of writers and readers; further ones are ignored."""
 MAX_TOPICS: Final = 200
-"""Topics shown for one vehicle; the others are counted."""
+"""Maximum number of topics shown for one vehicle; the others are only counted."""
 MAX_NAME: Final = 256
 """Longest name of a topic or type [characters]; endpoints with longer ones are ignored."""
 RATE_WINDOW_S: Final = 10.0
-"""Rates are those of this time."""
+"""Time over which a rate is measured."""
 HIDDEN_TYPES: Final = "org::eclipse::cyclonedds::builtin::"
-"""Begin of the types of Cyclone's own topics."""
+"""Start of the type names of Cyclone's own topics."""
 _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _TYPES: Final[Mapping[str, MessageType]] = {wire_type(message): message for message in SHOWN.values()}
 State = Literal["starting", "open", "failed"]
@@ -130,7 +130,7 @@ class MessageRate:
 
 
 class TopicRecord:
-    """What is known of one topic whose type is known."""
+    """The last message and the rate of one topic whose type is known."""
 
     def __init__(self, message: MessageType) -> None:
         self._message = message

@@ -1,7 +1,7 @@
-"""Inspects the ROS 2 topics of vehicles while somebody looks at them.
+"""Inspects the ROS 2 topics of vehicles while a client requests them.
 
-Each domain has a thread and a DDS participant of its own, which exist only while somebody looks. A flood on
-an inspected topic does not delay the thread of the link.
+Each domain has its own thread and DDS participant, which exist only while a client requests its topics. Many
+messages on an inspected topic do not delay the thread of the link.
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ SHOW_EVERY_S: Final = 0.5
 DISCOVERY_S: Final = 1.0
 """Time in which a new participant has discovered the others."""
 RETRY_S: Final = 5.0
-LOOKED_S: Final = 12.0
-"""A vehicle's topics are read for this time after the last look; the slowest subscription looks every 10 s.
+KEEP_READING_S: Final = 12.0
+"""Time after the last request for which a vehicle's topics are read [s]; the slowest subscription requests
+them every 10 s.
 """
 
 
 class Port(Protocol):
-    """What the inspector needs of DDS (`dds_inspection.InspectionPort`)."""
+    """The interface to DDS that the inspector uses (`dds_inspection.InspectionPort`)."""
 
     def announcements(self) -> list[Announcement]: ...
     def open(self, key: TopicKey, message: MessageType) -> str | None: ...
@@ -53,7 +54,7 @@ OpenPort = Callable[[int, "str | None"], Port]
 
 
 class Session:
-    """One use of a port, from the first look to the last. No clock and no thread of its own."""
+    """One use of a port, from the first request to the last. Uses no clock and no thread."""
 
     def __init__(self, port: Port, domain_id: int, now_s: float) -> None:
         self._port, self._domain_id, self._began_s = port, domain_id, now_s
@@ -104,16 +105,16 @@ class DomainInspector:
     def __init__(self, domain_id: int, interface: str | None, open_port: OpenPort) -> None:
         self._domain_id, self._interface, self._open_port = domain_id, interface, open_port
         self._lock = threading.Lock()
-        self._looked_s: dict[str, float] = {}
-        """By namespace: when somebody looked last."""
+        self._requested_s: dict[str, float] = {}
+        """Time of the last request for each namespace."""
         self._shown: dict[str, Inspection] = {}
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def look(self, namespace: str) -> Inspection:
-        """The topics of a vehicle as of at most half a second ago; the first look begins to read them."""
+    def inspect(self, namespace: str) -> Inspection:
+        """The topics of a vehicle, at most half a second old; the first request starts to read them."""
         with self._lock:
-            self._looked_s[namespace] = time.monotonic()
+            self._requested_s[namespace] = time.monotonic()
             if self._thread is None and not self._stop.is_set():
                 name = f"inspector of DDS domain {self._domain_id}"
                 self._thread = threading.Thread(target=self._main, name=name, daemon=True)
@@ -134,21 +135,23 @@ class DomainInspector:
         return self._thread is not None
 
     def _main(self) -> None:
-        while self._watched():
+        while self._active_namespaces():
             try:
                 self._serve()
             except Exception as problem:
                 log.warning("DDS domain %d cannot be inspected: %s", self._domain_id, problem)
                 with self._lock:
-                    self._shown = {name: self._empty(name, "failed", str(problem)) for name in self._looked_s}
+                    self._shown = {
+                        name: self._empty(name, "failed", str(problem)) for name in self._requested_s
+                    }
                 self._stop.wait(RETRY_S)
 
     def _serve(self) -> None:
-        """Reads topics until nobody looks. Cyclone's entities end with it."""
+        """Reads topics until no client requests them. Cyclone's entities end with this call."""
         now_s = time.monotonic()
         session = Session(self._open_port(self._domain_id, self._interface), self._domain_id, now_s)
         show_s = now_s
-        while not self._stop.wait(READ_EVERY_S) and (namespaces := self._watched()):
+        while not self._stop.wait(READ_EVERY_S) and (namespaces := self._active_namespaces()):
             now_s = time.monotonic()
             session.read(namespaces, now_s)
             if now_s >= show_s:
@@ -157,13 +160,13 @@ class DomainInspector:
                 with self._lock:
                     self._shown = shown
 
-    def _watched(self) -> set[str]:
-        """Namespaces at which somebody looks. If there are none, the thread must end."""
-        since_s = time.monotonic() - LOOKED_S
+    def _active_namespaces(self) -> set[str]:
+        """Namespaces that clients request. If there are none, the thread must end."""
+        since_s = time.monotonic() - KEEP_READING_S
         with self._lock:
-            self._looked_s = {name: at_s for name, at_s in self._looked_s.items() if at_s > since_s}
-            if self._looked_s and not self._stop.is_set():
-                return set(self._looked_s)
+            self._requested_s = {name: at_s for name, at_s in self._requested_s.items() if at_s > since_s}
+            if self._requested_s and not self._stop.is_set():
+                return set(self._requested_s)
             self._thread = None
             self._shown = {}
             return set()
@@ -179,7 +182,7 @@ class TopicInspectors:
         self._open_port = open_port or _open_port
         self._inspectors: dict[tuple[int, str | None], DomainInspector] = {}
 
-    def look(self, vehicle: Vehicle) -> Inspection | None:
+    def inspect(self, vehicle: Vehicle) -> Inspection | None:
         """The ROS 2 topics of a vehicle; None if it has no ROS 2 link."""
         address = dds_address(vehicle)
         if address is None:
@@ -188,7 +191,7 @@ class TopicInspectors:
         inspector = self._inspectors.get(where)
         if inspector is None:
             inspector = self._inspectors[where] = DomainInspector(*where, self._open_port)
-        return inspector.look(address.namespace)
+        return inspector.inspect(address.namespace)
 
     def close(self) -> None:
         """Ends all inspectors; returns when DDS has released their sockets."""
@@ -197,7 +200,7 @@ class TopicInspectors:
 
 
 def dds_address(vehicle: Vehicle) -> DdsAddress | None:
-    """Where the vehicle's ROS 2 topics are; None if it has no ROS 2 link."""
+    """The vehicle's DDS address; None if it has no ROS 2 link."""
     return next((e.peer.dds for e in vehicle.endpoints if e.peer.dds is not None), None)
 
 

@@ -1,7 +1,7 @@
-"""The `ros2://` link: PX4's topics over DDS, read by a thread of its own.
+"""The `ros2://` link: PX4's topics over DDS, read by a separate thread.
 
 The thread finds vehicles and converts their messages; the event loop only receives MAVLink frames. While the
-loop is busy the thread reads nothing more: then DDS keeps only the newest samples.
+loop is busy the thread reads nothing, and DDS keeps only the newest samples.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ READ_EVERY_S: Final = 0.02
 DISCOVER_EVERY_S: Final = 0.25
 REPORT_EVERY_S: Final = 1.0
 FIRST_REPORT_S: Final = 5.0
-"""No vehicle is reported as missing before this time."""
+"""Time after the start before which no vehicle is reported as missing."""
 MAX_VEHICLES: Final = 64
-"""Namespaces read by one link."""
-MAX_OTHERS: Final = 16
-"""Remembered topics of vehicles that cannot be read."""
+"""Maximum number of namespaces read by one link."""
+MAX_UNREADABLE: Final = 16
+"""Maximum number of reported topics of vehicles that cannot be read."""
 NO_NAMESPACE: Final = "/"
 """Name of the peer without a namespace."""
-OTHERS_S: Final = 10.0
+SAME_NAMESPACE_S: Final = 10.0
+"""Time for which several vehicles with the same namespace are reported."""
 OpenPort = Callable[[int, "str | None"], "DdsPort"]
 
 
@@ -102,22 +103,22 @@ class Ros2Link(Link):
     # --- in the event loop, called by the thread --------------------------------------------------------
 
     def ready(self, run: _Run) -> None:
-        """DDS is open."""
+        """Called when DDS is open."""
         if run is self._run:
             self._opened()
 
     def failed(self, run: _Run, why: str) -> None:
-        """DDS cannot be used."""
+        """Called when DDS cannot be used."""
         if run is self._run:
             self._lost(why)
 
     def report(self, run: _Run, detail: str) -> None:
-        """What is wrong at present; empty if there is no problem."""
+        """Shows the current problems in the link's state; `detail` is empty if there are none."""
         if run is self._run:
             self._set_state("open", detail)
 
     def frames(self, run: _Run, batch: list[tuple[str, bytes]], taken_s: float) -> None:
-        """MAVLink frames of vehicles, by peer name."""
+        """Receives the MAVLink frames of vehicles, by peer name."""
         run.delivered.set()
         if run is not self._run:
             return
@@ -146,8 +147,8 @@ class _Run:
         """By peer name; only the thread adds."""
         self._ports: dict[str, VehiclePort] = {}
         self._found_s: dict[str, float] = {}
-        self._others: dict[str, str] = {}
-        """By topic: why a vehicle cannot be read."""
+        self._unreadable: dict[str, str] = {}
+        """Reason by topic why a vehicle cannot be read."""
         self._began_s = loop.time()
         self._discover_s = self._report_s = 0.0
         self.thread = threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)
@@ -209,16 +210,16 @@ class _Run:
             self._ports[name], self._found_s[name] = opened, now_s
 
     def _cannot_read(self, topic: str, why: str) -> None:
-        if len(self._others) < MAX_OTHERS:
-            self._others[topic] = why[:300]
+        if len(self._unreadable) < MAX_UNREADABLE:
+            self._unreadable[topic] = why[:300]
 
     def _detail(self, now_s: float) -> str:
-        texts = [f"{why}." for why in self._others.values()]
+        texts = [f"{why}." for why in self._unreadable.values()]
         for name, port in self._ports.items():
             texts += self.vehicles[name].problems(now_s)
-            if not port.heard and now_s - self._found_s[name] > FIRST_REPORT_S:
+            if not port.has_status and now_s - self._found_s[name] > FIRST_REPORT_S:
                 texts.append(f"{name} has a writer of {STATUS}, but sends no message of PX4 v1.16's type.")
-            if now_s - port.others_s < OTHERS_S:
+            if now_s - port.other_status_s < SAME_NAMESPACE_S:
                 texts.append(
                     f"Several vehicles publish the topics of {name}; only the first is read. Give each a "
                     "namespace of its own (uxrce_dds_client start -n NAME)."

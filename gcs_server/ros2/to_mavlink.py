@@ -2,7 +2,7 @@
 
 PX4 fills its MAVLink messages from the topics that it bridges to ROS 2 (`src/modules/mavlink/streams` of PX4
 v1.16). This module does the same, so that state, page, recordings and replays of a vehicle do not depend on
-the link. A message is made only of valid values; what ROS 2 does not carry is marked as unknown.
+the link. A message is made only of valid values; values that ROS 2 does not carry are marked as unknown.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ARMED: Final = 2
 """VehicleStatus.ARMING_STATE_ARMED."""
 HIL_STATE_ON: Final = 1
 NAV_TAKEOFF, NAV_LAND, NAV_DESCEND, NAV_PRECLAND = 17, 18, 12, 20
-EVERY_S: Final = 1.0
+ESTIMATOR_STATUS_PERIOD_S: Final = 1.0
 """Period of ESTIMATOR_STATUS while its flags do not change."""
 UNKNOWN_U16: Final = 0xFFFF
 PREARM, AHRS, RC = (
@@ -35,11 +35,11 @@ LATCHED: Final = {
     d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: "/fmu/out/position_setpoint_triplet",
 }
 """Messages from topics that PX4 publishes only when they change: the newest one is still valid."""
-Made = Iterator[MAVLink_message]
+Messages = Iterator[MAVLink_message]
 
 
 class MavlinkConverter:
-    """Converts the messages of one vehicle; keeps what a MAVLink message needs of other topics."""
+    """Converts the messages of one vehicle. Stores values that MAVLink messages from other topics need."""
 
     def __init__(self) -> None:
         self.boot_time = BootTime()
@@ -53,7 +53,7 @@ class MavlinkConverter:
         self._latched: dict[int, MAVLink_message] = {}
         self._estimator = (-math.inf, 0)
         """When ESTIMATOR_STATUS was last made, and its flags."""
-        self._by_topic: dict[str, Callable[[Values, float], Made]] = {
+        self._by_topic: dict[str, Callable[[Values, float], Messages]] = {
             "/fmu/out/timesync_status": self._timesync,
             "/fmu/out/vehicle_status_v1": self._vehicle_status,
             "/fmu/out/vehicle_land_detected": self._land_detected,
@@ -75,7 +75,7 @@ class MavlinkConverter:
         return None if status is None else (status["system_id"], status["component_id"])
 
     def convert(self, topic: str, values: Values, now_s: float) -> list[MAVLink_message]:
-        """The MAVLink messages that a ROS 2 message results in; none before the first vehicle status.
+        """The MAVLink messages for a ROS 2 message; none before the first vehicle status.
 
         Raises:
             MalformedMessage: values that no vehicle can have.
@@ -89,7 +89,7 @@ class MavlinkConverter:
 
     @property
     def nav_state(self) -> int:
-        """The present mode; 0 before the first status."""
+        """The current mode; 0 before the first status."""
         return 0 if self._status is None else self._status["nav_state"]
 
     def problems(self, nav_state: int) -> list[str]:
@@ -98,11 +98,11 @@ class MavlinkConverter:
 
     # --- state ------------------------------------------------------------------------------------
 
-    def _timesync(self, values: Values, _now_s: float) -> Made:
+    def _timesync(self, values: Values, _now_s: float) -> Messages:
         self.boot_time.synchronize(values["estimated_offset"])
         yield from ()
 
-    def _vehicle_status(self, values: Values, _now_s: float) -> Made:
+    def _vehicle_status(self, values: Values, _now_s: float) -> Messages:
         if not 1 <= values["system_id"] <= 254 or not values["component_id"]:
             raise MalformedMessage(f"system id {values['system_id']}/{values['component_id']} is not valid")
         self._status = values
@@ -123,11 +123,11 @@ class MavlinkConverter:
         yield from self._landed_state()
         yield self._sys_status()
 
-    def _land_detected(self, values: Values, _now_s: float) -> Made:
+    def _land_detected(self, values: Values, _now_s: float) -> Messages:
         self._landed = values["landed"]
         yield from self._landed_state()
 
-    def _landed_state(self) -> Made:
+    def _landed_state(self) -> Messages:
         if self._landed is None or self._status is None:
             return
         landed = d.MAV_LANDED_STATE_ON_GROUND
@@ -140,7 +140,7 @@ class MavlinkConverter:
             }.get(self._status["nav_state"], d.MAV_LANDED_STATE_IN_AIR)
         yield d.MAVLink_extended_sys_state_message(d.MAV_VTOL_STATE_UNDEFINED, landed)
 
-    def _failsafe_flags(self, values: Values, _now_s: float) -> Made:
+    def _failsafe_flags(self, values: Values, _now_s: float) -> Messages:
         self._flags = values
         if self._status is not None:
             yield self._sys_status()
@@ -161,20 +161,20 @@ class MavlinkConverter:
 
     # --- home and target ----------------------------------------------------------------------------
 
-    def _home_position(self, values: Values, _now_s: float) -> Made:
+    def _home_position(self, values: Values, _now_s: float) -> Messages:
         if not (values["valid_hpos"] and values["valid_alt"]):
             return
         self._home, self._assumed_home = values, False
         yield from self._home_message(values)
 
-    def _home_message(self, values: Values) -> Made:
+    def _home_message(self, values: Values) -> Messages:
         message = d.MAVLink_home_position_message(
             *_global(values), values["x"], values["y"], values["z"], (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
         )
         self._latched[message.get_msgId()] = message
         yield message
 
-    def _assume_home(self, values: Values) -> Made:
+    def _assume_home(self, values: Values) -> Messages:
         """Uses the position of a vehicle that stands disarmed on the ground as its home until PX4 sends it.
 
         PX4 sends its home only when it changes, so a server that connects later does not receive it. PX4 sets
@@ -191,7 +191,7 @@ class MavlinkConverter:
         made = list(self._home_message(self._home))
         yield from made if first else ()
 
-    def _triplet(self, values: Values, now_s: float) -> Made:
+    def _triplet(self, values: Values, now_s: float) -> Messages:
         boot_ms = self.boot_time.ms(values["timestamp"], now_s)
         if not values["current.valid"] or boot_ms is None:
             return
@@ -207,16 +207,16 @@ class MavlinkConverter:
 
     # --- motion ---------------------------------------------------------------------------------------
 
-    def _odometry(self, values: Values, _now_s: float) -> Made:
+    def _odometry(self, values: Values, _now_s: float) -> Messages:
         self._rates_frd_rad_s = values["angular_velocity"]
         yield from ()
 
-    def _attitude(self, values: Values, now_s: float) -> Made:
+    def _attitude(self, values: Values, now_s: float) -> Messages:
         boot_ms = self.boot_time.ms(values["timestamp"], now_s)
         if boot_ms is not None:
             yield d.MAVLink_attitude_quaternion_message(boot_ms, *values["q"], *self._rates_frd_rad_s)
 
-    def _local_position(self, values: Values, now_s: float) -> Made:
+    def _local_position(self, values: Values, now_s: float) -> Messages:
         self._local = values
         boot_ms = self.boot_time.ms(values["timestamp"], now_s)
         if boot_ms is None:
@@ -227,14 +227,14 @@ class MavlinkConverter:
             yield d.MAVLink_local_position_ned_message(boot_ms, *(values[axis] for axis in axes))
         yield from self._estimator_status(values, boot_ms, now_s)
 
-    def _estimator_status(self, local: Values, boot_ms: int, now_s: float) -> Made:
+    def _estimator_status(self, local: Values, boot_ms: int, now_s: float) -> Messages:
         flags = 0 if self._flags is not None and self._flags["attitude_invalid"] else d.ESTIMATOR_ATTITUDE
         flags |= d.ESTIMATOR_VELOCITY_HORIZ if local["v_xy_valid"] else 0
         flags |= d.ESTIMATOR_VELOCITY_VERT if local["v_z_valid"] else 0
         flags |= d.ESTIMATOR_POS_HORIZ_REL if local["xy_valid"] else 0
         flags |= d.ESTIMATOR_POS_HORIZ_ABS if local["xy_valid"] and local["xy_global"] else 0
         flags |= d.ESTIMATOR_POS_VERT_ABS if local["z_valid"] else 0
-        if self._estimator[1] == flags and now_s - self._estimator[0] < EVERY_S:
+        if self._estimator[1] == flags and now_s - self._estimator[0] < ESTIMATOR_STATUS_PERIOD_S:
             return
         self._estimator = now_s, flags
         unknown, eph_m, epv_m = math.nan, local["eph"], local["epv"]
@@ -242,7 +242,7 @@ class MavlinkConverter:
             boot_ms * 1000, flags, unknown, unknown, unknown, unknown, unknown, unknown, eph_m, epv_m
         )
 
-    def _global_position(self, values: Values, now_s: float) -> Made:
+    def _global_position(self, values: Values, now_s: float) -> Messages:
         boot_ms, local = self.boot_time.ms(values["timestamp"], now_s), self._local
         if boot_ms is None or local is None or not (values["lat_lon_valid"] and values["alt_valid"]):
             return
@@ -262,7 +262,7 @@ class MavlinkConverter:
 
     # --- sensors ----------------------------------------------------------------------------------------
 
-    def _gps(self, values: Values, _now_s: float) -> Made:
+    def _gps(self, values: Values, _now_s: float) -> Messages:
         lat, lon = values["latitude_deg"], values["longitude_deg"]
         position = _global({"lat": lat, "lon": lon, "alt": values["altitude_msl_m"]})
         yield d.MAVLink_gps_raw_int_message(
@@ -278,7 +278,7 @@ class MavlinkConverter:
             v_acc=_bounded(values["epv"] * 1e3, 0, 2**32 - 1, 0),
         )
 
-    def _battery(self, values: Values, _now_s: float) -> Made:
+    def _battery(self, values: Values, _now_s: float) -> Messages:
         if not values["connected"]:
             return
         used = [v for v in values["voltage_cell_v"] if math.isfinite(v) and v > 0.0][:10]
@@ -309,7 +309,7 @@ def _global(values: Values) -> tuple[int, int, int]:
     """Latitude and longitude [1e-7 °] and altitude [mm].
 
     Raises:
-        MalformedMessage: no position on the earth.
+        MalformedMessage: the values are not a position on the earth.
     """
     lat, lon, alt = values["lat"], values["lon"], values["alt"]
     if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0 and abs(alt) < 1e6):

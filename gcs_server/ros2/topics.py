@@ -20,8 +20,8 @@ STATUS_VERSION: Final = "1"
 class Subscription:
     """A topic that the server reads.
 
-    `every_s` is the shortest time between two readings: of faster samples only the newest is used. `depth` is
-    the number of samples that wait for the next reading.
+    `every_s` is the minimum time between two readings. `depth` is the maximum number of samples that are kept
+    until the next reading: the newest ones.
     """
 
     name: str
@@ -53,7 +53,7 @@ SUBSCRIPTIONS: Final = (
     Subscription("/fmu/out/vehicle_gps_position", "SensorGps", 0.2),
     Subscription("/fmu/out/battery_status", "BatteryStatus", 0.5),
 )
-"""In the order in which they are read: what a later one needs comes first."""
+"""In the order in which they are read: a message comes after those that its conversion needs."""
 COMMAND: Final = "/fmu/in/vehicle_command"
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gcs_server.ros2.dds import DdsPort
 
 MAX_DOMAIN: Final = 232
-"""Highest number whose ports exist (DDSI-RTPS 2.5, 9.6.2)."""
+"""Highest domain number whose UDP ports exist (DDSI-RTPS 2.5, 9.6.2)."""
 INSTALL: Final = "Install Cyclone DDS with: pip install '.[ros2]'"
 REMEDY: Final = "Examples: ros2://0, ros2://0/px4_1, ros2://0?interface=eth0."
 
@@ -24,7 +24,7 @@ REMEDY: Final = "Examples: ros2://0, ros2://0/px4_1, ros2://0?interface=eth0."
 def ros2_link(
     url: str, name: str | None, parts: SplitResult, options: dict[str, str], own_system_id: int
 ) -> Ros2Link:
-    """Makes the link of a `ros2://` URL, not yet started.
+    """Creates the link of a `ros2://` URL, without starting it.
 
     Args:
         url: the whole URL.
@@ -34,7 +34,7 @@ def ros2_link(
         own_system_id: the server's system id.
 
     Raises:
-        InvalidRequest: the URL is not understood.
+        InvalidRequest: the URL is not valid.
         LinkError: Cyclone DDS is not installed.
     """
     for key in options.keys() - {"interface"}:

@@ -1,6 +1,7 @@
-"""One vehicle on a `ros2://` link: its samples become MAVLink frames, the server's commands VehicleCommands.
+"""One vehicle on a `ros2://` link: converts its samples to MAVLink frames, and the server's commands to
+VehicleCommand.
 
-No DDS and no clock of its own. `received` runs in the link's thread, `sent` in any thread.
+Uses neither DDS nor a clock. `received` runs in the link's thread, `sent` in any thread.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from gcs_server.ros2.to_mavlink import MavlinkConverter
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, SUBSCRIPTIONS
 
 PROBLEM_S: Final = 60.0
-"""How long a problem is reported after its last occurrence."""
+"""Time for which a problem is reported after its last occurrence."""
 MAX_REQUESTED: Final = 16
 REFUSALS: Final = (d.MAV_RESULT_TEMPORARILY_REJECTED, d.MAV_RESULT_DENIED, d.MAV_RESULT_FAILED)
 _TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
@@ -48,9 +49,9 @@ class VehicleLink:
         self._requested: set[int] = set()
         """Messages that the server has requested; written by any thread."""
         self._modes_to_explain: dict[int, int | None] = {}
-        """By command sent last: the mode whose requirements may explain its refusal."""
+        """For each sent command: the mode whose requirements may explain a refusal."""
         self._problems: dict[str, tuple[str, float]] = {}
-        """By topic: what is wrong, and when it last happened."""
+        """Problem by topic, and when it last happened [s, monotonic]."""
 
     def received(self, samples: Iterable[tuple[str, bytes]], now_s: float) -> bytes:
         """MAVLink frames of received samples; a malformed sample affects only itself.
@@ -83,7 +84,7 @@ class VehicleLink:
             self._send(frame, unix_us)
 
     def problems(self, now_s: float) -> list[str]:
-        """What is wrong with this vehicle's messages, as sentences."""
+        """The problems of this vehicle's messages, as sentences."""
         recent = [
             f"A message on {self._name(topic)} cannot be used: {why}."
             for topic, (why, at_s) in list(self._problems.items())
@@ -117,7 +118,7 @@ class VehicleLink:
 
     def _send(self, frame: Frame, unix_us: int) -> None:
         if frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
-            return  # PX4 has no such topic: DDS itself knows which programs are there
+            return  # PX4 has no topic for heartbeats: DDS itself discovers programs
         requested = requested_message(frame)
         if requested is not None:
             # PX4 v1.16 does not answer requests for messages over ROS 2

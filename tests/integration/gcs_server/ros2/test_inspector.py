@@ -59,11 +59,11 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
         vehicles[0].send(SENSORS, SHOWN["SensorCombined"].encode(values), "SensorCombined")
 
     def shown() -> bool:
-        found = topics(inspector.look(NAMESPACE))
+        found = topics(inspector.inspect(NAMESPACE))
         return all(name in found and found[name].rate_hz is not None for name in (STATUS, SENSORS))
 
     until(shown, publish)
-    found = topics(inspector.look(NAMESPACE))
+    found = topics(inspector.inspect(NAMESPACE))
     assert found[STATUS].value is not None
     assert found[STATUS].value["system_id"] == 7
     sensors = found[SENSORS]
@@ -71,7 +71,7 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
     assert sensors.value["accelerometer_m_s2"] == values["accelerometer_m_s2"]
     assert (sensors.type, sensors.publishers, sensors.subscribers) == ("px4_msgs/msg/SensorCombined", 1, 0)
     vehicles.clear()
-    until(lambda: SENSORS not in topics(inspector.look(NAMESPACE)))
+    until(lambda: SENSORS not in topics(inspector.inspect(NAMESPACE)))
 
 
 def test_a_flood_is_shown_as_such_and_other_topics_are_read(inspector: DomainInspector) -> None:
@@ -83,7 +83,7 @@ def test_a_flood_is_shown_as_such_and_other_topics_are_read(inspector: DomainIns
             flood.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
 
     def shown() -> bool:
-        found = topics(inspector.look(NAMESPACE))
+        found = topics(inspector.inspect(NAMESPACE))
         both = {STATUS, SENSORS} <= found.keys()
         return both and found[SENSORS].rate_is_minimum and found[STATUS].rate_hz is not None
 
@@ -94,11 +94,11 @@ def test_nothing_is_read_before_the_first_look_and_after_the_last(
     inspector: DomainInspector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert not inspector.running
-    assert inspector.look(NAMESPACE).state == "starting"
+    assert inspector.inspect(NAMESPACE).state == "starting"
     assert inspector.running
-    monkeypatch.setattr("gcs_server.ros2.inspector.LOOKED_S", 0.2)
+    monkeypatch.setattr("gcs_server.ros2.inspector.KEEP_READING_S", 0.2)
     until(lambda: not inspector.running)
-    assert inspector.look(NAMESPACE).state == "starting"
+    assert inspector.inspect(NAMESPACE).state == "starting"
     assert inspector.running
 
 
@@ -112,8 +112,8 @@ def test_a_domain_that_cannot_be_opened_says_why_and_is_tried_again(monkeypatch:
         return InspectionPort(domain_id, interface)
 
     inspector = DomainInspector(DOMAIN, None, open_port)
-    until(lambda: inspector.look(NAMESPACE).problem == refused[0])
-    assert inspector.look(NAMESPACE).state == "failed"
+    until(lambda: inspector.inspect(NAMESPACE).problem == refused[0])
+    assert inspector.inspect(NAMESPACE).state == "failed"
     refused.clear()
-    until(lambda: inspector.look(NAMESPACE).state == "open")
+    until(lambda: inspector.inspect(NAMESPACE).state == "open")
     inspector.close()
