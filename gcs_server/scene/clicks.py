@@ -1,7 +1,7 @@
 """Converts a click in the 3D view to a global position: intersects its ray with the ground.
 
-The browser sends the ray in the world's ENU frame as drawn at that moment. The mode `chase` moves the world
-under the camera thirty times a second, so the server would use a later position of the world.
+The browser converts the ray to the world's ENU frame as drawn at the time of the click. The server could not
+do this, because the mode `chase` moves the world under the camera thirty times a second.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class SceneClick:
 
 
 def ground_point(eye_enu_m: Vector3, ray_enu: Vector3, ground_z_m: float) -> Vector3 | None:
-    """Intersection of the ray with the level ground; None if it points to the sky, comes from below, or is
-    farther than `REACH_M`."""
+    """Intersection of the ray with the level ground; None if the ray does not point down, the camera is below
+    the ground, or the point is farther away than `REACH_M`."""
     descent = -ray_enu[2]
     height_m = eye_enu_m[2] - ground_z_m
     if descent <= 0.0 or height_m <= 0.0:

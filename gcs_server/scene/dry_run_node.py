@@ -7,7 +7,7 @@ from typing import Any
 
 import viser
 
-from gcs_server.scene.dry_runs import DryRunPath, tube, tube_edges, way
+from gcs_server.scene.dry_runs import DryRunPath, corridor_edges, corridor_mesh, path_lines
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M
 from gcs_server.scene.moving_node import MovingNode
@@ -21,7 +21,8 @@ ROOT = "/world/dry_run"
 
 
 class DryRunNode:
-    """The nodes of the vehicle. All have the colour of plans, so that it is not mistaken for a real vehicle.
+    """The nodes of the vehicle. All have the colour of plans, so that the vehicle is not mistaken for a real
+    one.
 
     Args:
         number: number of the vehicle in the dry run, from 0.
@@ -43,8 +44,8 @@ class DryRunNode:
         self._at = root = f"{ROOT}_{number}"
         self._root = self._scene.add_frame(root, show_axes=False)
         self._scene.add_frame(f"{root}/flown", show_axes=False, position=origin_enu_m)
-        self._lines("/flown/way", way(path), 1.6)
-        corridor, lines = tube(path), tube_edges(path)
+        self._lines("/flown/way", path_lines(path), 1.6)
+        corridor, lines = corridor_mesh(path), corridor_edges(path)
         self._corridor = None if corridor is None else self._mesh("/flown/corridor", corridor, 0.16)
         if lines is not None:
             self._lines("/flown/edges", lines, 1.0)

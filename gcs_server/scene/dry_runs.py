@@ -85,19 +85,19 @@ def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
     if together is None:
         path = _path_of(None, result["nominal"], result["monte_carlo"])
         return () if path is None else (path,)
-    many = together["monte_carlo"]
+    monte_carlo = together["monte_carlo"]
     paths = (
-        _path_of(role, flight, None if many is None else many["roles"][role])
+        _path_of(role, flight, None if monte_carlo is None else monte_carlo["roles"][role])
         for role, flight in together["roles"].items()
     )
     return tuple(path for path in paths if path is not None)
 
 
 def _path_of(
-    role: str | None, flight: Mapping[str, Any], many: Mapping[str, Any] | None
+    role: str | None, flight: Mapping[str, Any], monte_carlo: Mapping[str, Any] | None
 ) -> DryRunPath | None:
     path, origin = flight["path"], flight["origin"]
-    corridor = None if many is None else many["corridor"]
+    corridor = None if monte_carlo is None else monte_carlo["corridor"]
     if path is None or not path["t_s"]:
         return None
     return DryRunPath(
@@ -111,14 +111,14 @@ def _path_of(
     )
 
 
-def way(path: DryRunPath) -> Points:
+def path_lines(path: DryRunPath) -> Points:
     """(K, 2, 3): the flown path as line segments, thinned."""
     every = max(1, len(path.t_s) // MAX_POINTS)
     line = np.concatenate([path.position_enu_m[::every], path.position_enu_m[-1:]]).astype(np.float32)
     return np.stack([line[:-1], line[1:]], axis=1)
 
 
-def tube(path: DryRunPath) -> Mesh | None:
+def corridor_mesh(path: DryRunPath) -> Mesh | None:
     """The corridor as a mesh that is open at both ends; None if there is no corridor."""
     corners = path.corridor_enu_m
     if corners is None or len(corners) < 2:
@@ -131,7 +131,7 @@ def tube(path: DryRunPath) -> Mesh | None:
     return Mesh(corners.reshape(-1, 3).astype(np.float32), np.asarray(faces, np.uint32))
 
 
-def tube_edges(path: DryRunPath) -> Points | None:
+def corridor_edges(path: DryRunPath) -> Points | None:
     """(K, 2, 3): the four edges of the corridor as line segments; None without one."""
     corners = path.corridor_enu_m
     if corners is None or len(corners) < 2:
@@ -187,10 +187,16 @@ def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
     ahead = np.where(level[:, None], ahead / np.maximum(length_m, LEVEL_M)[:, None], 0.0)[index]
     ahead[np.hypot(ahead[:, 0], ahead[:, 1]) < 0.5] = (0.0, 1.0)
     left = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(middle))], axis=1)
-    aside = left * np.asarray(corridor["horizontal_m"]["p95"], float)[:, None]
+    sideways = left * np.asarray(corridor["horizontal_m"]["p95"], float)[:, None]
     up = np.array([0.0, 0.0, 1.0])
     low = up * np.asarray(corridor["vertical_m"]["p5"], float)[:, None]
     high = up * np.asarray(corridor["vertical_m"]["p95"], float)[:, None]
     return np.stack(
-        [middle + aside + low, middle - aside + low, middle - aside + high, middle + aside + high], axis=1
+        [
+            middle + sideways + low,
+            middle - sideways + low,
+            middle - sideways + high,
+            middle + sideways + high,
+        ],
+        axis=1,
     )

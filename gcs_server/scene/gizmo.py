@@ -1,6 +1,6 @@
-"""Drags of the preview's two handles: reads and checks a browser's messages, and does not pass them to viser.
+"""Drags of the preview's two handles. The browser's messages are checked here and are not passed to viser.
 
-A drag becomes a position in the vehicle's local NED, which the page that owns the view may send. Pure; the
+A drag is converted to a position in the vehicle's local NED, which the page of the view may send. No I/O; the
 handles are in `preview_node.py`.
 """
 
@@ -20,8 +20,8 @@ from missions.frames import Quaternion, Vector3, normalized, yaw_from_q
 GROUND_HANDLE = "/world/gizmo_ground"
 HEIGHT_HANDLE = "/world/gizmo_height"
 REACH_M = 1_000.0
-"""Maximum distance from the vehicle to which the preview can be dragged [m]; near the horizon a pixel covers
-as much.
+"""Maximum distance from the vehicle to which the preview can be dragged [m]. Near the horizon one pixel
+covers a large distance.
 """
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
@@ -76,7 +76,7 @@ class Drag:
 
     position_enu_m: Vector3 | None
     q_enu: Quaternion | None
-    turns: bool
+    changes_yaw: bool
     """Whether this handle also changes the yaw."""
 
 
@@ -97,13 +97,13 @@ def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
     """The drag in a browser's message; None if it is for another handle or the position is not valid."""
     if message.name not in (GROUND_HANDLE, HEIGHT_HANDLE):
         return None
-    turns = message.name == GROUND_HANDLE
+    changes_yaw = message.name == GROUND_HANDLE
     if isinstance(message, ReleasedMessage):
-        return Drag(None, None, turns)
+        return Drag(None, None, changes_yaw)
     q = normalized(message.wxyz)
     if q is None or not all(map(math.isfinite, message.position)):
         return None
-    return Drag(message.position, q, turns)
+    return Drag(message.position, q, changes_yaw)
 
 
 def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: Vector3) -> Preview | None:
@@ -119,6 +119,6 @@ def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: 
         return None
     east, north, up = (p - o for p, o in zip(drag.position_enu_m, origin_enu_m, strict=True))
     yaw_ned_rad = preview.yaw_ned_rad
-    if drag.turns and yaw_ned_rad is not None:
+    if drag.changes_yaw and yaw_ned_rad is not None:
         yaw_ned_rad = math.remainder(yaw_enu_from_ned(yaw_from_q(drag.q_enu)), 2 * math.pi)
     return Preview((north, east, -up), yaw_ned_rad, preview.handles, preview.serial)

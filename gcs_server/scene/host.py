@@ -40,6 +40,7 @@ log = logging.getLogger(__name__)
 
 START_DEADLINE_S = 20.0
 STARTING_S = 60.0
+"""Younger folders may belong to a server that is still starting [s]."""
 FOLDER_PREFIX = "gcs-scene-"
 MAX_SOCKET_PATH = 100
 """Maximum length of the socket's path; Unix systems allow 104 to 108 bytes."""
@@ -110,7 +111,7 @@ class ViserHost:
 
     def _build(self, listener: socket.socket) -> viser.ViserServer:
         with _starting:
-            rich.get_console().quiet = True  # only viser prints by rich here
+            rich.get_console().quiet = True  # only viser prints with rich here
             theirs: Any = _infra
             own = theirs.websockets
             try:

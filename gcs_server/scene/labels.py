@@ -17,7 +17,7 @@ from missions.frames import Vector3
 
 Side = Literal["above", "below", "sign"]
 
-EVERY_S = 0.2
+UPDATE_PERIOD_S = 0.2
 """Minimum time between two updates [s]; numbers that change faster cannot be read."""
 
 
@@ -65,7 +65,7 @@ class Board:
         """Whether `update` is due: at most five times a second."""
         if now_s < self._next_s:
             return False
-        self._next_s = now_s + EVERY_S
+        self._next_s = now_s + UPDATE_PERIOD_S
         return True
 
     def update(self, labels: list[Label], *, mode: str, scale: str) -> None:

@@ -1,4 +1,4 @@
-"""What the server and the process of the 3D view send each other over their socket."""
+"""The messages between the server and the process of the 3D view."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from gcs_server.scene.view_request import ViewRequest
 
 SECRET_HEADER = "X-Scene-Secret"
 ACKNOWLEDGED_EVERY = 4
-"""The process reports at least after this many snapshots."""
+"""Number of snapshots after which the process reports at the latest."""
 MAX_DRY_RUNS = 8
-"""Number of dry runs that both sides keep, the newest."""
+"""Number of newest dry runs that both sides keep."""
 
 
 class SceneError(GcsError):
@@ -25,7 +25,7 @@ class SceneError(GcsError):
 
 @dataclass(frozen=True, slots=True)
 class ViserAddress:
-    """Where viser listens, and the secret that its clients must know."""
+    """Path of viser's socket, and the secret that its clients must send."""
 
     socket_path: str
     secret: str
@@ -52,10 +52,10 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """What has been drawn; sent when it changes, and for every few snapshots."""
+    """State of the drawing; sent when it changes, and after every few snapshots."""
 
     snapshots: int
-    """Number of snapshots taken so far."""
+    """Number of snapshots received so far."""
     viewers: int
     """Number of connected browsers."""
     followed: frozenset[str]
@@ -66,7 +66,7 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True)
 class HistoryRequest:
-    """Asks for the history of the vehicle with this number in the snapshots."""
+    """Requests the history of the vehicle with this number in the snapshots."""
 
     vehicle: int
     topics: tuple[str, ...]
@@ -100,7 +100,7 @@ class HistoryAnswer:
 
 @dataclass(frozen=True, slots=True)
 class SetView:
-    """Sets what a token's view shows; answered with (mode, vehicle, theme)."""
+    """Sets the content of a token's view; answered with (mode, vehicle, theme)."""
 
     number: int
     token: str
@@ -118,7 +118,7 @@ class Click:
 
 @dataclass(frozen=True, slots=True)
 class HandleDragged:
-    """A drag in the browser of this bridge."""
+    """A drag in the browser of a bridge, the connection of one browser to viser."""
 
     bridge: str
     drag: Drag

@@ -1,4 +1,4 @@
-"""The server's vehicles as the process of the 3D view knows them, from snapshots."""
+"""Copies of the server's vehicles in the process of the 3D view, updated from snapshots."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from gcs_server.vehicle.samples import TOPICS, Sample
 log = logging.getLogger(__name__)
 
 PAUSE_S = 1.0
-"""After a pause of this length between two snapshots, a history that was requested before is not used."""
+"""Pause between two snapshots after which a history that was requested earlier is not used [s]."""
 _values = {topic: msgspec.msgpack.Decoder(kind) for topic, kind in TOPICS.items()}
 _snapshots = msgspec.msgpack.Decoder(SnapshotData)
 _histories = msgspec.msgpack.Decoder(list[SampleData])
 
 
 class VehicleClock:
-    """The vehicle's clock, which advances with each of its snapshots."""
+    """The vehicle's clock; its time is that of the newest snapshot."""
 
     def __init__(self) -> None:
         self._monotonic_s = self._unix_s = 0.0
 
     def set(self, monotonic_s: float, unix_s: float) -> None:
-        """Sets it to the times of a snapshot."""
+        """Sets the clock to the times of a snapshot."""
         self._monotonic_s, self._unix_s = monotonic_s, unix_s
 
     def monotonic_s(self) -> float:
@@ -39,7 +39,7 @@ class VehicleClock:
         return self._monotonic_s
 
     def unix_s(self) -> float:
-        """The same as seconds since 1970."""
+        """Unix time of the newest snapshot [s]."""
         return self._unix_s
 
 
@@ -56,11 +56,11 @@ class MirrorVehicle:
 
     Args:
         number: its number in snapshots.
-        ask_history: called with number, topics and start time; the answer is `take_history`.
+        request_history: called with number, topics and start time; the answer is `take_history`.
     """
 
     def __init__(
-        self, number: int, vehicle_id: str, ask_history: Callable[[int, tuple[str, ...], float], None]
+        self, number: int, vehicle_id: str, request_history: Callable[[int, tuple[str, ...], float], None]
     ) -> None:
         self.id = vehicle_id
         self.clock = VehicleClock()
@@ -68,8 +68,8 @@ class MirrorVehicle:
         self._number = number
         self._identity = MirrorIdentity(None, False)
         self._samples: dict[str, Sample] = {}
-        self._ask_history = ask_history
-        self._asked: tuple[str, ...] | None = None
+        self._request_history = request_history
+        self._requested_topics: tuple[str, ...] | None = None
         """Topics of the history that was requested and not yet used."""
         self._history: list[Sample] | None = None
 
@@ -83,28 +83,28 @@ class MirrorVehicle:
         return self._samples.get(name)
 
     def topic_received_s(self, name: str) -> float | None:
-        """When it was received [s, monotonic]."""
+        """Reception time of the topic's newest sample [s, monotonic]."""
         sample = self._samples.get(name)
         return None if sample is None else sample.received_monotonic_s
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample] | None:
         """The history; None until the server has sent it."""
-        if self._asked != topics:
-            self._asked, self._history = topics, None
-            self._ask_history(self._number, topics, since_unix_s)
+        if self._requested_topics != topics:
+            self._requested_topics, self._history = topics, None
+            self._request_history(self._number, topics, since_unix_s)
         if self._history is not None:
-            self._asked = None
+            self._requested_topics = None
         taken, self._history = self._history, None
         return taken
 
     def take_history(self, samples: list[Sample]) -> None:
-        """The history that was requested."""
+        """Stores the history that was requested."""
         self._history = samples
 
     def update(self, data: VehicleData) -> None:
-        """Takes the changes of a snapshot."""
+        """Applies the changes of a snapshot."""
         if data.monotonic_s - self.clock.monotonic_s() > PAUSE_S:
-            self._asked = self._history = None
+            self._requested_topics = self._history = None
         self.clock.set(data.monotonic_s, data.unix_s)
         if (data.simulated, data.replayed) != (self._identity.simulated, self._identity.replayed):
             self._identity = MirrorIdentity(data.simulated, data.replayed)
@@ -119,11 +119,11 @@ class MirrorFleet:
     """All vehicles; see `SceneFleet`.
 
     Args:
-        ask_history: see `MirrorVehicle`.
+        request_history: see `MirrorVehicle`.
     """
 
-    def __init__(self, ask_history: Callable[[int, tuple[str, ...], float], None]) -> None:
-        self._ask_history = ask_history
+    def __init__(self, request_history: Callable[[int, tuple[str, ...], float], None]) -> None:
+        self._request_history = request_history
         self._isolation = Isolation(SystemClock(), log, "The 3D view")
         self._by_number: dict[int, MirrorVehicle] = {}
         self.stalled: frozenset[str] = frozenset()
@@ -135,11 +135,11 @@ class MirrorFleet:
         return self._isolation.faults
 
     def all(self) -> Sequence[MirrorVehicle]:
-        """In the order of the server's fleet."""
+        """All vehicles, in the order of the server's fleet."""
         return list(self._by_number.values())
 
     def get(self, vehicle_id: str) -> MirrorVehicle:
-        """Raises UnknownVehicle."""
+        """A vehicle by its id. Raises UnknownVehicle."""
         for vehicle in self._by_number.values():
             if vehicle.id == vehicle_id:
                 return vehicle
@@ -150,12 +150,12 @@ class MirrorFleet:
         return self.get(vehicle_id).target
 
     def take(self, snapshot: bytes) -> None:
-        """Takes a snapshot."""
+        """Applies a snapshot."""
         data = _snapshots.decode(snapshot)
         for changed in data.changed:
             vehicle = self._by_number.get(changed.number)
             if vehicle is None:
-                vehicle = MirrorVehicle(changed.number, changed.id, self._ask_history)
+                vehicle = MirrorVehicle(changed.number, changed.id, self._request_history)
                 self._by_number[changed.number] = vehicle
             self._isolation.run(f"reading vehicle {changed.id}", vehicle.update, changed)
         known = self._by_number
@@ -163,7 +163,7 @@ class MirrorFleet:
         self.stalled = frozenset(data.stalled)
 
     def take_history(self, number: int, samples: bytes) -> None:
-        """The history of a vehicle, which may have been removed meanwhile."""
+        """Stores the history of a vehicle, unless the vehicle was removed meanwhile."""
         vehicle = self._by_number.get(number)
         if vehicle is not None:
             vehicle.take_history([_sample(data) for data in _histories.decode(samples)])

@@ -57,7 +57,7 @@ def moved(mesh: Mesh, by_m: Vector3) -> Mesh:
 
 
 def rounded_box(half_m: Vector3, *, roundness: float = 0.45, rings: int = 18, sides: int = 28) -> Mesh:
-    """A superellipsoid: a box without an edge (`roundness` 1 is an ellipsoid, 0 a box)."""
+    """A superellipsoid: a box with rounded edges (`roundness` 1 is an ellipsoid, 0 a box)."""
     v = np.linspace(-math.pi / 2, math.pi / 2, rings + 1)[:, None]
     u = np.linspace(-math.pi, math.pi, sides, endpoint=False)[None, :]
 
@@ -153,7 +153,7 @@ def front_mark() -> Mesh:
 
 
 def blade_pair() -> Mesh:
-    """Two slim blades about z, to be turned."""
+    """Two slim blades; the node rotates about z."""
     r = ROTOR_RADIUS_M * 0.97
     outline = [(0.02, 0.012), (r * 0.35, 0.028), (r, 0.010), (r, -0.006), (r * 0.35, -0.016), (0.02, -0.012)]
     one = np.asarray([(x, y, 0.0) for x, y in outline], np.float32)

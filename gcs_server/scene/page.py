@@ -21,29 +21,29 @@ _BOOT = """
   const query = new URLSearchParams(location.search);
   const page = document.documentElement;
   page.dataset.gcsTheme = query.get('theme') === 'light' ? 'light' : 'dark';
-  // viser reads the address of its stream from here; the choice of view travels with it.
+  // viser reads the address of its stream from the query; the address includes the settings of the view.
   const stream = location.origin.replace(/^http/, 'ws') + location.pathname;
   const wanted = new URLSearchParams();
   for (const key of ['view', 'theme', 'mode', 'vehicle']) if (query.has(key)) wanted.set(key, query.get(key));
   query.set('websocket', stream + '?' + wanted);
   history.replaceState(null, '', '?' + query);
-  // viser only reconnects while its page has the focus; inside ours it never has.
+  // viser reconnects only while its page has the focus, which it never has inside this page.
   document.hasFocus = () => true;
-  // Its first scheme is always light; those that follow come from the server.
+  // viser's first colour scheme is always light; the later ones come from the server.
   let seen = 0;
   new MutationObserver(() => {
     const scheme = page.getAttribute('data-mantine-color-scheme');
     if (seen++ > 0 && scheme) page.dataset.gcsTheme = scheme;
   }).observe(page, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
 
-  // Panels lie over the view: what is looked at belongs in the middle of what they leave free. The page
-  // that frames this says where that is, in shares of the view right of and below its own middle.
+  // Panels cover parts of the view, so the camera's target is shown in the middle of the free part. The
+  // framing page sends this point: its offset to the right and down from the middle, as shares of the view.
   let middle = [0, 0];
   addEventListener('message', (event) => {
-    const said = event.source === parent && event.origin === location.origin && event.data?.gcsMiddle;
-    if (!Array.isArray(said) || said.length !== 2 || !said.every((share) => Math.abs(share) < 0.5)) return;
-    middle = said;
-    said.forEach((share, i) => page.style.setProperty(['--gcs-x', '--gcs-y'][i], `${50 + 100 * share}%`));
+    const point = event.source === parent && event.origin === location.origin && event.data?.gcsMiddle;
+    if (!Array.isArray(point) || point.length !== 2 || !point.every((share) => Math.abs(share) < 0.5)) return;
+    middle = point;
+    point.forEach((share, i) => page.style.setProperty(['--gcs-x', '--gcs-y'][i], `${50 + 100 * share}%`));
   });
   const centre = (camera) => {
     const [offsetX, offsetY] = middle.map((share) => -share);
@@ -52,7 +52,7 @@ _BOOT = """
     camera.updateProjectionMatrix();
   };
 
-  // Name tags: the texts stand in viser's hidden panel, each drawn where its node is.
+  // Name tags: the texts are in viser's hidden panel; each is drawn at the position of its node.
   const tags = new Map();
   const layer = document.createElement('div');
   layer.className = 'gcs-tags';
@@ -109,11 +109,11 @@ _BOOT = """
   };
   requestAnimationFrame(draw);
 
-  // A click, and no drag, is told with the ray through it, in the world as it is drawn now.
+  // A click (not a drag) is sent with its ray, in the frame of the world as it is drawn now.
   const token = query.get('view');
   let down = null;
   const turned = (m, [x, y, z]) => [0, 1, 2].map((c) => m[c * 4] * x + m[c * 4 + 1] * y + m[c * 4 + 2] * z);
-  const tell = (event) => {
+  const sendClick = (event) => {
     const viser = window.__viserMutable;
     const world = viser && viser.nodeRefFromName['/world'];
     if (!token || !viser.camera || !world) return;
@@ -142,7 +142,7 @@ _BOOT = """
     down = null;
     if (!began || !event.isPrimary || !(event.target instanceof HTMLCanvasElement)) return;
     const far = Math.hypot(event.clientX - began.x, event.clientY - began.y);
-    if (far <= 5 && event.timeStamp - began.at <= 500) tell(event);
+    if (far <= 5 && event.timeStamp - began.at <= 500) sendClick(event);
   }, true);
 })();
 """

@@ -33,7 +33,7 @@ class VehiclePlace:
 
     position_enu_m: Vector3
     local_origin_enu_m: Vector3 | None
-    """Origin of the vehicle's local frame; None if it has none (targets cannot be placed)."""
+    """Origin of the vehicle's local frame; None if it has none, so that targets cannot be drawn."""
     ground_z_m: float
     """Height of the vehicle's home, the reference of its altitude."""
     home_enu_m: Vector3 | None
@@ -51,7 +51,7 @@ class Placement:
         self._local_origins_enu_m: dict[str, Vector3] = {}
 
     def forget(self, vehicle_id: str) -> None:
-        """Removes a vehicle; the world's origin is dropped with the last one."""
+        """Removes a vehicle."""
         self._local_origins_enu_m.pop(vehicle_id, None)
 
     def reset(self) -> None:
@@ -97,10 +97,10 @@ class Placement:
             known=position is not None,
         )
 
-    def past(
+    def earlier_positions(
         self, vehicle: SceneVehicle, place: VehiclePlace, since_unix_s: float
     ) -> Iterator[Vector3] | None:
-        """Earlier positions in the current frame, oldest first; None: the history is not there yet.
+        """Earlier positions in the current frame, oldest first; None: the history has not arrived yet.
 
         Args:
             place: the vehicle's current position.

@@ -117,8 +117,8 @@ def _target(
         if status is not None and not status.armed:
             return None
         offboard = OffboardTarget(
-            position_ned_m=_whole(sample.value.position_ned_m),
-            velocity_ned_m_s=_whole(sample.value.velocity_ned_m_s),
+            position_ned_m=_complete(sample.value.position_ned_m),
+            velocity_ned_m_s=_complete(sample.value.velocity_ned_m_s),
             yaw_ned_rad=sample.value.yaw_ned_rad,
         )
     yaw_enu_rad = None if offboard.yaw_ned_rad is None else yaw_enu_from_ned(offboard.yaw_ned_rad)
@@ -132,7 +132,7 @@ def _target(
     return None
 
 
-def _whole(v: tuple[float | None, float | None, float | None]) -> Vector3 | None:
+def _complete(v: tuple[float | None, float | None, float | None]) -> Vector3 | None:
     a, b, c = v
     if a is None or b is None or c is None or not all(math.isfinite(x) for x in (a, b, c)):
         return None
@@ -150,8 +150,7 @@ def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
         (lost, "lost"),
         (not place.known, "no position"),
         (vehicle.identity.simulated is True, "simulated"),
-        # A vehicle that has not reported whether it is simulated may be real, so the label must not say
-        # either.
+        # A vehicle that has not reported whether it is simulated may be real, so the label says neither.
         (vehicle.identity.simulated is None, "simulated?"),
         (vehicle.identity.replayed, "replayed"),
     )

@@ -1,7 +1,7 @@
 """The preview of a setpoint in one browser's scene, and the two handles to drag it.
 
-The handles are viser's transform controls: one along the ground and about the vertical, one up and down, so
-that a position cannot be tilted. `gizmo.py` reads the browser's messages about them.
+The handles are viser's transform controls: one moves along the ground and turns about the vertical, the other
+moves up and down, so that a preview cannot be tilted. `gizmo.py` reads the browser's messages about them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from gcs_server.scene.views import Preview
 from missions.frames import IDENTITY, Quaternion, Vector3, q_from_yaw
 
 HANDLE_PX = 96.0
-AWAY_M = 0.35
+MIN_LINE_M = 0.35
+"""Distance to the vehicle below which no line is drawn to the preview [m]."""
 LABEL_BELOW_M = 0.14
 
 
@@ -44,13 +45,13 @@ class PreviewNode:
         self._scene = client.scene
         self._root = self._scene.add_frame("/world/preview", show_axes=False)
         self._ghost = self._lines("/ghost", shapes.ghost, palette, 1.2)
-        self._way = self._lines("/way", shapes.dots, palette, 1.4)
+        self._line = self._lines("/way", shapes.dots, palette, 1.4)
         self.label = Label(client, "/world/preview/label", palette.target, side="below")
         self.label.text = "not sent"
         self._handles: tuple[Any, Any] | None = None
         self._serial = -1
         self._drawn: Preview | None = None
-        self._held = GROUND_HANDLE
+        self._dragged_handle = GROUND_HANDLE
 
     def remove(self) -> None:
         """Removes the preview and its handles."""
@@ -84,7 +85,7 @@ class PreviewNode:
             self._remove_handles()
         elif self._handles is None or preview.serial != self._serial:
             self._remove_handles()
-            self._handles = self._add_handles(at, q, turns=yaw is not None)
+            self._handles = self._add_handles(at, q, changes_yaw=yaw is not None)
         elif self._drawn is not None and preview != self._drawn:
             self._follow(at, q)
         self._serial, self._drawn = preview.serial, preview
@@ -93,16 +94,16 @@ class PreviewNode:
         """Moves the handle that is not being dragged; the browser moves the other one."""
         assert self._handles is not None
         ground, height = self._handles
-        if self._held == HEIGHT_HANDLE:
+        if self._dragged_handle == HEIGHT_HANDLE:
             ground.position, ground.wxyz = at, q
         else:
             height.position = at
 
-    def held(self, turns: bool) -> None:
+    def set_dragged_handle(self, changes_yaw: bool) -> None:
         """Records which handle is being dragged."""
-        self._held = GROUND_HANDLE if turns else HEIGHT_HANDLE
+        self._dragged_handle = GROUND_HANDLE if changes_yaw else HEIGHT_HANDLE
 
-    def _add_handles(self, at: Vector3, q: Quaternion, *, turns: bool) -> tuple[Any, Any]:
+    def _add_handles(self, at: Vector3, q: Quaternion, *, changes_yaw: bool) -> tuple[Any, Any]:
         common: dict[str, Any] = {
             "scale": HANDLE_PX,
             "fixed": True,
@@ -112,7 +113,11 @@ class PreviewNode:
             "position": at,
         }
         ground = self._scene.add_transform_controls(
-            GROUND_HANDLE, active_axes=(True, True, False), disable_rotations=not turns, wxyz=q, **common
+            GROUND_HANDLE,
+            active_axes=(True, True, False),
+            disable_rotations=not changes_yaw,
+            wxyz=q,
+            **common,
         )
         height = self._scene.add_transform_controls(
             HEIGHT_HANDLE, active_axes=(False, False, True), disable_rotations=True, **common
@@ -126,11 +131,11 @@ class PreviewNode:
 
     def _stretch(self, start: Vector3, end: Vector3) -> None:
         length_m = math.dist(start, end)
-        self._way.visible = length_m > AWAY_M
-        if length_m > AWAY_M:
-            self._way.position = start
-            self._way.wxyz = q_along((end[0] - start[0], end[1] - start[1], end[2] - start[2]))
-            self._way.scale = (length_m, 1.0, 1.0)
+        self._line.visible = length_m > MIN_LINE_M
+        if length_m > MIN_LINE_M:
+            self._line.position = start
+            self._line.wxyz = q_along((end[0] - start[0], end[1] - start[1], end[2] - start[2]))
+            self._line.scale = (length_m, 1.0, 1.0)
 
     def _lines(self, name: str, points: Any, palette: Palette, width_px: float) -> Any:
         return self._scene.add_line_segments(

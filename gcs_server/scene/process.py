@@ -1,8 +1,9 @@
-"""The server's side of the 3D view, which a process of its own draws (`worker.py`).
+"""The server's side of the 3D view, which a separate process draws (`worker.py`).
 
-The event loop that carries the flight only reads the vehicles' newest samples for a snapshot and passes on
-bytes between viser and the browsers. While the process has not taken the last snapshots, no further one is
-sent: a slow view gets fewer pictures, and nothing waits for it. Measured in docs/performance.md.
+The event loop also runs the flights, so for the view it only reads the vehicles' newest samples for a
+snapshot, and passes on bytes between viser and the browsers. No further snapshot is sent while the process
+has not reported the last ones: a slow view gets fewer pictures, and nothing waits for it. Measured in
+docs/performance.md.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25
 """Period while no view is open: only checks whether one has opened [s]."""
 MAX_AHEAD = 2 * m.ACKNOWLEDGED_EVERY
-"""Most snapshots that the process has not reported yet."""
+"""Maximum number of sent snapshots that the process has not reported yet."""
 ANSWER_TIMEOUT_S = 5.0
 HUNG_AFTER_S = 20.0
 """A process that takes no snapshot for longer than this is ended and started again [s]."""
@@ -38,15 +39,15 @@ NOT_RUNNING = "The 3D view is not running; it is being started."
 
 
 class _Run:
-    """What belongs to one run of the process."""
+    """The data of one run of the process."""
 
     def __init__(self, address: m.ViserAddress, worker: SceneWorker, builder: SnapshotBuilder) -> None:
         self.address, self.post, self.builder = address, worker.post, builder
         self.sent = 0
-        """Number of snapshots."""
+        """Number of sent snapshots."""
         self.newest = m.Drawn(0, 0, frozenset(), ())
         self.dry_runs: OrderedDict[str, None] = OrderedDict()
-        """Dry runs whose paths the process has; it keeps the same number."""
+        """Dry runs whose paths the process has; both sides keep the newest `MAX_DRY_RUNS`."""
 
 
 class SceneProcess:
@@ -77,7 +78,7 @@ class SceneProcess:
         self._worker: SceneWorker | None = None
         self._failed = False
         self._views: OrderedDict[str, ViewRequest] = OrderedDict()
-        """What each token's view shows, for the process when it is started again."""
+        """Content of each token's view, which is sent again to a restarted process."""
         self._pending: dict[int, asyncio.Future[Any]] = {}
         self._number = 0
         self._router = scene_router(
@@ -113,20 +114,20 @@ class SceneProcess:
         return "The 3D view has stopped and is being started again. Flying is not affected."
 
     async def run(self) -> None:
-        """Runs the process until cancelled; to be supervised, which starts it again.
+        """Runs the process until this call is cancelled. The supervisor calls this again after an error.
 
         Raises:
-            SceneError: it could not be started, has ended, or no longer draws.
+            SceneError: the process could not be started, has ended, or no longer draws.
         """
-        self._worker = worker = SceneWorker(self._take)
+        self._worker = worker = SceneWorker(self._handle)
         try:
             address = await worker.start()
             run = self._run = _Run(address, worker, SnapshotBuilder(self._fleet, self._offboard, self._clock))
             self._failed = False
             self._restore_views(run)
-            async with asyncio.TaskGroup() as both:
-                both.create_task(self._feed(run), name="scene snapshots")
-                both.create_task(worker.wait(), name="scene process")
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._feed(run), name="scene snapshots")
+                tasks.create_task(worker.wait(), name="scene process")
         except* Exception as errors:
             self._failed = True
             raise errors.exceptions[0] from None
@@ -141,23 +142,23 @@ class SceneProcess:
     # --- pictures ---------------------------------------------------------------------------------
 
     async def _feed(self, run: _Run) -> None:
-        next_s = moved_s = self._clock.monotonic_s()
+        next_s = progress_s = self._clock.monotonic_s()
         while True:
             opened, stalled = self._bridges.names(), self._bridges.stalled_names()
             # When the last view has closed, one more snapshot lets the process remove its scene.
             wanted = len(stalled) < len(opened) or (run.newest.viewers and not opened)
             now_s = self._clock.monotonic_s()
             if run.sent - run.newest.snapshots < MAX_AHEAD:
-                moved_s = now_s
+                progress_s = now_s
                 if wanted:
                     run.sent += 1
                     run.post(m.Snapshot(run.builder.snapshot(run.newest.followed, stalled)))
-            elif now_s - moved_s > HUNG_AFTER_S:
+            elif now_s - progress_s > HUNG_AFTER_S:
                 raise m.SceneError("The 3D view no longer draws; it is ended.", remedy=REMEDY)
             next_s = max(next_s + (PERIOD_S if opened else IDLE_PERIOD_S), now_s)
             await self._clock.sleep(max(0.002, next_s - self._clock.monotonic_s()))
 
-    def _take(self, message: object) -> None:
+    def _handle(self, message: object) -> None:
         run = self._run
         if run is None:
             return
@@ -171,7 +172,7 @@ class SceneProcess:
             case m.HistoryRequest(number, topics, since_unix_s):
                 run.post(m.HistoryAnswer(number, run.builder.history(number, topics, since_unix_s)))
             case m.GizmoMoved(gizmo):
-                self._moved(gizmo)
+                self._on_gizmo_moved(gizmo)
             case _:
                 raise TypeError(f"an unknown message: {message!r}")
 
@@ -183,12 +184,12 @@ class SceneProcess:
             self._fleet.get(wanted.vehicle)
         run = self._running()
         self._share_dry_run(run, wanted)
-        self._remember(token, wanted)
-        return await self._ask(run, lambda number: m.SetView(number, token, wanted))
+        self._store_view(token, wanted)
+        return await self._request(run, lambda number: m.SetView(number, token, wanted))
 
     async def _click(self, token: str, request: ClickRequest) -> SceneClick | None:
         """Raises Refused if no vehicle has reported a global position, and SceneError."""
-        click: SceneClick | None = await self._ask(
+        click: SceneClick | None = await self._request(
             self._running(), lambda number: m.Click(number, token, request)
         )
         if click is not None and self._on_click is not None:
@@ -197,7 +198,9 @@ class SceneProcess:
 
     def _drag(self, bridge: str, drag: Drag) -> None:
         run = self._run
-        if run is not None and run.sent - run.newest.snapshots < MAX_AHEAD:  # else it is not drawing now
+        if (
+            run is not None and run.sent - run.newest.snapshots < MAX_AHEAD
+        ):  # otherwise the process is not drawing now
             run.post(m.HandleDragged(bridge, drag))
 
     def _running(self) -> _Run:
@@ -205,7 +208,7 @@ class SceneProcess:
             raise m.SceneError(NOT_RUNNING, remedy=REMEDY)
         return self._run
 
-    async def _ask(self, run: _Run, message: Callable[[int], object]) -> Any:
+    async def _request(self, run: _Run, message: Callable[[int], object]) -> Any:
         self._number += 1
         number = self._number
         future = self._pending[number] = asyncio.get_running_loop().create_future()
@@ -230,7 +233,7 @@ class SceneProcess:
 
     # --- for the next run -------------------------------------------------------------------------
 
-    def _remember(self, token: str, wanted: ViewRequest) -> None:
+    def _store_view(self, token: str, wanted: ViewRequest) -> None:
         old = self._views.get(token, ViewRequest())
         changes = {field: getattr(wanted, field) for field in wanted.model_fields_set}
         if wanted.vehicle not in (None, old.vehicle):
@@ -240,7 +243,7 @@ class SceneProcess:
         while len(self._views) > MAX_VIEWS:
             self._views.popitem(last=False)
 
-    def _moved(self, gizmo: SceneGizmo) -> None:
+    def _on_gizmo_moved(self, gizmo: SceneGizmo) -> None:
         view = self._views.get(gizmo.view)
         if view is not None and view.preview is not None:
             moved = {"position_ned_m": gizmo.position_ned_m, "yaw_ned_rad": gizmo.yaw_ned_rad}
@@ -253,6 +256,6 @@ class SceneProcess:
         for token, request in self._views.items():
             try:
                 self._share_dry_run(run, request)
-            except GcsError:  # it was dropped meanwhile
+            except GcsError:  # the dry run was dropped meanwhile
                 request = request.model_copy(update={"dry_run": None})
             run.post(m.SetView(0, token, request))

@@ -3,7 +3,7 @@
 `GET /scene/` returns the program, `WS /scene/` is its stream. `POST /scene/view/{token}` sets the content of
 one view, `POST /scene/view/{token}/click` reports a click in it. Over the stream a browser may send the pose
 of its camera, and drags of the preview's two handles (`gizmo.py`), which are not passed to viser. All other
-messages are dropped, above all requests for a public tunnel.
+messages are dropped, especially requests for a public tunnel.
 """
 
 from __future__ import annotations
@@ -64,11 +64,12 @@ TRY_AGAIN = 1013
 """Close code "try again later": the 3D view does not run now."""
 
 ShownView = tuple[str, str | None, str]
-"""What a view shows: mode, vehicle (None: the first), theme."""
+"""Content of a view: mode, vehicle (None: the first), theme."""
 
 
 class Bridges:
-    """The open bridges, and which of their browsers do not read; nothing is drawn for those."""
+    """The open bridges, each a connection between a browser and viser, and which of the browsers do not read.
+    Nothing is drawn for a browser that does not read."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -143,7 +144,7 @@ def scene_router(
     """The routes below `/scene`.
 
     Args:
-        address: returns where viser listens; None while it does not run.
+        address: returns the address of viser; None while viser does not run.
         set_view: sets the content of the view with a token; raises UnknownVehicle.
         drag: called with the bridge when a handle was dragged.
         bridges: the state of sending to each browser.
@@ -236,10 +237,10 @@ async def _bridge(
         return
     async with upstream:
         await websocket.accept(subprotocol=upstream.subprotocol)
-        async with asyncio.TaskGroup() as both:
+        async with asyncio.TaskGroup() as tasks:
             sending = partial(bridges.sending, bridge)
-            both.create_task(_to_browser(upstream, websocket, sending), name="scene to browser")
-            both.create_task(
+            tasks.create_task(_to_browser(upstream, websocket, sending), name="scene to browser")
+            tasks.create_task(
                 _from_browser(websocket, upstream, partial(drag, bridge)), name="scene from browser"
             )
 

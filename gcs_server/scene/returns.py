@@ -34,7 +34,7 @@ def returns_of(
     return tuple(points)
 
 
-def strokes(places_enu_m: tuple[Vector3, ...]) -> Points:
+def upright_lines(places_enu_m: tuple[Vector3, ...]) -> Points:
     """An upright line at each point, (N, 2, 3), which is visible from all sides."""
     at = np.asarray(places_enu_m, np.float32).reshape(-1, 1, 3)
     half = np.asarray([[0.0, 0.0, -HALF_HEIGHT_M], [0.0, 0.0, HALF_HEIGHT_M]], np.float32)

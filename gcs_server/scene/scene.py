@@ -1,4 +1,4 @@
-"""Draws the fleet in the 3D views of all browsers. Runs in a process of its own (`worker.py`).
+"""Draws the fleet in the 3D views of all browsers. Runs in a separate process (`worker.py`).
 
 A vehicle that cannot be drawn is left out. Any other error ends the process, and the server starts it again.
 """
@@ -71,7 +71,7 @@ class Scene:
         return frozenset(each[0] for each in shown if each is not None)
 
     async def start(self) -> ViserAddress:
-        """Starts viser; returns where it listens. Raises SceneError."""
+        """Starts viser; returns its address. Raises SceneError."""
         return await self._host.start()
 
     async def stop(self) -> None:
@@ -157,7 +157,7 @@ class Scene:
         moved = dragged(view.preview, drag, origin, pose.position_enu_m)
         if moved is None:
             return
-        stage.hold(turns=drag.turns)
+        stage.set_dragged_handle(changes_yaw=drag.changes_yaw)
         self._views[token] = replace(view, preview=moved)
         if self._on_gizmo is not None:
             released = drag.position_enu_m is None

@@ -13,11 +13,12 @@ LAG_S = 0.07
 HEADING_LAG_S = 0.3
 """Lag of the chase camera's heading [s], because yaw estimates are noisy and the picture would shake."""
 SNAP_M = 15.0
-"""A larger change in one step is a jump and is shown without smoothing [m]."""
+"""A larger change of the position in one step is a jump, which is shown without smoothing [m]."""
 SPIN_HZ = 2.6
 """Drawn rotation rate of a rotor at full effort [Hz]; at the real rate of about 100 Hz it would seem to stand
 still."""
 SETTLED = 1e-4
+"""Difference (metres, radians, or of quaternions) below which the measured value is shown directly."""
 
 
 class Smoother:
@@ -57,9 +58,9 @@ class Smoother:
         return self.pose
 
     def _turn(self, yaw_enu_rad: float, dt_s: float) -> None:
-        left = math.remainder(yaw_enu_rad - self.heading_enu_rad, 2 * math.pi)
-        share = 1.0 - math.exp(-max(0.0, dt_s) / HEADING_LAG_S) if abs(left) > SETTLED else 1.0
-        self.heading_enu_rad = math.remainder(self.heading_enu_rad + left * share, 2 * math.pi)
+        difference = math.remainder(yaw_enu_rad - self.heading_enu_rad, 2 * math.pi)
+        share = 1.0 - math.exp(-max(0.0, dt_s) / HEADING_LAG_S) if abs(difference) > SETTLED else 1.0
+        self.heading_enu_rad = math.remainder(self.heading_enu_rad + difference * share, 2 * math.pi)
 
 
 def _visible_effort(effort: float) -> float:

@@ -1,7 +1,7 @@
-"""What the server tells the process of the 3D view about its vehicles: one snapshot for each picture.
+"""Encodes the server's vehicles for the process of the 3D view: one snapshot for each picture.
 
-A snapshot has the order of all vehicles, and of those that are due only what has changed since the snapshot
-before. It is encoded by msgspec, which writes a sample at a tenth of pickle's cost.
+A snapshot contains the order of all vehicles. For each vehicle that is due, it contains the changes since the
+vehicle's last update. It is encoded with msgspec, which takes a tenth of the time of pickle.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ DRAWN_TOPICS = (
     "obstacle_distance",
 )
 MAX_ALL_UPDATED = 3
-"""Up to this number, all vehicles are updated in each snapshot."""
+"""Number of vehicles up to which all are updated in each snapshot."""
 UPDATE_DIVISOR = 3
 """With more vehicles, each vehicle that no view follows is updated only at every n-th snapshot, because
 drawing is expensive."""
@@ -55,15 +55,15 @@ class SampleData(msgspec.Struct, array_like=True, frozen=True):
 
 
 class VehicleData(msgspec.Struct, array_like=True, frozen=True):
-    """What has changed of one vehicle."""
+    """The changes of one vehicle."""
 
     number: int
-    """A vehicle that takes the id of a removed one has another number."""
+    """Number of the vehicle. A new vehicle with the id of a removed one gets a new number."""
     id: str
     simulated: bool | None
     replayed: bool
     monotonic_s: float
-    """Time of the vehicle's clock, which is a recording's for a replayed vehicle."""
+    """Time of the vehicle's clock; for a replayed vehicle, the recording's clock."""
     unix_s: float
     target: TargetData | None
     """Setpoint that this server streams to it."""
@@ -76,20 +76,20 @@ class SnapshotData(msgspec.Struct, array_like=True, frozen=True):
     """One snapshot."""
 
     order: list[int]
-    """Numbers of all vehicles, in the order that gives them their colours."""
+    """Numbers of all vehicles; their order determines the colours."""
     changed: list[VehicleData]
     stalled: list[str]
     """Bridges of the browsers that do not read now."""
 
 
 class _Sent:
-    """What the process has of one vehicle."""
+    """The samples of one vehicle that the process has."""
 
     def __init__(self, vehicle: SceneVehicle, number: int) -> None:
         self.vehicle = weakref.ref(vehicle)
         self.number = number
         self.received_s: dict[str, float] = {}
-        """By topic: reception time of the sample that was sent."""
+        """Reception time of the sent sample, by topic."""
 
 
 class SnapshotBuilder:
@@ -97,8 +97,8 @@ class SnapshotBuilder:
 
     Args:
         fleet: the vehicles; read only.
-        offboard: target of this server's stream; None: none is sent.
-        clock: limits the log.
+        offboard: target of this server's stream; None: no target is sent.
+        clock: clock for the limit of log lines.
     """
 
     def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None, clock: Clock) -> None:
@@ -107,6 +107,7 @@ class SnapshotBuilder:
         self._sent: dict[str, _Sent] = {}
         self._count = 0
         self._turn = 0
+        """Remainder of the indexes of the vehicles that are due, see `UPDATE_DIVISOR`."""
 
     @property
     def faults(self) -> list[str]:
@@ -130,7 +131,7 @@ class SnapshotBuilder:
             stalled: bridges of the browsers that do not read now.
         """
         vehicles = self._fleet.all()
-        self._forget_gone(vehicles)
+        self._forget_removed(vehicles)
         self._turn = (self._turn + 1) % UPDATE_DIVISOR
         order: list[int] = []
         changed: list[VehicleData] = []
@@ -178,12 +179,12 @@ class SnapshotBuilder:
             absent,
         )
 
-    def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
-        present = {vehicle.id: vehicle for vehicle in vehicles}
+    def _forget_removed(self, vehicles: Sequence[SceneVehicle]) -> None:
+        current = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, sent in list(self._sent.items()):
-            there = sent.vehicle()
+            known = sent.vehicle()
             # Another vehicle may have got the same id.
-            if there is None or present.get(vehicle_id) is not there:
+            if known is None or current.get(vehicle_id) is not known:
                 del self._sent[vehicle_id]
 
 

@@ -1,7 +1,7 @@
 """The scene of one browser: viser nodes are created once, afterwards only changes are sent.
 
-Each browser has its own scene, because each has its own theme and camera. Nodes below
-`/world` are in the world's ENU; `/world` itself is moved by the view (`views.py`).
+Each browser has its own scene, because each has its own theme and camera. Nodes below `/world` are in the
+world's ENU; the view moves `/world` itself (`views.py`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode
-from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, framed, in_world, world_pose
+from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, camera_for_handles, in_world, world_pose
 from missions.frames import Vector3, yaw_from_q
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
@@ -65,6 +65,7 @@ class Stage:
         self._grid_step_m = 0.0
         self._next_grid_s = 0.0
         self._framed = before._framed if before is not None else -1
+        """Serial of the preview for which the camera was moved last; -1: none."""
         client.gui.configure_theme(
             control_layout="floating",
             dark_mode=view.theme == "dark",
@@ -86,7 +87,7 @@ class Stage:
             self._preview: PreviewNode | None = None
             self._dry_run: list[DryRunNode] = []
             self._board = Board(client)
-            self._compass = [self._direction(i, name) for i, name in enumerate(COMPASS)]
+            self._compass = [self._compass_label(i, name) for i, name in enumerate(COMPASS)]
 
     def close(self) -> None:
         """Removes all nodes, so that the scene can be built again in another theme; the browser stays
@@ -134,7 +135,9 @@ class Stage:
                     now_s,
                     hidden=view.mode == "gimbal" and vehicle_id == followed_id and followed is None,
                 )
-            self._look(view, fleet[followed_id].smoother if followed_id is not None else None, followed)
+            self._update_camera(
+                view, fleet[followed_id].smoother if followed_id is not None else None, followed
+            )
             self._show_preview(view, fleet[followed_id] if followed_id is not None else None)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
@@ -163,10 +166,10 @@ class Stage:
                 self._client, list(fleet).index(new), self._palette, self._shapes
             )
 
-    def hold(self, *, turns: bool) -> None:
+    def set_dragged_handle(self, *, changes_yaw: bool) -> None:
         """Records that one of the preview's handles is being dragged in this browser."""
         if self._preview is not None:
-            self._preview.held(turns)
+            self._preview.set_dragged_handle(changes_yaw)
 
     def _show_preview(self, view: View, track: Track | None) -> None:
         """Draws the preview; without a preview nothing is created or sent."""
@@ -219,7 +222,9 @@ class Stage:
     def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
         """Moves the camera so that handles moved by a page are visible; keeps the direction of view."""
         camera = self._client.camera
-        position, look_at = framed(_triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m)
+        position, look_at = camera_for_handles(
+            _triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m
+        )
         if position != _triple(camera.position):
             self._set_camera(position, look_at, CAMERAS["free"].fov_rad)
 
@@ -232,7 +237,7 @@ class Stage:
     def _scale(self) -> str:
         return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
 
-    def _look(self, view: View, smoother: Smoother | None, followed: VehiclePose | None) -> None:
+    def _update_camera(self, view: View, smoother: Smoother | None, followed: VehiclePose | None) -> None:
         pose = smoother.pose if smoother is not None else None
         heading_enu_rad = smoother.heading_enu_rad if smoother is not None else 0.0
         if followed is not None:
@@ -299,13 +304,13 @@ class Stage:
         )
 
     def _show_marks(self, mode: Mode) -> None:
-        """Shows the numbers on the ground only from above, because they cannot be read from low behind a
-        vehicle."""
+        """Shows the numbers on the ground only from above, because they cannot be read from a low camera
+        behind a vehicle."""
         readable = mode in ("free", "top")
         if self._marks.visible != readable:
             self._marks.visible = readable
 
-    def _direction(self, eighth: int, name: str) -> Label:
+    def _compass_label(self, eighth: int, name: str) -> Label:
         label = Label(self._client, f"/world/compass_{name}", self._palette.text_3, side="sign")
         bearing_rad = eighth * math.pi / 4
         label.move((math.sin(bearing_rad) * COMPASS_AT_M, math.cos(bearing_rad) * COMPASS_AT_M, 0.0))

@@ -1,4 +1,4 @@
-"""Numbers as the labels of the 3D view show them."""
+"""Numbers as text, for the labels of the 3D view."""
 
 from __future__ import annotations
 

@@ -67,28 +67,28 @@ class Tracks:
         self._updated_s = float("-inf")
         self._turn = 0
 
-    def update(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
+    def update(self, now_s: float, dt_s: float, followed: Set[str] = frozenset()) -> dict[str, Track]:
         """Reads the newest samples. Returns the tracks by vehicle id, in the order of the identity colours.
 
         Leaves out a vehicle that cannot be placed.
 
         Args:
-            wanted: vehicles that views follow; they are always updated, and their trails are built first.
+            followed: vehicles that views follow; they are always updated, and their trails are built first.
         """
         vehicles = self._fleet.all()
-        self._forget_gone(vehicles)
-        away, self._updated_s = now_s - self._updated_s > PAUSE_S, now_s
+        self._forget_removed(vehicles)
+        paused, self._updated_s = now_s - self._updated_s > PAUSE_S, now_s
         self._turn = (self._turn + 1) % UPDATE_DIVISOR
         places: dict[str, VehiclePlace] = {}
         for index, vehicle in enumerate(vehicles):
-            track = self._track(vehicle, away=away)
+            track = self._track(vehicle, paused=paused)
             track.since_update_s += dt_s
             is_due = (
                 len(vehicles) <= MAX_ALL_UPDATED
-                or vehicle.id in wanted
+                or vehicle.id in followed
                 or index % UPDATE_DIVISOR == self._turn
             )
-            if is_due or away or track.place is None:
+            if is_due or paused or track.place is None:
                 name = f"vehicle {vehicle.id}"
                 track.place = self.isolation.run(name, self._update_one, vehicle, track, track.since_update_s)
                 track.since_update_s = 0.0
@@ -98,7 +98,7 @@ class Tracks:
             v for v in vehicles if v.id in places and self._tracks[v.id].incomplete_since_s is not None
         ]
         if incomplete:
-            vehicle = next((v for v in incomplete if v.id in wanted), incomplete[0])
+            vehicle = next((v for v in incomplete if v.id in followed), incomplete[0])
             what = f"the trail of vehicle {vehicle.id}"
             self.isolation.run(what, self._build_trail, vehicle, places[vehicle.id])
         return {vehicle_id: self._tracks[vehicle_id] for vehicle_id in places}
@@ -108,8 +108,8 @@ class Tracks:
         track.local_origin_enu_m = place.local_origin_enu_m
         if place.known and track.incomplete_since_s is None:
             track.trail.add(place.position_enu_m)
-        asked = self._offboard(vehicle.id) if self._offboard is not None else None
-        target = OffboardTarget(*asked) if asked is not None else None
+        streamed = self._offboard(vehicle.id) if self._offboard is not None else None
+        target = OffboardTarget(*streamed) if streamed is not None else None
         track.smoother.step(pose_of(vehicle, place, target, track.updated_s), dt_s)
         return place
 
@@ -151,23 +151,23 @@ class Tracks:
             )
         return (shown[0], *geodetic)
 
-    def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
-        present = {vehicle.id: vehicle for vehicle in vehicles}
+    def _forget_removed(self, vehicles: Sequence[SceneVehicle]) -> None:
+        current = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, track in list(self._tracks.items()):
             # Another vehicle may have received the same id while no view was open.
-            if (there := track.vehicle()) is None or present.get(vehicle_id) is not there:
+            if (known := track.vehicle()) is None or current.get(vehicle_id) is not known:
                 del self._tracks[vehicle_id]
                 self._placement.forget(vehicle_id)
         if not self._tracks:
             self._placement.reset()
 
-    def _track(self, vehicle: SceneVehicle, *, away: bool) -> Track:
+    def _track(self, vehicle: SceneVehicle, *, paused: bool) -> Track:
         now_s = vehicle.clock.monotonic_s()
         track = self._tracks.get(vehicle.id)
         if track is None or now_s - track.updated_s > REMEMBERED_S:
             track = Track(weakref.ref(vehicle), now_s, now_s - REMEMBERED_S)
             self._tracks[vehicle.id] = track
-        elif away and track.incomplete_since_s is None:
+        elif paused and track.incomplete_since_s is None:
             track.incomplete_since_s = track.updated_s
         track.updated_s = now_s
         return track
@@ -177,7 +177,7 @@ class Tracks:
         since_s = track.incomplete_since_s
         if since_s is not None and place.known:
             since_unix_s = vehicle.clock.unix_s() - (track.updated_s - since_s)
-            points = self._placement.past(vehicle, place, since_unix_s)
+            points = self._placement.earlier_positions(vehicle, place, since_unix_s)
             if points is None:
                 return
             track.incomplete_since_s = None

@@ -10,7 +10,7 @@ from missions.frames import Vector3
 
 SPACING_M = 0.5
 NEIGHBOURS = 24
-"""Number of newest points from which a new point must be apart, so that a drifting hover produces few
+"""Number of newest points to which a new point must have this distance, so that a drifting hover produces few
 lines."""
 MAX_POINTS = 512
 JUMP_M = 50.0
@@ -18,10 +18,10 @@ JUMP_M = 50.0
 
 
 class Trail:
-    """Points at least `SPACING_M` from their newest neighbours; the older half is thinned when it is full.
+    """Points at least `SPACING_M` from the newest points; when the trail is full, its older half is thinned.
 
-    `sealed` changes only together with `version`, so that a view sends it once; newer points are in
-    `recent`, at most `RECENT_POINTS`.
+    `recent` contains the newest points, at most `RECENT_POINTS`; `sealed` contains all older points. Each
+    change of `sealed` increments `version`, so that a view sends `sealed` only once per version.
     """
 
     RECENT_POINTS = 32
@@ -54,7 +54,7 @@ class Trail:
         self.version += 1
 
     def _seal(self) -> None:
-        # The last point is kept: the recent part starts there.
+        # The last point stays in `recent`, so that the line to the next point is drawn.
         self.sealed += self.recent if not self.sealed else self.recent[1:]
         self.recent = self.recent[-1:]
         if len(self.sealed) > MAX_POINTS:

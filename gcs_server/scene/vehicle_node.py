@@ -13,7 +13,7 @@ from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, r
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.pose import Target, VehiclePose
-from gcs_server.scene.returns import strokes
+from gcs_server.scene.returns import upright_lines
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import Trail
@@ -26,7 +26,7 @@ LABEL_ABOVE_M = 0.36
 LABEL_BELOW_M = 0.12
 GROUND_GAP_M = 0.012
 """Marks on the ground are drawn this much above it to avoid flicker [m]."""
-AWAY_M = 0.35
+MIN_LINE_M = 0.35
 """Distance to the target below which no line is drawn to it [m]."""
 
 
@@ -60,7 +60,7 @@ class VehicleNode:
         self._add_ground_marks()
         self._add_target()
         self._returns: Any = None
-        """Created with the first measurement, because most vehicles have no such sensor."""
+        """Node of the measured points; created with the first one, because most vehicles have no sensor."""
         self._sealed: Any = None
         self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
         self._tail = self._moving("/tail")
@@ -171,22 +171,24 @@ class VehicleNode:
 
     def _show_returns(self, pose: VehiclePose) -> None:
         if self._returns is None and pose.returns_enu_m:
-            self._returns = self._lines("/returns", strokes(pose.returns_enu_m), self._palette.text_2, 3.0)
+            self._returns = self._lines(
+                "/returns", upright_lines(pose.returns_enu_m), self._palette.text_2, 3.0
+            )
         elif self._returns is not None:
             self._returns.visible = bool(pose.returns_enu_m)
             if pose.returns_enu_m:
-                self._returns.points = strokes(pose.returns_enu_m)
+                self._returns.points = upright_lines(pose.returns_enu_m)
 
     def _stretch(self, pose: VehiclePose, target: Target) -> None:
         a, b = pose.position_enu_m, target.position_enu_m
-        way = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-        length_m = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        away = length_m > AWAY_M
-        self._way.visible = away
-        self._target_label.shown = away
-        if away:
+        offset = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+        length_m = math.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
+        has_line = length_m > MIN_LINE_M
+        self._way.visible = has_line
+        self._target_label.shown = has_line
+        if has_line:
             self._target_line.place(a)
-            self._target_line.turn(q_along(way))
+            self._target_line.turn(q_along(offset))
             self._target_line.scale(length_m, 1.0, 1.0)
 
     def _draw_trail(self, trail: Trail, head: Vector3) -> None:
@@ -203,7 +205,7 @@ class VehicleNode:
             self._tail.change("points", self._tail_to(trail.recent, head))
 
     def _tail_to(self, recent: list[Vector3], head: Vector3) -> Points:
-        """Draws the newest points and the line to the vehicle; most calls change only this line."""
+        """The lines between the newest points and to the vehicle; most calls change only the last line."""
         if self._tail_lines is None or len(self._tail_lines) != len(recent) or self._tail_from != recent[-1]:
             self._tail_lines, self._tail_from = _chain([*recent, head]), recent[-1]
         lines = self._tail_lines.copy()

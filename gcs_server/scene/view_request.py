@@ -1,4 +1,4 @@
-"""What a page may request of its view."""
+"""The request with which a page sets the content of its view."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The four camera modes as poses of the world, so that the user keeps control of the browser's camera. The
-modes chase and top do not move the camera; they move the world under it, so that the vehicle stays in the
-middle. Dragging and zooming then happen only in the browser, without latency or conflict.
+modes chase and top do not move the camera; they move the world under the camera, so that the vehicle stays in
+the middle. Dragging and zooming then happen only in the browser, without latency or conflict.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ HANDLES_FROM_M = 6.0
 """Distance of the camera for dragging handles [m]; handles have the same size on the screen at any
 distance."""
 MIN_HANDLES_M = 4.5
-"""A camera nearer than this is moved back, because a chase camera is always near [m]."""
+"""A camera nearer than this is moved back [m]; the camera of the mode `chase` is always near."""
 HANDLES_WITHIN_RAD = 0.1
 """Angle from the middle of the picture beyond which a handle may be hidden by a panel, or outside the
 picture."""
@@ -108,7 +108,7 @@ def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
     return rotate(conjugate(world.q), (x, y, z))
 
 
-def framed(
+def camera_for_handles(
     eye_m: Vector3, look_at_m: Vector3, handles_m: Vector3, vehicle_m: Vector3
 ) -> tuple[Vector3, Vector3]:
     """A camera pose from which handles can be dragged: the current pose if possible, or else one that looks
@@ -121,17 +121,17 @@ def framed(
         (eye, look_at).
     """
     ahead = _difference(look_at_m, eye_m)
-    if _in_hand(ahead, _difference(handles_m, eye_m)):
+    if _can_be_dragged(ahead, _difference(handles_m, eye_m)):
         return eye_m, look_at_m
     level_m = math.hypot(ahead[0], ahead[1])
     east, north = (ahead[0] / level_m, ahead[1] / level_m) if level_m > 0.0 else (0.0, 1.0)
-    from_m = max(HANDLES_FROM_M, 1.6 * math.dist(handles_m, vehicle_m))
-    above_rad = max(HANDLES_FROM_ABOVE_RAD, math.atan2(-ahead[2], level_m))
-    back_m, up_m = from_m * math.cos(above_rad), from_m * math.sin(above_rad)
+    distance_m = max(HANDLES_FROM_M, 1.6 * math.dist(handles_m, vehicle_m))
+    elevation_rad = max(HANDLES_FROM_ABOVE_RAD, math.atan2(-ahead[2], level_m))
+    back_m, up_m = distance_m * math.cos(elevation_rad), distance_m * math.sin(elevation_rad)
     return (handles_m[0] - east * back_m, handles_m[1] - north * back_m, handles_m[2] + up_m), handles_m
 
 
-def _in_hand(ahead: Vector3, to_handles: Vector3) -> bool:
+def _can_be_dragged(ahead: Vector3, to_handles: Vector3) -> bool:
     """Whether handles can be dragged well: near the middle of the picture, seen from above, and not too
     near."""
     away_m = math.hypot(*to_handles)

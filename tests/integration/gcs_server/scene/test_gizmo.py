@@ -12,7 +12,7 @@ import pytest
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged
 from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
-from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
+from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, camera_for_handles
 from missions.frames import q_from_yaw
 from tests.integration.gcs_server.scene.scene_running import CAMERA, MOVED, eventually, open_stream
 
@@ -22,7 +22,7 @@ PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
 
 
 def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
-    drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), turns=True)
+    drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), changes_yaw=True)
     moved = dragged(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
     assert moved.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
     assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)  # along x is east
@@ -30,20 +30,20 @@ def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
 
 
 def test_the_height_handle_turns_nothing_and_an_unknown_yaw_stays_unknown():
-    up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), turns=False)
+    up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), changes_yaw=False)
     assert dragged(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
     without = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
-    turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), turns=True)
+    turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), changes_yaw=True)
     assert dragged(without, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
 
 
 def test_a_drag_beyond_the_limit_is_ignored():
-    drag = Drag((REACH_M + 10, 0.0, 5.0), q_from_yaw(0.0), turns=True)
+    drag = Drag((REACH_M + 10, 0.0, 5.0), q_from_yaw(0.0), changes_yaw=True)
     assert dragged(PREVIEW, drag, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)) is None
 
 
 def test_a_release_keeps_the_position():
-    assert dragged(PREVIEW, Drag(None, None, turns=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
+    assert dragged(PREVIEW, Drag(None, None, changes_yaw=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
 
 
 def test_the_label_shows_distance_height_and_yaw():
@@ -54,7 +54,7 @@ EYE, VEHICLE = (-7.0, 0.0, 16.0), (0.0, 0.0, 10.0)
 
 
 def test_visible_handles_do_not_move_the_camera():
-    assert framed(EYE, VEHICLE, (0.5, 0.5, 10.0), VEHICLE) == (EYE, VEHICLE)
+    assert camera_for_handles(EYE, VEHICLE, (0.5, 0.5, 10.0), VEHICLE) == (EYE, VEHICLE)
 
 
 @pytest.mark.parametrize(
@@ -68,25 +68,27 @@ def test_visible_handles_do_not_move_the_camera():
     ],
 )
 def test_the_camera_turns_to_moved_handles_from_the_same_side(eye_m, handles_m):
-    eye, look_at = framed(eye_m, VEHICLE, handles_m, VEHICLE)
+    eye, look_at = camera_for_handles(eye_m, VEHICLE, handles_m, VEHICLE)
     assert look_at == handles_m
     assert math.dist(eye, handles_m) >= HANDLES_FROM_M - 1e-9
     assert eye[0] <= handles_m[0] + 1e-6  # eastwards, as before
     assert eye[2] > handles_m[2] + 2.0
     # The vehicle is not behind: both are in the picture, and once there nothing moves any more.
     assert math.dist(eye, handles_m) > 1.5 * math.dist(handles_m, VEHICLE)
-    assert framed(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
+    assert camera_for_handles(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
     beside = tuple(
         h + 0.5 * HANDLES_WITHIN_RAD * math.dist(eye, handles_m) * (i == 1) for i, h in enumerate(handles_m)
     )
-    assert framed(eye, look_at, beside, VEHICLE) == (eye, look_at)
+    assert camera_for_handles(eye, look_at, beside, VEHICLE) == (eye, look_at)
 
 
 @pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])
 def test_drags_of_both_handles_are_accepted(name):
     moved = parse_message(pack({**MOVED, "name": name}))
-    assert moved == Drag((3.0, 4.0, 5.0), (1.0, 0.0, 0.0, 0.0), turns=name == GROUND_HANDLE)
-    assert parse_message(pack({**RELEASED, "name": name})) == Drag(None, None, turns=name == GROUND_HANDLE)
+    assert moved == Drag((3.0, 4.0, 5.0), (1.0, 0.0, 0.0, 0.0), changes_yaw=name == GROUND_HANDLE)
+    assert parse_message(pack({**RELEASED, "name": name})) == Drag(
+        None, None, changes_yaw=name == GROUND_HANDLE
+    )
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_server.errors import UnknownDryRun
-from gcs_server.scene.dry_runs import paths_of, pose_at, tube, tube_edges, way
+from gcs_server.scene.dry_runs import corridor_edges, corridor_mesh, path_lines, paths_of, pose_at
 from gcs_server.scene.proxy import ViewRequest
 from gcs_server.scene.scene import Scene
 from missions.frames import rotate, yaw_from_q
@@ -64,11 +64,11 @@ def test_the_corridor_is_as_wide_and_high_as_the_flights_were():
     corners = path().corridor_enu_m
     assert corners is not None
     np.testing.assert_allclose(corners[2], [(40, 3, 8), (40, -3, 8), (40, -3, 11), (40, 3, 11)])
-    mesh = tube(path())
+    mesh = corridor_mesh(path())
     assert mesh is not None
     assert (mesh.vertices.shape, mesh.faces.shape, int(mesh.faces.max())) == ((12, 3), (16, 3), 11)
-    assert way(path()).shape == (3, 2, 3)
-    lines = tube_edges(path())
+    assert path_lines(path()).shape == (3, 2, 3)
+    lines = corridor_edges(path())
     assert lines is not None
     assert lines.shape == (8, 2, 3)
     np.testing.assert_allclose(lines[4], [(0, 1, 9.5), (40, 3, 8)])
@@ -89,8 +89,8 @@ def test_each_role_has_its_own_corridor():
 
 def test_one_flight_has_no_corridor_and_one_that_never_began_no_path():
     (alone,) = paths_of({**FOUND, "monte_carlo": None})
-    assert tube(alone) is None
-    assert tube_edges(alone) is None
+    assert corridor_mesh(alone) is None
+    assert corridor_edges(alone) is None
     assert paths_of(NOT_FLOWN) == ()
 
 

@@ -5,7 +5,7 @@ import pytest
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
-from gcs_server.scene.returns import HALF_HEIGHT_M, SHOWN_S, strokes
+from gcs_server.scene.returns import HALF_HEIGHT_M, SHOWN_S, upright_lines
 from gcs_server.vehicle.samples import DistanceSensor, DistanceSensors, ObstacleDistance, TargetLocal
 from missions.frames import rotate
 from tests.unit.gcs_server.scene.scene_fakes import (
@@ -140,6 +140,6 @@ def test_measured_points_are_drawn_only_while_they_are_measured():
     seen = look(vehicle)
     x, y, z = seen.position_enu_m
     assert seen.returns_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
-    assert strokes(seen.returns_enu_m).shape == (2, 2, 3)
-    assert strokes(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
+    assert upright_lines(seen.returns_enu_m).shape == (2, 2, 3)
+    assert upright_lines(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
     assert look(vehicle, now_s=SHOWN_S + 0.1).returns_enu_m == ()
