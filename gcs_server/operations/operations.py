@@ -41,7 +41,7 @@ State = Literal["running", "succeeded", "failed", "cancelled"]
 ReportProgress = Callable[[str, float | None], None]
 """Reports progress: (a sentence about the current work; the fraction done, 0 to 1, None: unknown)."""
 Work = Callable[[ReportProgress], Coroutine[Any, Any, dict[str, object] | None]]
-"""The work of an operation. It returns a small result; large results are a resource of their own."""
+"""The work of an operation. It returns a small result; a large result has its own route."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class Operations:
         self._on_change = on_change
         self._count = 0
         self._known: dict[str, Operation] = {}
-        """Operations in the order of their starts."""
+        """Ended operations in the order of their ends, and running ones in the order of their starts."""
         self._running: dict[str, _Running] = {}
         self._closed = False
 
@@ -257,7 +257,7 @@ class Operations:
             self._end(operation_id, "succeeded", "Done.", result=result)
 
     def _end_not_started(self, operation_id: str) -> None:
-        """Ends an operation whose task was cancelled before its first step, so that `_run` did not end it."""
+        """Ends an operation whose task was cancelled before `_run` began; otherwise `_run` has ended it."""
         if operation_id in self._running:
             error = self._running[operation_id].stop_error
             state: State = "cancelled" if error is None else "failed"

@@ -1,1 +1,1 @@
-"""Plans of both kinds on the server: stored with versions, checked, imported, exported."""
+"""Waypoint plans and offboard missions on the server: stored with versions, checked, imported, exported."""

@@ -26,7 +26,7 @@ def main() -> None:
             return task.run(request, report)
         from gcs_server.plans import terrain_tasks
 
-        return task.run(request, report, lambda positions: terrain_tasks.of_flight(positions, elevation))
+        return task.run(request, report, lambda positions: terrain_tasks.ground_around(positions, elevation))
 
     serve(work)
 

@@ -60,7 +60,9 @@ def _check(arguments: Mapping[str, Any]) -> Values:
     if arguments["elevation"]:
         from gcs_server.plans import terrain_tasks  # GDAL, 0.3 s to import
 
-        ground_findings, ground = terrain_tasks.of_plan(plan, arguments["elevation"], vehicle.return_alt_m)
+        ground_findings, ground = terrain_tasks.ground_of_plan(
+            plan, arguments["elevation"], vehicle.return_alt_m
+        )
         findings = (*findings, *ground_findings)
     return {
         "kind": "waypoint_plan",
@@ -137,7 +139,7 @@ def _mission_ground(
         return [], PlanGround()
     from gcs_server.plans import terrain_tasks
 
-    return terrain_tasks.of_mission(legs, origin, start_down_m, elevation)
+    return terrain_tasks.ground_of_mission(legs, origin, start_down_m, elevation)
 
 
 def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: Sequence[str]) -> Values:

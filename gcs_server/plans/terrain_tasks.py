@@ -27,7 +27,7 @@ LONGEST_SIDE_M = 100_000.0
 """Maximum side of a plan's area [m]; longer than any flight of these vehicles."""
 
 
-def of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
+def ground_of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
     """Findings about a waypoint plan, and the ground below it."""
     ground, not_known = _ground(Elevation.of(map(Path, paths)), places(plan))
     if ground is None:
@@ -36,7 +36,7 @@ def of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list
     return findings, PlanGround(profile.plan_profile(plan, ground), not_known)
 
 
-def of_mission(
+def ground_of_mission(
     legs: Sequence[Leg], origin: LocalOrigin | None, start_down_m: float, paths: Sequence[str]
 ) -> tuple[list[MissionFinding], PlanGround]:
     """Findings about a compiled offboard mission, and the ground below it.
@@ -52,7 +52,7 @@ def of_mission(
     positions = [
         origin.to_geodetic((point[1], point[2], point[3]))[:2] for leg in legs for point in leg.points
     ]
-    ground, not_known = of_flight(positions, paths)
+    ground, not_known = ground_around(positions, paths)
     if ground is None:
         return [], PlanGround(not_known=not_known)
     findings = list(clearance.mission_findings(legs, origin, ground))
@@ -74,7 +74,7 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def of_flight(
+def ground_around(
     positions: Sequence[tuple[float, float]], paths: Sequence[str]
 ) -> tuple[Ground | None, tuple[str, ...]]:
     """The ground around positions (latitude, longitude [deg]), and messages about missing elevation data."""

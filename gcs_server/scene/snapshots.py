@@ -107,7 +107,7 @@ class SnapshotBuilder:
         self._sent: dict[str, _Sent] = {}
         self._count = 0
         self._turn = 0
-        """Remainder of the indexes of the vehicles that are due, see `UPDATE_DIVISOR`."""
+        """A vehicle is due if its index modulo `UPDATE_DIVISOR` has this value."""
 
     @property
     def faults(self) -> list[str]:

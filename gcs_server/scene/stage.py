@@ -64,7 +64,7 @@ class Stage:
         self._mode: Mode | None = before._mode if before is not None else None
         self._grid_step_m = 0.0
         self._next_grid_s = 0.0
-        self._framed = before._framed if before is not None else -1
+        self._framed_serial = before._framed_serial if before is not None else -1
         """Serial of the preview for which the camera was moved last; -1: none."""
         client.gui.configure_theme(
             control_layout="floating",
@@ -183,10 +183,10 @@ class Stage:
         world_is_fixed = view.mode == "free"  # in the other modes the world moves during a drag
         at = enu_from_ned(view.preview.position_ned_m)
         if not world_is_fixed:
-            self._framed = -1
-        elif view.preview.handles and view.preview.serial != self._framed:
-            self._framed = view.preview.serial
-            self._frame(_sum(origin, at), pose.position_enu_m)
+            self._framed_serial = -1
+        elif view.preview.handles and view.preview.serial != self._framed_serial:
+            self._framed_serial = view.preview.serial
+            self._show_handles(_sum(origin, at), pose.position_enu_m)
         self._preview.update(
             view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=world_is_fixed
         )
@@ -219,7 +219,7 @@ class Stage:
             node.remove()
         self._dry_run.clear()
 
-    def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
+    def _show_handles(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
         """Moves the camera so that handles moved by a page are visible; keeps the direction of view."""
         camera = self._client.camera
         position, look_at = camera_for_handles(

@@ -1,5 +1,4 @@
-"""The trail of a vehicle. It is thinned and bounded, so that a day of hovering costs no more than a
-minute."""
+"""The trail of a vehicle. It is thinned and limited, so that it does not grow with the time in flight."""
 
 from __future__ import annotations
 
@@ -10,7 +9,7 @@ from missions.frames import Vector3
 
 SPACING_M = 0.5
 NEIGHBOURS = 24
-"""Number of newest points to which a new point must have this distance, so that a drifting hover produces few
+"""A new point must be `SPACING_M` from this number of newest points, so that a drifting hover produces few
 lines."""
 MAX_POINTS = 512
 JUMP_M = 50.0

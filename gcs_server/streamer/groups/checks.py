@@ -199,8 +199,8 @@ class GroupChecks:
                 state = self._streams.state(vehicle_id)
                 request, elapsed_s = state.request, state.age_s or 0.0
                 if request is not None and state.phase == "streaming":
-                    ordered = request.setpoint  # offsets were resolved when the request was accepted
-                    setpoint = state.sent if isinstance(ordered, PositionBody | Script) else ordered
+                    requested = request.setpoint  # offsets were resolved when the request was accepted
+                    setpoint = state.sent if isinstance(requested, PositionBody | Script) else requested
             expires_s = duration_s if duration_s is not None or request is None else request.duration_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned

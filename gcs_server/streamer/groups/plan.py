@@ -142,7 +142,7 @@ def first_conflict(
     conflicts: list[Conflict] = []
     for (a, track_a), (b, track_b) in itertools.combinations(zip(predictions, tracks, strict=True), 2):
         yield
-        conflict = yield from _between(a, track_a, b, track_b, minimum_m, now_s)
+        conflict = yield from _conflict_between(a, track_a, b, track_b, minimum_m, now_s)
         if conflict is not None:
             conflicts.append(conflict)
     return min(conflicts, key=lambda conflict: conflict.after_s, default=None)
@@ -187,7 +187,7 @@ def _position_and_origin(member: Planned, now_s: float) -> tuple[Vector3, LocalO
     return position, origin
 
 
-def _between(
+def _conflict_between(
     a: _PredictedTrack,
     track_a: tuple[Vectors, Vectors],
     b: _PredictedTrack,

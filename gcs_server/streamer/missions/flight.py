@@ -348,13 +348,13 @@ class MissionFlight:
             return
         self._pictures += 1
 
-        async def take() -> None:
+        async def take_picture() -> None:
             try:
                 await self._vehicle.camera.take_picture(request.component)
             finally:
                 self._pictures -= 1
 
-        self._spawn("mission picture", self._report_failure(request, take))
+        self._spawn("mission picture", self._report_failure(request, take_picture))
 
     def _point_gimbal(self, request: PointGimbal) -> None:
         if self._has_gimbal:
@@ -362,11 +362,11 @@ class MissionFlight:
         elif not self._gimbal_requested:
             self._gimbal_requested = True
 
-            async def take() -> None:
+            async def take_control() -> None:
                 await self._vehicle.gimbal.take_control()
                 self._has_gimbal = True
 
-            self._spawn("mission gimbal", self._report_failure(request, take))
+            self._spawn("mission gimbal", self._report_failure(request, take_control))
 
 
 def _centimetres(value: float | None) -> float | None:

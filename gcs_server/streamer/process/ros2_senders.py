@@ -99,12 +99,12 @@ class Ros2Senders:
     def __init__(self) -> None:
         self._senders: dict[DdsAddress, Ros2Sender] = {}
 
-    def at(self, address: DdsAddress) -> Ros2Sender:
+    def sender_for(self, address: DdsAddress) -> Ros2Sender:
         """The sender for an address; the first call for an address starts to open it."""
         if address not in self._senders:
             self._senders[address] = Ros2Sender(address)
         return self._senders[address]
 
-    def keep(self, used: Collection[DdsAddress]) -> None:
+    def close_unused(self, used: Collection[DdsAddress]) -> None:
         """Closes the senders for all addresses that are not in `used`."""
         self._senders = {address: sender for address, sender in self._senders.items() if address in used}

@@ -88,7 +88,7 @@ class WorkerReports:
         """Time at which waiting reports are due; infinity if there are none."""
         return self._reported_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
-    def sent(self, frame: Sent) -> None:
+    def add_sent(self, frame: Sent) -> None:
         """Records a sent frame."""
         self._sent.append(frame)
 
@@ -128,7 +128,7 @@ class WorkerSender:
 
     def topics(self) -> TopicSender | None:
         """The vehicle's ROS 2 topics; None while it is reached over MAVLink."""
-        return None if self.dds is None else self._worker.ros2.at(self.dds)
+        return None if self.dds is None else self._worker.ros2.sender_for(self.dds)
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
         """Sends a datagram, or asks the server to send it."""
@@ -142,7 +142,7 @@ class WorkerSender:
         except OSError:
             return worker.reports.relay(self._vehicle_id, msg_id, payload)
         self._seq = (self._seq + 1) & 0xFF
-        worker.reports.sent((route.socket_number, int(worker.clock.unix_s() * 1e6), raw))
+        worker.reports.add_sent((route.socket_number, int(worker.clock.unix_s() * 1e6), raw))
         return True
 
     def send_path(self) -> None:
@@ -261,8 +261,8 @@ class Worker:
             sender.route = by_socket if by_socket and by_socket.socket_number in self.sockets else None
             sender.dds = route if isinstance(route, DdsAddress) else None
             if sender.dds is not None:
-                self.ros2.at(sender.dds)  # opened before the first setpoint
-        self.ros2.keep({route for route in routes.values() if isinstance(route, DdsAddress)})
+                self.ros2.sender_for(sender.dds)  # opened before the first setpoint
+        self.ros2.close_unused({route for route in routes.values() if isinstance(route, DdsAddress)})
         used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
         for number in [n for n in self.sockets if n not in used]:
             self.sockets.pop(number).close()

@@ -68,7 +68,7 @@ class SetpointPipeline:
         self._measured.track_ne = None
         self._avoidance.forget()
 
-    def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
+    def accept(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
         """Starts flying a newly accepted setpoint."""
         keeps_yaw = keeps_heading(setpoint)
         before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._yaw_kept else None
@@ -114,7 +114,7 @@ class SetpointPipeline:
         if position is not None:
             held_setpoint: DirectSetpoint = Position(position, yaw)
         elif isinstance(sent, ATTITUDE_KINDS) and snapshot.velocity_ned_m_s is None:
-            held_setpoint = level(
+            held_setpoint = level_attitude(
                 yaw, thrust_of(sent) if snapshot.hover_thrust is None else snapshot.hover_thrust
             )
         else:
@@ -263,8 +263,8 @@ def thrust_of(setpoint: Attitude | Rates | ThrustTorque | Actuators) -> float:
     return setpoint.thrust
 
 
-def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
-    """Level attitude."""
+def level_attitude(yaw_ned_rad: float | None, thrust: float) -> Attitude:
+    """A level attitude setpoint."""
     half = (yaw_ned_rad or 0.0) / 2.0
     return Attitude((math.cos(half), 0.0, 0.0, math.sin(half)), thrust)
 

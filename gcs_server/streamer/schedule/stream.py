@@ -34,13 +34,13 @@ MAX_MODE_REQUESTS = 5
 """Number of unconfirmed mode requests after which the stream stops; PX4's own failsafe then takes over."""
 MAX_START_S = 20.0
 STOP_TIMEOUT_S = 7.0
-"""Time after which the stream stops by itself, if the event loop has not completed a stop [s]."""
+"""Time after which the stream requests Hold itself, if the event loop has not completed a stop [s]."""
 UNDO_S = 2.5
-"""Time for which a vehicle may still report Offboard after a failed start [s]: two heartbeats, one lost."""
+"""Time for which a vehicle may report Offboard after a failed start [s]; one heartbeat of two may be lost."""
 INHIBIT_MODE_REQUESTS_S = 6.5
 """Time after a pilot's mode command in which the stream requests no mode itself [s]."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
-"""If the local position changes by more and faster than this, its origin has moved."""
+"""The origin has moved if the local position changes by more than JUMP_M + JUMP_M_S × time."""
 
 
 class VehicleStream:
@@ -63,8 +63,8 @@ class VehicleStream:
         """Times of the setpoints; while idle, those of the last stream."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
         self.last_end: StreamEvent | None = None
-        self._since_s = 0.0
-        self._engaged_s = math.inf
+        self._since_s = 0.0  # when the request was accepted
+        self._engaged_s = math.inf  # when Offboard was confirmed
         self._phase_until_s = math.inf
         self._requested_mode: str | None = None
         self._mode_requests = 0
@@ -82,7 +82,7 @@ class VehicleStream:
         self._engaged_s, self._was_armed, self.mode = math.inf, False, request.mode
         self._enter("starting", now_s, MAX_START_S)
         self._pipeline.forget()
-        self._take(now_s, request, snapshot)
+        self._accept(now_s, request, snapshot)
 
     def engage(self, now_s: float) -> bool:
         """Starts the validity, because the vehicle reports Offboard. False if the stream has ended."""
@@ -97,7 +97,7 @@ class VehicleStream:
         """Applies a new setpoint immediately; returns False if no stream accepts setpoints."""
         if self.phase not in ("starting", "streaming", "holding") or self._requested_mode is not None:
             return False
-        self._take(now_s, request, snapshot)
+        self._accept(now_s, request, snapshot)
         if self.phase != "starting":
             self._enter("streaming", now_s, request.duration_s)
         return True
@@ -240,8 +240,8 @@ class VehicleStream:
         self.phase = phase
         self._phase_until_s = now_s + for_s
 
-    def _take(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> None:
-        self._pipeline.take(now_s, request.setpoint, snapshot)
+    def _accept(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> None:
+        self._pipeline.accept(now_s, request.setpoint, snapshot)
         self._why = ""
         self.request, self._since_s = request, now_s
         self.cadence.send_now(now_s)
@@ -291,7 +291,7 @@ class VehicleStream:
             if snapshot.mode == self.mode or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
-            self._engaged_s = now_s
+            self._engaged_s = now_s  # after a failed start: only now the mode can be checked
         elif snapshot.lost and self.phase in ("streaming", "holding"):
             self._end_flight(now_s, snapshot, "lost", "Connection to the vehicle lost")
         elif self.phase == "streaming" and self._pipeline.leader_is_lost(now_s, snapshot):

@@ -37,8 +37,8 @@ def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, wire_name(CONTROL_MODE, NAMESPACE), idl_type(MESSAGES["OffboardControlMode"]))
     address, senders = DdsAddress(DOMAIN, None, NAMESPACE), Ros2Senders()
-    sender = senders.at(address)
-    assert senders.at(address) is sender
+    sender = senders.sender_for(address)
+    assert senders.sender_for(address) is sender
     data = MESSAGES["OffboardControlMode"].encode({"position": True})
     with pytest.raises(OSError, match=r"not open yet|no vehicle subscribes"):
         sender.send(CONTROL_MODE, data)
@@ -53,8 +53,8 @@ def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used
             time.sleep(0.02)
         received += [sample for sample in reader.take(10) if isinstance(sample, Sample)]
     assert MESSAGES["OffboardControlMode"].decode(received[0].cdr)["position"] is True
-    senders.keep(())
-    assert senders.at(address) is not sender
+    senders.close_unused(())
+    assert senders.sender_for(address) is not sender
     assert domain
 
 

@@ -44,7 +44,7 @@ class Stream:
 
     def send(self, setpoint, steps=1):
         """Orders it, and what goes out after so many sendings."""
-        self.pipeline.take(self.now_s, setpoint, self.snapshot())
+        self.pipeline.accept(self.now_s, setpoint, self.snapshot())
         return self.go_on(steps)
 
     def go_on(self, steps=1):
