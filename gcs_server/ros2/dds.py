@@ -160,7 +160,7 @@ class DdsPort:
 
 
 class Writers:
-    """Writers for topics that a vehicle subscribes to; created when they are first used.
+    """Writers for topics that a vehicle subscribes to; `prepare` creates them.
 
     Args:
         participant: the participant of this process.
@@ -204,7 +204,7 @@ class Writers:
 
 
 def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writers:
-    """Writers for a vehicle's topics, in a participant of their own.
+    """Writers for a vehicle's topics, in a new participant.
 
     Raises:
         DdsUnavailable: DDS cannot create them.
@@ -215,7 +215,7 @@ def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writ
 def open_topics(
     address: DdsAddress, sent: Mapping[str, MessageType], read: Iterable[Subscription]
 ) -> tuple[Writers, Readers]:
-    """Writers and readers for a vehicle's topics, in a participant of their own.
+    """Writers and readers for a vehicle's topics, in a new participant.
 
     Raises:
         DdsUnavailable: DDS cannot create them.

@@ -1,7 +1,7 @@
 """Runs viser so that only this server's proxy can reach it: on a Unix socket in a private folder.
 
 viser does not check the origin or identity of clients, and any browser could open a public tunnel. Therefore
-it has no TCP port: a web page cannot open a Unix socket, and other users cannot access the folder. Clients
+viser has no TCP port: a web page cannot open a Unix socket, and other users cannot access the folder. Clients
 must send a secret that is new in each run, the tunnel is disabled, and viser's banner is suppressed.
 
 viser has no settings for this, so the name `websockets` inside `viser.infra._infra` is replaced while the
