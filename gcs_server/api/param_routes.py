@@ -151,7 +151,7 @@ async def refresh_params(
             raise Refused(f"Reading the parameters of vehicle {vehicle.id} was cancelled.")
         return answer(params.list)
     if params.list.state != "reading":
-        params.announce()
+        params.mark_reading()
     response = answer(params.list, 202)
     response.headers["Location"] = f"{API}/operations/{operation.id}"
     return response

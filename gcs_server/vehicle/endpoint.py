@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gcs_server.vehicle.vehicle import Vehicle
 
 DECISION_TIMEOUT_S = 3.0
-UID_PATIENCE_S = 2.0
+UID_TIMEOUT_S = 2.0
 """Maximum wait for a uid before the other rules are applied [s]."""
 SILENT_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
@@ -55,7 +55,7 @@ _boot_ms = struct.Struct("<I")
 MAVLINK, ROS2 = "MAVLink", "ROS 2"
 """Protocols of links."""
 HEARD_WITHIN_S = 1.5
-"""A link whose newest message is this much older than that of another link is not preferred to it."""
+"""A link is preferred only if its newest message is less than this older than the newest of all links [s]."""
 
 
 class SameVehicle(enum.Enum):
@@ -122,21 +122,21 @@ class Endpoint:
 
 
 def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint]:
-    """The endpoints of this protocol that are heard; all endpoints if there are none.
+    """The connected endpoints of this protocol; all endpoints if there are none.
 
-    A vehicle that is reached over both protocols is commanded over MAVLink, and its state is that of MAVLink.
-    Its setpoints take ROS 2, which carries every kind.
+    A vehicle that is connected over both protocols is commanded over MAVLink, and its state is that of
+    MAVLink. Its setpoints are sent over ROS 2, which has all kinds of them.
     """
-    those = [endpoint for endpoint in endpoints if endpoint.connection.protocol == protocol]
-    if not those or len(those) == len(endpoints):
+    matching = [endpoint for endpoint in endpoints if endpoint.connection.protocol == protocol]
+    if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
-    return [e for e in those if newest_s - e.received_s < HEARD_WITHIN_S] or endpoints
+    return [e for e in matching if newest_s - e.received_s < HEARD_WITHIN_S] or endpoints
 
 
 def protocol_in_use(endpoints: Sequence[Endpoint], wanted: str) -> str:
-    """Protocol that data take now which prefer one protocol: `MAVLINK` for telemetry and commands, `ROS2` for
-    setpoints. MAVLink for a vehicle without endpoints."""
+    """Protocol over which data are sent now if `wanted` is preferred: `MAVLINK` for telemetry and commands,
+    `ROS2` for setpoints. MAVLink for a vehicle without endpoints."""
     newest = max(preferred(endpoints, wanted), key=lambda endpoint: endpoint.received_s, default=None)
     return MAVLINK if newest is None else newest.connection.protocol
 
@@ -148,7 +148,7 @@ def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
     if uid and new.unique_uid:
         return SameVehicle.YES if uid == new.unique_uid else SameVehicle.NO
     waited_s = now_s - new.first_received_s
-    if new.version is None and waited_s < UID_PATIENCE_S:
+    if new.version is None and waited_s < UID_TIMEOUT_S:
         return SameVehicle.NOT_KNOWN
     sending = [e for e in known if now_s - e.received_s < SILENT_AFTER_S]
     if not sending:

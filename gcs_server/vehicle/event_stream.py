@@ -63,7 +63,7 @@ class EventStream(Generic[Item]):
         elif ahead >= 0:
             self._note(sequence)
 
-    def gone(self, sequence: int, oldest: int) -> list[Item]:
+    def skip_unavailable(self, sequence: int, oldest: int) -> list[Item]:
         """RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest event is `oldest`."""
         if self.expected is None or _ahead(sequence, self.expected) != 0:
             return []

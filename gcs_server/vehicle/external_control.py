@@ -31,15 +31,15 @@ class ExternalControl:
     Args:
         vehicle: the vehicle; its messages are evaluated.
         command: the command service, which has the modes that this server requested.
-        stream_asks: returns the mode that an ending setpoint stream is requesting.
+        stream_request: returns the mode that an ending setpoint stream is requesting; None: no request.
     """
 
     def __init__(
-        self, vehicle: VehiclePort, command: CommandService, stream_asks: Callable[[], str | None]
+        self, vehicle: VehiclePort, command: CommandService, stream_request: Callable[[], str | None]
     ) -> None:
         self._vehicle = vehicle
         self._command = command
-        self._stream_asks = stream_asks
+        self._stream_request = stream_request
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: dict[tuple[int, int], tuple[int, int] | None] = {}
         """Primary controllers, by the manager's component and device id."""
@@ -57,7 +57,7 @@ class ExternalControl:
         name, label = vehicle.mode_names.name_and_label(after.custom_mode, after.autopilot)
         own_command = self._command.recent_command(name)
         requested = None if own_command is None else (own_command.what, own_command.by)
-        if requested is None and self._stream_asks() == name:
+        if requested is None and self._stream_request() == name:
             requested = (label, None)
         self.mode_cause = cause_of(
             before,

@@ -79,14 +79,14 @@ class Fleet(FrameSink):
         self._supervisor.start("fleet", self._run)
 
     def get(self, vehicle_id: str) -> Vehicle:
-        """Raises UnknownVehicle."""
+        """The vehicle with this id; raises UnknownVehicle."""
         vehicle = self._vehicles.get(vehicle_id)
         if vehicle is None:
             raise UnknownVehicle(vehicle_id, sorted(self._vehicles))
         return vehicle
 
     def all(self) -> list[Vehicle]:
-        """By id."""
+        """All vehicles, in the order of their ids."""
         if self._ordered is None:
             self._ordered = [self._vehicles[i] for i in sorted(self._vehicles, key=_order)]
         return list(self._ordered)
@@ -155,7 +155,7 @@ class Fleet(FrameSink):
     # --- from the router ------------------------------------------------------------------------
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
-        """Passes a frame to the vehicle of its endpoint; drops it until the vehicle is decided."""
+        """Passes a frame to the vehicle of its endpoint; drops it until the endpoint has a vehicle."""
         endpoint = self._endpoints.get((connection, peer.name, frame.system_id))
         if endpoint is None:
             endpoint = self._discover(frame, connection, peer)
@@ -194,7 +194,7 @@ class Fleet(FrameSink):
         for vehicle in list(self._vehicles.values()):
             vehicle.isolation.run("the regular work", vehicle.tick)
 
-    # --- who is who -----------------------------------------------------------------------------
+    # --- endpoints and vehicles -----------------------------------------------------------------
 
     def _discover(self, frame: Frame, connection: Connection, peer: Peer) -> Endpoint | None:
         if frame.msg_id != d.MAVLINK_MSG_ID_HEARTBEAT:
@@ -241,9 +241,9 @@ class Fleet(FrameSink):
         if found is None:
             return True
         why, others = found
-        leaves = forgettable(others, now_s)
-        if leaves is not None:
-            self._drop(leaves, "no message came from it for a long time, and its slot was needed")
+        removable = forgettable(others, now_s)
+        if removable is not None:
+            self._drop(removable, "no message came from it for a long time, and its slot was needed")
             return True
         text = self._refusals.refuse(endpoint, why, now_s)
         if text is not None:

@@ -1,8 +1,9 @@
 """The gimbal's sample, combined from its manager's and its device's messages.
 
-Frames, as PX4 v1.16 sends them: the device's quaternion (285) and MOUNT_ORIENTATION's yaw (265, ten
-times as often) are both relative to north while yaw is locked, else to the nose. 265's `yaw_absolute`
-adds the heading in either case and is not used. 280 has limits in degrees, and garbage for roll.
+Frames, as PX4 v1.16 sends them: the quaternion of GIMBAL_DEVICE_ATTITUDE_STATUS and the yaw of
+MOUNT_ORIENTATION (sent ten times as often) are both relative to north while yaw is locked, else to the nose.
+MOUNT_ORIENTATION.yaw_absolute adds the heading in either case and is not used. The limits in
+GIMBAL_MANAGER_INFORMATION are degrees; those of roll are meaningless.
 """
 
 from __future__ import annotations
@@ -45,14 +46,13 @@ MIN_RANGE_RAD = math.radians(0.1)
 def gimbal(
     payloads: Mapping[int, bytes], component_id: int, device_id: int
 ) -> tuple[GimbalReading, float] | None:
-    """One gimbal and its boot time; None before the first attitude (285 or 265).
+    """One gimbal, and the boot time of its attitude [s]; None before the first attitude.
 
     Args:
-        payloads: payloads of this gimbal, by message id.
+        payloads: payloads of this gimbal, by message id, and of the vehicle's attitude (ATTITUDE_QUATERNION
+            or ATTITUDE), which converts yaw between the two frames.
         component_id: component id of the gimbal's manager.
         device_id: device id at the manager.
-
-    The vehicle's attitude (31 or 30) is used as well, to convert yaw between the two frames.
 
     Raises:
         Unusable: the received attitude is not a rotation.
@@ -111,7 +111,7 @@ def gimbal(
 
 
 def yaw_in_earth_frame(flags: int) -> bool:
-    """Whether a device's yaw is relative to north: by flag 32 or 64, else by the yaw lock."""
+    """Whether a device's yaw is relative to north: by the frame's flag, or without one by the yaw lock."""
     if flags & EARTH_FRAME:
         return True
     return False if flags & VEHICLE_FRAME else bool(flags & YAW_LOCK)

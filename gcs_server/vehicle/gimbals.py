@@ -56,12 +56,14 @@ def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalA
         _, manager, messages = managed.setdefault(device, (component_of(key), address, {}))
         if manager == address:
             messages[frame.msg_id] = frame
-    told: dict[Device, list[Frame]] = {}
+    attitudes_of: dict[Device, list[Frame]] = {}
     for key, frame in _in_order(frames, ATTITUDE_IDS):
-        told.setdefault(_known_device(frame.component_id, instance_of(key), managed), []).append(frame)
-    newest_s = max((f.received_monotonic_s for each in told.values() for f in each), default=0.0)
+        attitudes_of.setdefault(_known_device(frame.component_id, instance_of(key), managed), []).append(
+            frame
+        )
+    newest_s = max((f.received_monotonic_s for each in attitudes_of.values() for f in each), default=0.0)
     found: list[tuple[tuple[int, int, int], GimbalAddress, dict[int, Frame]]] = []
-    for device, attitudes in told.items():
+    for device, attitudes in attitudes_of.items():
         if newest_s - max(f.received_monotonic_s for f in attitudes) > SILENT_AFTER_S:
             continue
         unmanaged = GimbalAddress(autopilot, device[1] or (device[0] if device[0] != autopilot else 0))
@@ -86,8 +88,8 @@ def is_of(address: GimbalAddress, component_id: int, device_id: int) -> bool:
 
 def _in_order(frames: Mapping[int, Frame], msg_ids: tuple[int, ...]) -> Iterable[tuple[int, Frame]]:
     """Of these messages: the autopilot's first, then by component and device."""
-    mine = [(key, frame) for key, frame in frames.items() if frame.msg_id in msg_ids]
-    return sorted(mine, key=lambda each: each[0] >> 24)
+    wanted = [(key, frame) for key, frame in frames.items() if frame.msg_id in msg_ids]
+    return sorted(wanted, key=lambda each: each[0] >> 24)
 
 
 def _known_device(

@@ -13,7 +13,7 @@ from gcs_server.mavlink import dialect as d
 
 PX4_SITL_UID = 0x4954414C44494E4F
 SITL_BOARD_VERSION = 1
-"""Board version that PX4's simulator reports without USB vendor and product; no flight controller does."""
+"""Board version that only PX4's simulator reports, without USB vendor and product."""
 COMMANDABLE_TYPES = frozenset(
     {
         d.MAV_TYPE_QUADROTOR,
@@ -54,7 +54,7 @@ class Identity:
 
     @property
     def autopilot_name(self) -> str:
-        """Name of the vehicle type on the page."""
+        """Name of the autopilot, as the page shows it."""
         return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot type {self.autopilot}")
 
     @property

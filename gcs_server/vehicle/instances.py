@@ -1,8 +1,8 @@
 """Distinguishes the instances of a message: batteries 0 and 1, main and auxiliary outputs, several gimbals.
 
 A message is kept by (component, message, instance), so that neither two batteries nor two components ever
-overwrite each other. A key is the message's id, with the instance in bits 24 to 31 and the component above
-(0: the autopilot): that of the autopilot's instance 0 is the id itself.
+overwrite each other. A key has the message's id in bits 0 to 23, the instance in bits 24 to 31, and the
+component from bit 32 on (0: the autopilot). For instance 0 of the autopilot, the key is the id itself.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Instances:
         return tuple([k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,))])
 
 
-def heard(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
+def without_silent(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
     """Frames by key, without instances that are silent while another instance is received."""
     kept = dict(frames)
     newest: dict[int, float] = {}

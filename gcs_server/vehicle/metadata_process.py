@@ -26,7 +26,7 @@ TIMEOUT_S = 20.0
 """Time limit for one document, on a busy machine."""
 MAX_BUFFERED_BYTES = 24_000_000
 """Maximum total size of the encoded documents of all vehicles; those of ten different firmwares have 8 MB."""
-BROKEN_OFF = "reading it took more memory or time than allowed"
+LIMIT_EXCEEDED = "reading it took more memory or time than allowed"
 
 
 class DocumentReader:
@@ -64,7 +64,7 @@ class _Job:
     def run(self) -> Document[Any, Any]:
         """Runs in the reader's thread; raises as `DocumentReader.read`."""
         if self._stopped:
-            raise ValueError(BROKEN_OFF)
+            raise ValueError(LIMIT_EXCEEDED)
         return metadata_files.read_answer(self._kind, self._output())
 
     def stop(self) -> None:
@@ -87,7 +87,7 @@ class _Job:
                 process.kill()
                 output = b""
         if process.returncode or not output:
-            raise ValueError(BROKEN_OFF)
+            raise ValueError(LIMIT_EXCEEDED)
         return output
 
 

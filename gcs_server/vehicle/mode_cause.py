@@ -28,7 +28,7 @@ MODE_COMMANDS = frozenset(
         d.MAV_CMD_MISSION_START,
     }
 )
-BY_HAND = frozenset(
+PILOT_MODES = frozenset(
     {"manual", "altitude", "position", "position_slow", "altitude_cruise", "acro", "stabilized"}
 )
 ENDS_IN_HOLD = frozenset({"takeoff", "mission", "land", "rtl", "orbit", "precision_land", "vtol_takeoff"})
@@ -80,7 +80,7 @@ def cause_of(
     Args:
         before: state before the change.
         after: state after the change.
-        asked: (what, client) of this server's newest command for this mode.
+        requested: (command, client) of this server's newest command for this mode.
         foreign: newest acknowledgement to another station.
         has_transmitter: whether an RC transmitter is connected.
         now_s: monotonic.
@@ -94,15 +94,15 @@ def cause_of(
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
     # a heartbeat has no intended mode: the previous one still applies
-    with_intention = after.heartbeat_s == before.heartbeat_s
-    if (with_intention and is_overruled(after)) or after.system_status in (
+    has_intended_mode = after.heartbeat_s == before.heartbeat_s
+    if (has_intended_mode and is_overruled(after)) or after.system_status in (
         d.MAV_STATE_CRITICAL,
         d.MAV_STATE_EMERGENCY,
     ):
         return ModeCause("failsafe", None, "the failsafe", unix_s)
     if not after.armed or (new == "hold" and old in ENDS_IN_HOLD):
         return ModeCause("vehicle", None, "the vehicle itself", unix_s)
-    if new in BY_HAND and has_transmitter:
+    if new in PILOT_MODES and has_transmitter:
         return ModeCause("pilot", None, "the RC pilot", unix_s)
     return ModeCause(
         "unknown", None, "not this server (RC pilot, another station or the vehicle itself)", unix_s

@@ -30,12 +30,12 @@ def required(what: str, *values: float) -> None:
     """Raises Unusable if one of the values is not usable; `what` names the message and its fields."""
     for value in values:
         if not -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
-            said = (
+            problem = (
                 "is not a finite number"
                 if not math.isfinite(value)
                 else f"is {value:.3g}, which is not plausible"
             )
-            raise Unusable(f"{what} {said}")
+            raise Unusable(f"{what} {problem}")
 
 
 def vector(values: Sequence[float]) -> Vector3 | None:

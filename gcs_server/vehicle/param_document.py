@@ -86,7 +86,7 @@ def parse(content: bytes) -> Document[str, ParamMetadata]:
         except (ValueError, RecursionError) as error:
             left_out.add(_name_of(raw), error)
             continue
-        found[entry.name] = _facts(entry)
+        found[entry.name] = _metadata_of(entry)
     more = len(document.parameters) - MAX_PARAMETERS
     if more > 0:
         left_out.add("the rest", f"more than {MAX_PARAMETERS:,}", more)
@@ -100,7 +100,7 @@ def _name_of(raw: msgspec.Raw) -> str:
         return _Name().name
 
 
-def _facts(entry: _Entry) -> ParamMetadata:
+def _metadata_of(entry: _Entry) -> ParamMetadata:
     return ParamMetadata(
         name=entry.name,
         is_integer=entry.type != "Float",

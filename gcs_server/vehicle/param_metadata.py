@@ -108,13 +108,13 @@ def _named(choices: Iterable[tuple[float, str]]) -> str:
     return ", ".join(words[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def is_default(facts: ParamMetadata, value: float) -> bool | None:
+def is_default(metadata: ParamMetadata, value: float) -> bool | None:
     """Whether a value is the firmware's default; None if the default is unknown."""
-    return None if facts.default is None else _same(value, facts.default)
+    return None if metadata.default is None else _same(value, metadata.default)
 
 
 def _same(a: float, b: float) -> bool:
-    """Compares with 32-bit precision, as the vehicle stores them."""
+    """Compares with the 32-bit precision in which the vehicle stores values."""
     if a == b:
         return True
     try:

@@ -60,7 +60,7 @@ def forgettable(vehicles: Iterable[Vehicle], now_s: float) -> Vehicle | None:
 
 
 def last_received_s(vehicle: Vehicle) -> float:
-    """Time of its last message [s, monotonic]."""
+    """Time of the vehicle's last message [s, monotonic]."""
     return max((e.received_s for e in vehicle.endpoints), default=vehicle.flight_state.heartbeat_s)
 
 

@@ -1,7 +1,7 @@
 """Texts of PX4's EVENT messages, from the vehicle's metadata if available, or else from this server.
 
-The ids are PX4 v1.16's (component 1 of the event's namespace included in the top byte). Arming checks
-carry the modes they concern as a bit mask and the health component as their first arguments.
+The ids are those of PX4 v1.16; the top byte is the component of the event's namespace (1: autopilot). The
+first arguments of an arming check are a bit mask of the modes that it concerns, and the health component.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _event = struct.Struct("<IIHBBB40s")
 ARMING_SUMMARY_ID = 27825120
 HEALTH_SUMMARY_ID = 18691879
 LEVEL_PROTOCOL = 8
-"""Levels from here on are internal."""
+"""This level and higher ones are internal to the events protocol."""
 
 TEXTS: dict[int, str] = {
     16910493: "Arming denied: the vehicle's checks failed",

@@ -1,4 +1,5 @@
-"""Over which protocols a vehicle is reached, which of them its data take, and what its links do not carry.
+"""Protocols over which a vehicle is connected, the protocol used for each kind of data, and what the links do
+not carry.
 
 ROS 2 carries what PX4 bridges by default: telemetry, commands and setpoints. Everything in `NEEDS_MAVLINK`
 is a MAVLink protocol without a ROS 2 topic. This is the only place that decides what a vehicle's links carry.
@@ -29,22 +30,22 @@ FEATURES: Final[tuple[Feature, ...]] = get_args(Feature)
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Over which protocols a vehicle is reached, and which of them its data take."""
+    """Protocols over which a vehicle is connected, and the protocol of each kind of data."""
 
     protocols: tuple[str, ...]
-    """Protocols over which the vehicle is heard now: MAVLink, ROS 2."""
+    """Protocols over which the vehicle is connected now: MAVLink, ROS 2."""
     telemetry: str | None
     """Protocol of the shown telemetry; null if the vehicle is not connected."""
     commands: str | None
-    """Protocol that commands take."""
+    """Protocol over which commands are sent."""
     setpoints: str | None
-    """Protocol that setpoints take."""
+    """Protocol over which setpoints are sent."""
     missing: tuple[Feature, ...]
     """What the vehicle's links do not carry; requests for it are refused at once. Empty over MAVLink."""
 
 
 def reach_of(endpoints: Sequence[Endpoint]) -> Reach:
-    """How a vehicle with these endpoints is reached now."""
+    """The protocols of a vehicle with these endpoints."""
     newest_s = max((endpoint.received_s for endpoint in endpoints), default=0.0)
     heard = {e.connection.protocol for e in endpoints if newest_s - e.received_s < SILENT_AFTER_S}
     commands = protocol_in_use(endpoints, MAVLINK) if endpoints else None
@@ -61,7 +62,7 @@ def require_feature(vehicle_id: str, endpoints: Sequence[Endpoint], feature: Fea
     """Checks that the vehicle's links carry a feature.
 
     Raises:
-        Refused: the feature needs a MAVLink link on which the vehicle is heard.
+        Refused: the feature needs a MAVLink link on which the vehicle is connected.
     """
     if feature not in reach_of(endpoints).missing:
         return

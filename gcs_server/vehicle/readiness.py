@@ -59,11 +59,11 @@ class Finding:
     """Raw arguments, for a later description."""
 
     def concerns(self, nav_state: int) -> bool:
-        """Whether it concerns this mode."""
+        """Whether the check concerns this mode."""
         return bool(self.modes_mask >> nav_state & 1)
 
     def blocks(self, nav_state: int, *, running: bool = False) -> bool:
-        """Whether it prevents arming in this mode, or flying it."""
+        """Whether the check prevents arming in this mode (or, if `running`, flying it)."""
         if not self.concerns(nav_state):
             return False
         if self.id == MANUAL_CONTROL_ID:
@@ -147,8 +147,8 @@ class ReportJoiner:
         self._whole = replace(whole, left_out=self._left_out)
         return self._whole
 
-    def abandon(self) -> None:
-        """An event of the report was lost: waits for the next complete report."""
+    def discard(self) -> None:
+        """Discards an incomplete report, because one of its events was lost."""
         self._findings, self._whole, self._next_chunk = None, None, 0
 
 

@@ -35,7 +35,7 @@ class LocalPosition:
 
 @dataclass(frozen=True, slots=True)
 class GlobalPosition:
-    """GLOBAL_POSITION_INT, with VFR_HUD's throttle left out."""
+    """GLOBAL_POSITION_INT."""
 
     lat_deg: float
     lon_deg: float
@@ -105,7 +105,7 @@ class GimbalReading:
     """One gimbal."""
 
     gimbal_device_id: int
-    """Device id by which its manager knows it; 0 if the manager does not say."""
+    """Device id at its manager; 0 if the manager does not report it."""
     roll_rad: float
     pitch_rad: float
     yaw_frd_rad: float | None
@@ -131,7 +131,7 @@ class GimbalReading:
 
 @dataclass(frozen=True, slots=True)
 class Gimbal(GimbalReading):
-    """The gimbal as its manager and device report it (281, 285, 265, 280): of several gimbals, the first."""
+    """The gimbal as its manager and device report it: of several gimbals, the first."""
 
     gimbals: tuple[GimbalReading, ...] = ()
     """All gimbals, the autopilot's first; empty if there is only one."""

@@ -12,7 +12,7 @@ from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.gimbals import GimbalAddress, by_gimbal
 from gcs_server.vehicle.history import HISTORY_S, History
-from gcs_server.vehicle.instances import Instances, heard, instance_of
+from gcs_server.vehicle.instances import Instances, instance_of, without_silent
 from gcs_server.vehicle.modes import ModeNames
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
@@ -76,7 +76,7 @@ class VehicleState:
         self._received_s = float("-inf")
         """Time of the last heartbeat, or of a later message that followed without a gap."""
         self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
-        """(time, sources, sample) for the last minutes."""
+        """(time, flight state, whether the connection is lost, sample) of the last minutes."""
 
     def take(self, frame: Frame) -> bool:
         """Stores a frame; returns False if it is ignored, because another component sent it."""
@@ -99,7 +99,7 @@ class VehicleState:
 
     def _note_received(self, frame: Frame) -> None:
         now_s = frame.received_monotonic_s
-        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # a lost vehicle is back
+        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # only this restores a lost connection
         if is_heartbeat or now_s - self._received_s <= LINK_LOST_AFTER_S:
             self._received_s = now_s
 
@@ -248,7 +248,7 @@ class VehicleState:
         if not read:
             return None
         if name != "gimbal" and len(keys) > len(INPUT_MESSAGES[name]):
-            read = heard(read.items())
+            read = without_silent(read.items())
         message_ids = TOPIC_MESSAGES[name]
         present = [frame for frame in read.values() if frame.msg_id in message_ids]
         if not present:
@@ -269,7 +269,7 @@ class VehicleState:
         """The first gimbal, with a list of all gimbals if there are several. A gimbal whose messages cannot
         be used is left out."""
         vehicle = {msg_id: full_payload(read.pop(msg_id)) for msg_id in ATTITUDE_IDS if msg_id in read}
-        made: list[tuple[GimbalReading, float]] = []
+        readings: list[tuple[GimbalReading, float]] = []
         fault: Unusable | None = None
         for address, frames in by_gimbal(read, self._component_id):
             payloads = {msg_id: full_payload(frame) for msg_id, frame in frames.items()}
@@ -278,13 +278,15 @@ class VehicleState:
             except Unusable as error:
                 fault = error
             else:
-                made += [one] if one is not None else []
-        if not made:
+                readings += [one] if one is not None else []
+        if not readings:
             if fault is not None:
                 raise fault
             return None
-        first = {field.name: getattr(made[0][0], field.name) for field in fields(GimbalReading)}
-        return Gimbal(**first, gimbals=tuple(value for value, _ in made) if len(made) > 1 else ()), made[0][1]
+        first = {field.name: getattr(readings[0][0], field.name) for field in fields(GimbalReading)}
+        return Gimbal(
+            **first, gimbals=tuple(value for value, _ in readings) if len(readings) > 1 else ()
+        ), readings[0][1]
 
     @staticmethod
     def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:

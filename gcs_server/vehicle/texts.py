@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 _text = struct.Struct("<B50sHB")
 WAIT_FOR_CHUNKS_S = 1.0
 MAX_PENDING = 8
-"""Maximum number of texts whose chunks are awaited; for another one, the oldest is completed as it is."""
+"""Maximum number of texts whose chunks are awaited; one more, and the oldest is published incomplete."""
 MAX_CHUNKS = 20
 """Maximum number of chunks of 50 bytes in one text; more are ignored."""
 LINES_AT_ONCE, LINES_PER_S = 200.0, 20.0

@@ -41,8 +41,8 @@ from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 log = logging.getLogger(__name__)
 
 STAY_ON_LINK_S = 0.4
-"""The link in use is kept until another one is more recent by this time. It is well below PX4's timeout of a
-setpoint stream (COM_OF_LOSS_T, 1 s)."""
+"""The link in use is kept until the newest message of another link is newer by this time [s]. It is well
+below PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
 
 
 class Vehicle:
@@ -82,9 +82,9 @@ class Vehicle:
         self._event_logger = EventLogger(self.events, clock, self.mode_names)
         self._endpoints: tuple[Endpoint, ...] = ()
         self._known_links: set[str] = set()
-        self._sending: Endpoint | None = None
+        self._endpoint_in_use: Endpoint | None = None
         self._lost = False
-        self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
+        self._handlers: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
             d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
@@ -95,8 +95,8 @@ class Vehicle:
                 f.component_id, full_payload(f)
             ),
         }
-        self._notable = frozenset((*REDUCERS, *self._special))
-        """Handlers of messages that are not only stored."""
+        self._handled_ids = frozenset((*REDUCERS, *self._handlers))
+        """Messages that are not only stored, but also handled."""
         self.command = CommandService(self)
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)
@@ -238,7 +238,7 @@ class Vehicle:
         )
 
     def send_path(self) -> Endpoint | None:
-        """Link and peer that setpoints take now; None if nothing may be sent to the vehicle."""
+        """Link and peer to which setpoints are sent now; None if nothing may be sent to the vehicle."""
         if self._identity.replayed:
             return None
         ros2 = preferred(self._endpoints, ROS2)
@@ -249,11 +249,11 @@ class Vehicle:
     def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
         """Starts a background task; its service reports errors of the vehicle."""
 
-        async def quietly() -> None:
+        async def without_errors() -> None:
             with contextlib.suppress(GcsError):
                 await work
 
-        task = self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
+        task = self._supervisor.spawn(f"vehicle {self.id}: {name}", without_errors())
         task.add_done_callback(lambda _: work.close())  # cancelled before its first step
 
     def _fetch_metadata(self) -> None:
@@ -268,21 +268,21 @@ class Vehicle:
             and frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK
             and endpoint not in preferred(self._endpoints, MAVLINK)
         ):
-            return  # MAVLink has the same data; alternating between two delays would show changes twice
+            return  # MAVLink has the same data; with the delays of both links, each change would appear twice
         state, msg_id = self._state, frame.msg_id
         if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
             self.components.heartbeat(frame)
         before = state.flight_state
-        if state.take(frame) and msg_id in self._notable:
+        if state.take(frame) and msg_id in self._handled_ids:
             if state.flight_state is not before:
                 self._event_logger.flight_state(
                     before, state.flight_state, self._external_control.mode(before, state.flight_state)
                 )
             if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
                 self._heartbeat()
-            special = self._special.get(msg_id)
-            if special is not None:
-                special(frame, endpoint)
+            handler = self._handlers.get(msg_id)
+            if handler is not None:
+                handler(frame, endpoint)
         if msg_id in self.mailbox.awaited and frame.known:
             self.mailbox.deliver(frame)
 
@@ -356,20 +356,20 @@ class Vehicle:
             self._lost = False
             self.gimbals.link_restored()
             self.health.connected()
-            self.params.link_was_away()
+            self.params.link_restored()
             self.events.add(
                 "link", self.clock.unix_s(), "Connection restored", severity=d.MAV_SEVERITY_NOTICE
             )
 
     def _choose_endpoint(self, endpoints: Sequence[Endpoint]) -> Endpoint | None:
-        sending = self._sending
+        in_use = self._endpoint_in_use
         newest = max(endpoints, key=lambda e: e.received_s, default=None)
         if (
             newest is not None
-            and sending is not None
-            and sending in endpoints
-            and newest.received_s - sending.received_s < STAY_ON_LINK_S
+            and in_use is not None
+            and in_use in endpoints
+            and newest.received_s - in_use.received_s < STAY_ON_LINK_S
         ):
-            return sending
-        self._sending = newest
+            return in_use
+        self._endpoint_in_use = newest
         return newest

@@ -126,7 +126,7 @@ class CommandService:
             try:
                 await self._arm(token, progress)
             except GcsError:
-                await self._into_hold_disarmed(token)
+                await self._hold_if_disarmed(token)
                 raise
             # sent again, because PX4 may drop an altitude that it received while disarmed
             again = Goal("take off to that altitude", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
@@ -155,16 +155,16 @@ class CommandService:
             try:
                 await self._arm(token, progress)
             except GcsError:
-                await self._into_hold_disarmed(token)
+                await self._hold_if_disarmed(token)
                 raise
 
     async def land(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Lands at the current position; returns once it is landing (or has landed and disarmed)."""
-        await self._down(BY_NAME["land"], by, progress)
+        await self._land_or_return(BY_NAME["land"], by, progress)
 
     async def rtl(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
-        await self._down(BY_NAME["rtl"], by, progress)
+        await self._land_or_return(BY_NAME["rtl"], by, progress)
 
     async def hold(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Switches to Hold: the vehicle stops and holds its position."""
@@ -286,13 +286,14 @@ class CommandService:
                 await self._run(token, None, known, None)
         return home_of(vehicle).alt_amsl_m
 
-    async def _into_hold_disarmed(self, token: int) -> None:
-        """If the vehicle stayed in Take off or Mission, arming it later would start the climb."""
+    async def _hold_if_disarmed(self, token: int) -> None:
+        """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming it later would start the
+        climb."""
         if token == self._newest and not self._vehicle.flight_state.armed:
             with suppress(GcsError):
                 await self._set_mode(token, BY_NAME["hold"], None)
 
-    async def _down(self, mode: Mode, by: str | None, progress: ReportProgress | None) -> None:
+    async def _land_or_return(self, mode: Mode, by: str | None, progress: ReportProgress | None) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
         flying = vehicle.flight_state.armed

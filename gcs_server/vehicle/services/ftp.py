@@ -1,8 +1,8 @@
 """Reads files of the vehicle over links that lose packets.
 
 One operation at a time, because PX4 has one session per link. An unanswered request is sent again with the
-same sequence number; then the vehicle repeats its answer. Nothing is written. A burst transfers most of a
-file; lost parts are read one by one.
+same sequence number; then the vehicle repeats its answer. Nothing is written to the vehicle. A burst
+transfers most of a file; lost parts are read one by one.
 
 The vehicle's answers are untrusted: a transfer has limits of bytes, answers and time, and fails with a reason
 if the vehicle exceeds one.
@@ -23,13 +23,13 @@ from gcs_server.vehicle.services.ftp_codec import DirectoryEntry, FtpError, FtpF
 from gcs_server.vehicle.services.ftp_pieces import Pieces
 from gcs_server.vehicle.services.port import VehiclePort
 
-FIRST_PATIENCE_S = 0.25
-MAX_PATIENCE_S = 1.5
+FIRST_TIMEOUT_S = 0.25
+MAX_TIMEOUT_S = 1.5
 TRIES = 12
 """With 20 % loss each way, one request in 200,000 fails."""
 BURST_SILENCE_S = 0.6
 """Pause after which a burst has ended, or its end was lost [s]."""
-BURSTS_WITHOUT_NEWS = 3
+MAX_EMPTY_BURSTS = 3
 BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
 """Time after which PX4 closes an unused session [s]."""
 MAX_BYTES = 8_000_000
@@ -39,7 +39,7 @@ ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
 MIN_BYTES_S, TIME_SPARE_S = 400, 60.0
 """Minimum average speed of a transfer [bytes/s]."""
 LIST_TIMEOUT_S = 120.0
-TURN_AFTER_ANSWERS = 32
+YIELD_AFTER_ANSWERS = 32
 """Waiting answers handled at a time, before the event loop does other work."""
 
 ReportBytes = Callable[[int, int], None]
@@ -55,7 +55,7 @@ class FtpService:
         self._sequence = 0
         self._may_be_open = True
         """Whether a session of this server, or of its previous run, may still be open."""
-        self._has_burst = True
+        self._supports_burst = True
         self._answers_left = 0
         """Answers for the current file."""
 
@@ -71,7 +71,7 @@ class FtpService:
             return await self._list(path)
 
     async def crc32(self, path: str) -> int:
-        """Has the vehicle compute MAVLink's checksum of a file; raises as `list`."""
+        """Requests MAVLink's checksum of a file from the vehicle; raises as `list`."""
         self._vehicle.require("files")
         async with self._lock:
             answer = await self._ask(codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking")
@@ -97,7 +97,7 @@ class FtpService:
         self._vehicle.require("files")
         async with self._lock:
             opened = await self._open(path)
-            gone = False
+            disconnected = False
             try:
                 size = int.from_bytes(opened.data[:4], "little") if len(opened.data) >= 4 else 0
                 if size > max_bytes:
@@ -108,10 +108,10 @@ class FtpService:
                 async with _within(TIME_SPARE_S + size / MIN_BYTES_S, path, "Reading"):
                     return await self._transfer(path, opened.session, Pieces(size), progress)
             except Disconnected:
-                gone = True
+                disconnected = True
                 raise
             finally:
-                if not gone:
+                if not disconnected:
                     await self._terminate(path, opened.session)
 
     # --- one operation each -------------------------------------------------------------------------
@@ -162,9 +162,9 @@ class FtpService:
     async def _transfer(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bytes:
         idle = 0
         while not pieces.complete:
-            if self._has_burst and pieces.tail_missing and idle < BURSTS_WITHOUT_NEWS:
-                news = await self._burst(path, session, pieces, progress)
-                idle = 0 if news else idle + 1
+            if self._supports_burst and pieces.tail_missing and idle < MAX_EMPTY_BURSTS:
+                received_any = await self._burst(path, session, pieces, progress)
+                idle = 0 if received_any else idle + 1
             else:
                 await self._read_hole(path, session, pieces)
                 if progress is not None:
@@ -193,7 +193,7 @@ class FtpService:
         first = self._take_sequence()
         longest = (hole[1] - hole[0]) // codec.DATA_BYTES + 3
         request = Packet(first, Opcode.BURST_READ_FILE, session, codec.DATA_BYTES, offset=hole[0])
-        news = False
+        received_any = False
         with self._expect(Opcode.BURST_READ_FILE) as waiter:
             self._send(request)
             while not pieces.complete:
@@ -206,10 +206,10 @@ class FtpService:
                 if answer is None or not 1 <= (answer.sequence - first) & 0xFFFF <= longest:
                     continue
                 if answer.opcode == Opcode.NAK:
-                    self._burst_refused(answer, path, news, pieces, hole[0])
+                    self._burst_refused(answer, path, received_any, pieces, hole[0])
                     break
                 if answer.session == session and pieces.put(answer.offset, answer.data):
-                    news = True
+                    received_any = True
                     if progress is not None:
                         progress(pieces.received, pieces.size)
                 if answer.burst_complete:
@@ -217,15 +217,17 @@ class FtpService:
         # beyond any number that this burst may have used: otherwise the vehicle treats the next request as a
         # repetition and answers it with a piece of the burst
         self._sequence = (first + longest + 1) & 0xFFFF
-        return news
+        return received_any
 
-    def _burst_refused(self, answer: Packet, path: str, news: bool, pieces: Pieces, start: int) -> None:
+    def _burst_refused(
+        self, answer: Packet, path: str, received_any: bool, pieces: Pieces, start: int
+    ) -> None:
         error = codec.refusal(answer, path, "Reading")
         if error.ftp_error == FtpError.UNKNOWN_COMMAND:
-            self._has_burst = False
+            self._supports_burst = False
         elif error.ftp_error != FtpError.END_OF_FILE:
             raise error
-        elif not news and answer.offset <= start < pieces.size:
+        elif not received_any and answer.offset <= start < pieces.size:
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
 
     async def _count_answer(self, path: str) -> None:
@@ -235,7 +237,7 @@ class FtpService:
             raise FtpFailed(
                 f"Reading {path}: the vehicle sends it in too many pieces, so the server gave up.", path=path
             )
-        if self._answers_left % TURN_AFTER_ANSWERS == 0:
+        if self._answers_left % YIELD_AFTER_ANSWERS == 0:
             await asyncio.sleep(0)
 
     # --- one request ------------------------------------------------------------------------------------
@@ -246,12 +248,12 @@ class FtpService:
         request = Packet(
             sequence, packet.opcode, packet.session, packet.size, offset=packet.offset, data=packet.data
         )
-        patience_s = FIRST_PATIENCE_S
+        timeout_s = FIRST_TIMEOUT_S
         with self._expect(Opcode(packet.opcode)) as waiter:
             for _ in range(TRIES):
                 self._send(request)
                 try:
-                    async with asyncio.timeout(patience_s):
+                    async with asyncio.timeout(timeout_s):
                         while True:
                             answer = _packet(await waiter.next())
                             if answer is not None and answer.sequence == (sequence + 1) & 0xFFFF:
@@ -259,10 +261,10 @@ class FtpService:
                                     raise codec.refusal(answer, path, doing)
                                 return answer
                 except TimeoutError:
-                    patience_s = min(patience_s * 1.4, MAX_PATIENCE_S)
+                    timeout_s = min(timeout_s * 1.4, MAX_TIMEOUT_S)
         raise NoReply(
             f"Vehicle {self._vehicle.id} did not answer: {doing.lower()} {path or '/'}.",
-            deadline_s=round(_all_patience_s(), 1),
+            deadline_s=round(_total_timeout_s(), 1),
             remedy="Check the link; nothing on the vehicle was changed.",
         )
 
@@ -317,9 +319,9 @@ def _packet(message: Reply) -> Packet | None:
     return codec.decode(bytes(message.payload))
 
 
-def _all_patience_s() -> float:
-    patience_s, total_s = FIRST_PATIENCE_S, 0.0
+def _total_timeout_s() -> float:
+    timeout_s, total_s = FIRST_TIMEOUT_S, 0.0
     for _ in range(TRIES):
-        total_s += patience_s
-        patience_s = min(patience_s * 1.4, MAX_PATIENCE_S)
+        total_s += timeout_s
+        timeout_s = min(timeout_s * 1.4, MAX_TIMEOUT_S)
     return total_s

@@ -127,7 +127,7 @@ def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, 
     """A request with a path; the path must fit one packet.
 
     Raises:
-        FtpFailed: it does not, or holds a NUL.
+        FtpFailed: the path is too long, or contains a NUL.
     """
     data = path.encode()
     if len(data) >= DATA_BYTES or b"\0" in data:

@@ -1,9 +1,10 @@
 """A gimbal of a vehicle, commanded at its manager (gimbal protocol v2).
 
-PX4 v1.16: any station may take control. In CONFIGURE the value for "myself" means the vehicle, so this
-server's ids are sent. Without control command 1000 is denied, and message 282 is ignored without an answer.
-287 is not supported; angles beyond the range flip instead of being clamped. Without its gimbal module PX4
-sends nothing.
+PX4 v1.16: any station may take control. In MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE the value for "myself" means
+the vehicle, so this server's ids are sent. From a station without control, PX4 denies
+MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, and ignores GIMBAL_MANAGER_SET_ATTITUDE without an answer.
+GIMBAL_MANAGER_SET_PITCHYAW is not supported; angles beyond the range flip instead of being clamped. Without
+its gimbal module PX4 sends nothing.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class GimbalService:
     @property
     def roi(self) -> Roi | None:
         """The location that this server has set and not cleared; PX4 does not report it."""
-        return self._rois.get(self._which())
+        return self._rois.get(self._gimbal_address())
 
     async def take_control(self) -> None:
         """Takes primary control; returns once the manager's status shows it."""
@@ -101,8 +102,9 @@ class GimbalService:
     ) -> GimbalLimited | None:
         """Points the camera. Pitch is positive up; yaw is relative to the nose, or to north with `yaw_lock`.
 
-        Returns once the gimbal is there or has stopped earlier (returns where). Without `wait`, or if it does
-        not report its attitude, returns once the vehicle has acknowledged.
+        Returns once the gimbal has reached the angles (None), or has stopped before them (the angles
+        reached). Without `wait`, or if the gimbal does not report its attitude, returns once the vehicle has
+        acknowledged.
         """
         number("pitch_deg", pitch_deg, -MAX_PITCH_DEG, MAX_PITCH_DEG)
         number("yaw_deg", yaw_deg, -360.0, 360.0)
@@ -116,7 +118,7 @@ class GimbalService:
             await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
         else:
             await self._pitch_yaw(pitch_deg, yaw_deg, yaw_lock)
-        self._rois.pop(self._which(), None)
+        self._rois.pop(self._gimbal_address(), None)
         if not wait:
             return None
         component_id, _ = self._target()
@@ -137,7 +139,7 @@ class GimbalService:
             if low_rad is not None and high_rad is not None:
                 pitch_rad = min(max(pitch_rad, low_rad), high_rad)
         vehicle.send(self._attitude_message(q_from_euler(0.0, pitch_rad, yaw_ned_rad), yaw_lock=True))
-        self._rois.pop(self._which(), None)
+        self._rois.pop(self._gimbal_address(), None)
 
     async def _pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
         flags = YAW_LOCK if yaw_lock else 0
@@ -169,7 +171,7 @@ class GimbalService:
             ),
             "turn the gimbal",
         )
-        self._rois.pop(self._which(), None)
+        self._rois.pop(self._gimbal_address(), None)
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Keeps the camera pointed at a location; needs no control."""
@@ -183,7 +185,7 @@ class GimbalService:
             frame=d.MAV_FRAME_GLOBAL,
         )
         await self._acknowledged(request, "point at the location")
-        self._rois[self._which()] = Roi(lat_deg, lon_deg, alt_amsl_m)
+        self._rois[self._gimbal_address()] = Roi(lat_deg, lon_deg, alt_amsl_m)
 
     async def clear_roi(self) -> None:
         """Stops pointing at a location."""
@@ -192,12 +194,12 @@ class GimbalService:
             Request(d.MAV_CMD_DO_SET_ROI_NONE, (self._device(), 0, 0, 0, 0, 0, 0)),
             "stop pointing at the location",
         )
-        self._rois.pop(self._which(), None)
+        self._rois.pop(self._gimbal_address(), None)
 
     # --- which gimbal ---------------------------------------------------------------------------
 
     def reading(self) -> GimbalReading | None:
-        """Its newest report; None before the first."""
+        """The gimbal's newest report; None before the first."""
         sample = self._vehicle.topic("gimbal")
         first = sample.value if sample is not None else None
         if not isinstance(first, Gimbal) or self._address is None:
@@ -208,13 +210,13 @@ class GimbalService:
 
     def _target(self) -> tuple[int, float]:
         """The manager's component, and the device id for its commands; 0 (all) if there is only one."""
-        address = self._which()
+        address = self._gimbal_address()
         if address is None:
             return self._vehicle.identity.component_id, 0.0
         several = len(self._vehicle.gimbals.heard()) > 1
         return address.component_id, float(address.device_id if several else 0)
 
-    def _which(self) -> GimbalAddress | None:
+    def _gimbal_address(self) -> GimbalAddress | None:
         """The gimbal's address; None while no gimbal is connected."""
         return self._address or next(iter(self._vehicle.gimbals.heard()), None)
 
@@ -236,7 +238,8 @@ class GimbalService:
     # --- the parts ------------------------------------------------------------------------------
 
     async def _acknowledged(self, request: Request, what: str) -> None:
-        """No state shows these at once, because a gimbal moves slowly: the acknowledgement is the answer."""
+        """Runs a request until it is acknowledged. The gimbal's state is not awaited, because a gimbal moves
+        slowly."""
         goal = Goal(what, lambda _f, _s: False, DEADLINE_S, asks=(), ack_is_enough=True)
         await self._guarded(self._transaction(request, goal), what)
 
@@ -326,7 +329,7 @@ class GimbalService:
         message = self._attitude_message(q, yaw_lock=yaw_lock)
         began_s = vehicle.clock.monotonic_s()
         first: float | None = None
-        with vehicle.mailbox.expect(ATTITUDE_ID, matches=self._is_its_attitude) as waiter:
+        with vehicle.mailbox.expect(ATTITUDE_ID, matches=self._is_attitude_of_gimbal) as waiter:
             while (left_s := began_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send(message)
                 vehicle.send(self._ask_attitude())
@@ -346,8 +349,8 @@ class GimbalService:
             )
         raise Rejected(f"The gimbal of vehicle {vehicle.id} does not move to this attitude.")
 
-    def _is_its_attitude(self, message: Reply) -> bool:
-        address = self._which()
+    def _is_attitude_of_gimbal(self, message: Reply) -> bool:
+        address = self._gimbal_address()
         return address is None or is_of(address, message.get_srcComponent(), message.gimbal_device_id)
 
     def _ask_attitude(self) -> MAVLink_message:

@@ -18,7 +18,7 @@ ATTITUDE_IDS = (d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, d.MAVLINK_MSG_ID
 REACHED_DEG = 3.0
 MOVES_DEG = 0.5
 """With a smaller change between two reports, the gimbal counts as stopped."""
-STANDS_S = 0.6
+STOPPED_AFTER_S = 0.6
 """The gimbal has stopped after this time without movement."""
 START_TIMEOUT_S = 1.0
 MAX_DURATION_S = 3.0
@@ -83,7 +83,7 @@ async def wait_until_stopped(
             now_s = clock.monotonic_s()
             if before is None or _differ(at, before, MOVES_DEG):
                 before, stopped_since_s = at, now_s
-            elif now_s - stopped_since_s >= STANDS_S and now_s - began_s >= START_TIMEOUT_S:
+            elif now_s - stopped_since_s >= STOPPED_AFTER_S and now_s - began_s >= START_TIMEOUT_S:
                 return _limited(at, pitch_deg, yaw_deg)
     return None
 

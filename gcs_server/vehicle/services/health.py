@@ -1,7 +1,7 @@
-"""A vehicle's events in order, and from them why it cannot arm or fly.
+"""Puts a vehicle's events in order, and collects its arming and health report from them.
 
-Lost events are requested again (`event_stream.py`). The report is joined from them in order (`readiness.py`);
-it is requested once when the vehicle connects, because PX4 sends it only when it changes.
+Lost events are requested again (`event_stream.py`). A report consists of several events in order
+(`readiness.py`). It is requested once when the vehicle connects, because PX4 sends it only when it changes.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class HealthService:
         return self._stream.missing is not None
 
     def arming_problems(self, nav_state: int | None) -> tuple[str, ...]:
-        """Texts of why it would not arm in a mode (None: any mode); empty if it would, or if unknown."""
+        """Reasons why the vehicle cannot arm in a mode (None: any mode); empty if it can, or if unknown."""
         report = self._report
         if report is None:
             return ()
@@ -196,7 +196,7 @@ class HealthService:
         """RESPONSE_EVENT_ERROR."""
         sequence, oldest = _error.unpack_from(payload)
         lost = self._stream.lost
-        self._take_in_order(self._stream.gone(sequence, oldest), lost)
+        self._take_in_order(self._stream.skip_unavailable(sequence, oldest), lost)
 
     def connected(self) -> None:
         """The vehicle is connected, or back: its report is requested unless it sends one."""
@@ -233,7 +233,7 @@ class HealthService:
 
     def _restarted(self) -> None:
         self._stream.reset()
-        self._joiner.abandon()
+        self._joiner.discard()
         self._newest_boot_ms = 0
         self._report, self._published, self._unpublished_unix_s = None, readiness.NOTHING_KNOWN, None
         self._changed()
@@ -277,7 +277,7 @@ class HealthService:
 
     def _take_in_order(self, events: list[VehicleEvent], lost_before: int) -> None:
         if self._stream.lost != lost_before:
-            self._joiner.abandon()
+            self._joiner.discard()
             self._requests, self._next_ask_s = (
                 0,
                 min(self._next_ask_s, self._vehicle.clock.monotonic_s() + 0.5),

@@ -54,11 +54,11 @@ class MetadataService:
     """Metadata of one vehicle.
 
     Args:
-    vehicle: the vehicle.
-    ftp: reads its files.
-    cache: stores documents; None: no cache.
-    run_in_thread: `asyncio.to_thread`, except in tests.
-    read: reads a file in a process of its own, except in tests.
+        vehicle: the vehicle.
+        ftp: reads its files.
+        cache: stores documents; None: no cache.
+        run_in_thread: `asyncio.to_thread`, except in tests.
+        read: reads a file in a process of its own, except in tests.
     """
 
     def __init__(

@@ -102,18 +102,17 @@ class MissionService:
         part.
 
         Raises:
-            Rejected: the vehicle refuses an item, or has something else afterwards; the text says what it
-                has.
+            Rejected: the vehicle refuses an item, or has other items afterwards; the text says which.
         """
         with self._transfer("an upload"):
-            tell = _Shares(progress, 2 * sum(len(items[part]) for part in PARTS))
+            report = _CombinedProgress(progress, 2 * sum(len(items[part]) for part in PARTS))
             done: list[Part] = []
             before = await self._fresh_ids()
             try:
                 for part in PARTS:
-                    await self._send_part(part, items[part], tell)
+                    await self._send_part(part, items[part], report)
                     done.append(part)
-                held = await self._read(tell, "Verifying")
+                held = await self._read(report, "Verifying")
             except GcsError as error:
                 after = None if isinstance(error, Disconnected) else await self._fresh_ids()
                 error.message += " " + held_text(done, before, after)
@@ -134,7 +133,7 @@ class MissionService:
     async def download(self, *, progress: ReportProgress | None = None) -> Held:
         """Reads mission, geofence and rally points."""
         with self._transfer("a download"):
-            read = await self._read(_Shares(progress, 0), "Downloading")
+            read = await self._read(_CombinedProgress(progress, 0), "Downloading")
             known = self.held
             same = known is not None and not any(
                 differences(part, known.items[part], read.items[part]) for part in PARTS
@@ -160,7 +159,8 @@ class MissionService:
         """Sets the current mission item; returns once the vehicle reports it.
 
         Raises:
-            NoReply: it does not report it; PX4 does not answer for items that do not exist.
+            NoReply: the vehicle does not report this item as current; PX4 does not answer for items that do
+                not exist.
         """
         vehicle = self._vehicle
         vehicle.require("mission_transfer")
@@ -192,35 +192,35 @@ class MissionService:
         finally:
             self._doing = None
 
-    async def _send_part(self, part: Part, items: Sequence[WireItem], tell: _Shares) -> None:
+    async def _send_part(self, part: Part, items: Sequence[WireItem], report: _CombinedProgress) -> None:
         if not items:
             await self._run_dialogue(Clear(self._target(), part), None)
             return
         upload = Upload(self._target(), part, items)
-        await self._run_dialogue(upload, tell.of(f"Sending the {NAME_OF[part]}"))
-        tell.add(len(items))
+        await self._run_dialogue(upload, report.of(f"Sending the {NAME_OF[part]}"))
+        report.add(len(items))
 
-    async def _read(self, tell: _Shares, doing: str) -> Held:
+    async def _read(self, report: _CombinedProgress, doing: str) -> Held:
         """Reads all three parts consistently: again, if the vehicle's ids changed meanwhile."""
         for _ in range(2):
             items: dict[Part, Sequence[WireItem]] = {}
             ids: Ids = {}
             for part in PARTS:
                 download = Download(self._target(), part)
-                await self._run_dialogue(download, tell.of(f"{doing} the {NAME_OF[part]}"))
-                tell.add(len(download.items))
+                await self._run_dialogue(download, report.of(f"{doing} the {NAME_OF[part]}"))
+                report.add(len(download.items))
                 items[part], ids[part] = tuple(download.items), download.opaque_id or 0
             after = await self._fresh_ids()
             reports_ids = any(ids.values()) or not any(items.values())
             if after is None or after == ids or not reports_ids:
                 return Held(items, after or ids, None, self._vehicle.clock.unix_s())
-            tell.restart()
+            report.restart()
         raise Rejected(
             f"The plan on vehicle {self._vehicle.id} changed twice while it was read.",
             remedy="Another station is uploading: wait until it is done.",
         )
 
-    async def _run_dialogue(self, dialogue: Dialogue, tell: Callable[[Dialogue], None] | None) -> None:
+    async def _run_dialogue(self, dialogue: Dialogue, report: Callable[[Dialogue], None] | None) -> None:
         vehicle = self._vehicle
         with vehicle.mailbox.expect(*_MESSAGES, matches=self._concerns(dialogue.kind)) as waiter:
             try:
@@ -234,8 +234,8 @@ class MissionService:
                         self._send(dialogue.tick(vehicle.clock.monotonic_s()))
                         continue
                     self._send(dialogue.take(message, vehicle.clock.monotonic_s()))
-                    if tell is not None:
-                        tell(dialogue)
+                    if report is not None:
+                        report(dialogue)
             except (NoReply, asyncio.CancelledError):
                 await self._cancel(dialogue, waiter)
                 raise
@@ -263,7 +263,9 @@ class MissionService:
         identity = vehicle.identity
         ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_MISSION_CURRENT), 0, 0, 0, 0, 0, 0))
         end_s = vehicle.clock.monotonic_s() + deadline_s
-        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_MISSION_CURRENT, matches=self._is_its) as waiter:
+        with vehicle.mailbox.expect(
+            d.MAVLINK_MSG_ID_MISSION_CURRENT, matches=self._is_from_vehicle
+        ) as waiter:
             while (left_s := end_s - vehicle.clock.monotonic_s()) > 0:
                 if request is not None:
                     vehicle.send(request)
@@ -285,7 +287,7 @@ class MissionService:
         for message in messages:
             self._vehicle.send(message)
 
-    def _is_its(self, message: Reply) -> bool:
+    def _is_from_vehicle(self, message: Reply) -> bool:
         identity = self._vehicle.identity
         return (message.get_srcSystem(), message.get_srcComponent()) == (
             identity.system_id,
@@ -297,12 +299,12 @@ class MissionService:
 
         def matches(message: Reply) -> bool:
             target = (message.target_system, message.target_component)
-            return self._is_its(message) and target == own_ids and message.mission_type == kind
+            return self._is_from_vehicle(message) and target == own_ids and message.mission_type == kind
 
         return matches
 
 
-class _Shares:
+class _CombinedProgress:
     """Combines the progress of several dialogues.
 
     Args:
@@ -317,7 +319,7 @@ class _Shares:
     def of(self, text: str) -> Callable[[Dialogue], None]:
         """Progress function for one dialogue."""
 
-        def tell(dialogue: Dialogue) -> None:
+        def report(dialogue: Dialogue) -> None:
             if self._progress is None:
                 return
             count = dialogue.count
@@ -331,7 +333,7 @@ class _Shares:
             )
             self._progress(text_with_item, fraction)
 
-        return tell
+        return report
 
     def add(self, count: int) -> None:
         """Counts transferred items."""

@@ -111,8 +111,8 @@ class Dialogue(ABC):
         """Messages to send again.
 
         Raises:
-        NoReply: the vehicle has been silent for too long.
-        Rejected: it is busy for too long.
+            NoReply: the vehicle has been silent for too long.
+            Rejected: it is busy for too long.
         """
 
     @abstractmethod
@@ -120,7 +120,7 @@ class Dialogue(ABC):
         """Messages to send after a message of the vehicle.
 
         Raises:
-        Rejected: the vehicle refuses.
+            Rejected: the vehicle refuses.
         """
 
     def cancel(self) -> list[MAVLink_message]:

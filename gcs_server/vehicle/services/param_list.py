@@ -29,15 +29,15 @@ FIRST_SILENCE_S, SILENCE_S = 2.0, 1.0
 """PX4 sends the list at a part of the link's rate: on a slow link values are tenths of a second apart."""
 AT_ONCE = 10
 """Missing indexes requested at once."""
-GAP_PATIENCE_S = 0.5
-ROUNDS_WITHOUT_NEWS = 12
+GAP_TIMEOUT_S = 0.5
+MAX_EMPTY_ROUNDS = 12
 HASH_TIMES, HASH_EVERY_S = 4, 0.5
 RESTARTS = 3
 READ_TIMEOUT_S = 600.0
 """Time for the whole list, on the slowest link."""
 MAX_REPEATED_VALUES = 5_000
 """After this many known values in a row, the vehicle is considered to repeat itself endlessly."""
-TURN_AFTER_VALUES = 100
+YIELD_AFTER_VALUES = 100
 """Values handled in a row before the event loop does other work."""
 
 ReportValue = Callable[[], None]
@@ -104,18 +104,18 @@ class ParamReader:
     async def _fill_gaps(self, waiter: Waiter, table: ParamTable) -> bool:
         idle = 0
         while not table.complete:
-            if idle >= ROUNDS_WITHOUT_NEWS:
+            if idle >= MAX_EMPTY_ROUNDS:
                 raise NoReply(
                     f"Vehicle {self._vehicle.id} sent {table.filled} of {table.count} parameters, "
                     "then stopped sending.",
-                    deadline_s=ROUNDS_WITHOUT_NEWS * GAP_PATIENCE_S,
+                    deadline_s=MAX_EMPTY_ROUNDS * GAP_TIMEOUT_S,
                     remedy="Check the link, then ask again.",
                 )
             before = table.filled
             wanted_indexes = table.missing(AT_ONCE)
             for index in wanted_indexes:
                 self._request(b"", index)
-            if not await self._take(waiter, table, GAP_PATIENCE_S, GAP_PATIENCE_S, frozenset(wanted_indexes)):
+            if not await self._take(waiter, table, GAP_TIMEOUT_S, GAP_TIMEOUT_S, frozenset(wanted_indexes)):
                 return False
             idle = 0 if table.filled > before else idle + 1
         return True
@@ -129,11 +129,11 @@ class ParamReader:
         wanted_indexes: frozenset[int] | None = None,
     ) -> bool:
         """Receives values until none arrive or all wanted ones have; False if the list changed."""
-        patience_s = first_s
-        taken = useless = 0
+        timeout_s = first_s
+        taken = known_in_a_row = 0
         left = set(wanted_indexes) if wanted_indexes is not None else None
         while not table.complete and (left is None or left):
-            report = await self._next(waiter, patience_s)
+            report = await self._next(waiter, timeout_s)
             if report is None:
                 return True
             if report.count > MAX_PARAMETERS and report.index != NO_INDEX:
@@ -143,21 +143,21 @@ class ParamReader:
             before = table.filled
             if not table.put(report):
                 return False
-            useless = 0 if table.filled > before else useless + 1
-            if useless > MAX_REPEATED_VALUES:
+            known_in_a_row = 0 if table.filled > before else known_in_a_row + 1
+            if known_in_a_row > MAX_REPEATED_VALUES:
                 raise self._given_up("it repeats values endlessly")
             taken += 1
-            if taken % TURN_AFTER_VALUES == 0:
+            if taken % YIELD_AFTER_VALUES == 0:
                 await asyncio.sleep(0)
             if left is not None:
                 left.discard(report.index)
-            patience_s = silence_s
+            timeout_s = silence_s
             self._progress()
         return True
 
-    async def _next(self, waiter: Waiter, patience_s: float, name: str | None = None) -> ParamReport | None:
+    async def _next(self, waiter: Waiter, timeout_s: float, name: str | None = None) -> ParamReport | None:
         try:
-            async with asyncio.timeout(patience_s):
+            async with asyncio.timeout(timeout_s):
                 while True:
                     report = _report(await waiter.next())
                     if report is not None and (name is None or report.param.name == name):

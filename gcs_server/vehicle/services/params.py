@@ -153,19 +153,19 @@ class ParamService:
                 self._state, self._problem = "failed", "The reading was interrupted."
                 raise
             self._state, self._read_unix_s = "ready", self._vehicle.clock.unix_s()
-            await self._learn()
+            await self._fetch_metadata()
         return self.list
 
-    def announce(self) -> None:
+    def mark_reading(self) -> None:
         """Sets the state to reading."""
         self._state, self._problem = "reading", None
 
     async def describe(self) -> None:
         """Fetches the metadata if needed; does not raise if it is missing."""
         if self._facts is None:
-            await self._learn()
+            await self._fetch_metadata()
 
-    async def _learn(self) -> None:
+    async def _fetch_metadata(self) -> None:
         if self._metadata is None:
             return
         try:
@@ -197,7 +197,7 @@ class ParamService:
             if (
                 before == after
             ):  # otherwise a value has changed meanwhile, and the next reading asks the vehicle
-                await self._keep()
+                await self._write_cache()
 
     async def _from_cache(self, wanted_hash: int, count: int) -> ParamTable | None:
         metadata = self._metadata
@@ -211,7 +211,7 @@ class ParamService:
 
         return await metadata.run_in_thread(load)
 
-    async def _keep(self) -> None:
+    async def _write_cache(self) -> None:
         metadata = self._metadata
         if metadata is None or metadata.cache is None:
             return
@@ -235,7 +235,7 @@ class ParamService:
         if not self._table.put(report) and self._state == "ready":
             self._state = "outdated"  # the length of the list has changed, so the indexes have changed, too
 
-    def link_was_away(self) -> None:
+    def link_restored(self) -> None:
         """Marks the list as outdated: changes during the loss were not received."""
         if self._state == "ready":
             self._state = "outdated"

@@ -19,7 +19,7 @@ RESEND_S = 0.2
 FORCE = 21196.0
 """MAV_CMD_COMPONENT_ARM_DISARM's magic number: also in flight."""
 ARMING_SETTLES_S = 1.0
-"""An earlier arm command may still arrive: a report within this time may be older than that."""
+"""While an earlier arm command may still arrive: "disarmed" reported within this time does not count [s]."""
 
 
 class StopMotors:
@@ -41,7 +41,7 @@ class StopMotors:
         """Called before any other command is sent.
 
         Raises:
-        Refused: motors are being stopped; `what` was not sent.
+            Refused: motors are being stopped; `what` was not sent.
         """
         if self.pending:
             by = "" if self._by is None else f" by {self._by}"
@@ -52,7 +52,7 @@ class StopMotors:
             )
 
     async def over(self) -> None:
-        """Returns once none is pending."""
+        """Returns once no Stop motors command is pending."""
         while self.pending:
             await self._over.wait()
 
@@ -69,7 +69,8 @@ class StopMotors:
             NoReply: no report came within the deadline.
         """
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        done.add_done_callback(lambda ended: ended.cancelled() or ended.exception())  # without a caller
+        # read the error here, because the caller may have been cancelled
+        done.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         self._running += 1
         self._by = by
         self._over.clear()

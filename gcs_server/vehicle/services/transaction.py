@@ -25,13 +25,13 @@ ReportProgress = Callable[[str, float | None], None]
 RESEND_S = 0.5
 RESEND_ACCEPTED_S = 1.5
 PROBE_IN_PROGRESS_S = 3.0
-IN_PROGRESS_PATIENCE_S = 6.0
+IN_PROGRESS_TIMEOUT_S = 6.0
 MAX_DURATION_S = 60.0
 ASK_S = 0.4
 SETTLE_S = 0.6
 SETTLE_WITH_REASON_S = 0.25
 """After a refusal: time in which its reasons arrive."""
-CONTRARY_AFTER_S = 1.0
+OTHER_STATE_AFTER_S = 1.0
 TIMES_ACCEPTED = 3
 """After this many acceptances without the requested state, the vehicle is considered not to do it."""
 
@@ -233,7 +233,7 @@ class Transaction:
         """Whether the vehicle, well after it last accepted, reported another state than the requested one."""
         flight_state = self._vehicle.flight_state
         since_s = self._accepted_s if self._accepted else self._began_s
-        return min(flight_state.mode_s, flight_state.heartbeat_s) > since_s + CONTRARY_AFTER_S
+        return min(flight_state.mode_s, flight_state.heartbeat_s) > since_s + OTHER_STATE_AFTER_S
 
     def _send(self, now_s: float) -> None:
         assert self._request is not None
@@ -302,7 +302,7 @@ class Transaction:
 
     def _in_progress(self, percent: int, now_s: float) -> None:
         latest_s = self._began_s + MAX_DURATION_S
-        self._deadline_s = min(max(self._deadline_s, now_s + IN_PROGRESS_PATIENCE_S), latest_s)
+        self._deadline_s = min(max(self._deadline_s, now_s + IN_PROGRESS_TIMEOUT_S), latest_s)
         self._next_send_s = now_s + PROBE_IN_PROGRESS_S
         if self._progress is not None:
             self._progress(
@@ -311,8 +311,8 @@ class Transaction:
 
     def _rejected(self, message: str, mav_result: int | None) -> Rejected:
         warnings = self._warnings()
-        standing = self._goal.present_problems() if self._goal.present_problems is not None else ()
-        reasons = bounded_reasons(dict.fromkeys((*warnings, *standing)))
+        present = self._goal.present_problems() if self._goal.present_problems is not None else ()
+        reasons = bounded_reasons(dict.fromkeys((*warnings, *present)))
         if reasons:
             message += f" Reason: {'; '.join(reasons)}."
         return Rejected(message, mav_result=mav_result, reasons=reasons)

@@ -71,10 +71,10 @@ def test_the_current_number_shows_a_gap_at_the_end():
 def test_events_that_the_vehicle_no_longer_has_are_skipped():
     stream = started(10)
     assert stream.take(20, 20) == []
-    assert stream.gone(14, 15) == []  # not the one we wait for
-    assert stream.gone(11, 18) == []
+    assert stream.skip_unavailable(14, 15) == []  # not the one we wait for
+    assert stream.skip_unavailable(11, 18) == []
     assert (stream.expected, stream.lost) == (18, 7)
-    assert stream.gone(18, 65000) == []  # a nonsense oldest: only this one is skipped
+    assert stream.skip_unavailable(18, 65000) == []  # a nonsense oldest: only this one is skipped
     assert stream.take(19, 19) == [19, 20]
 
 

@@ -11,7 +11,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import FrameParser, encode_frame, encode_payload
 from gcs_server.vehicle import decoders, modes
 from gcs_server.vehicle.identity import read_version
-from gcs_server.vehicle.mode_cause import BY_HAND
+from gcs_server.vehicle.mode_cause import PILOT_MODES
 from gcs_server.vehicle.readiness import STICK_MODES
 
 GLOBAL_POSITION = 296
@@ -37,7 +37,7 @@ def test_a_vehicle_without_a_mission_says_so_in_two_ways() -> None:
 def test_altitude_cruise_is_flown_by_hand_and_never_asked_for() -> None:
     name, label = modes.name_and_label(0x000B0000, d.MAV_AUTOPILOT_PX4)
     assert (name, label) == ("altitude_cruise", "Altitude cruise")
-    assert name in BY_HAND
+    assert name in PILOT_MODES
     mode = modes.BY_NAME[name]
     assert STICK_MODES >> mode.nav_state & 1
     assert not mode.settable, "v1.16 would accept it and stay in its mode"

@@ -223,7 +223,7 @@ def test_restrictions_of_chunks_add_up_and_a_missing_chunk_drops_the_report():
     assert join(first[1:]) is None
     joiner = ReportJoiner()
     joiner.begin(struct.pack("<BIIII", 0, 0, 0, 1, 1))
-    joiner.abandon()
+    joiner.discard()
     assert joiner.end(struct.pack("<BIII", 0, 0, 0, 0)) is None
 
 
