@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 EXPIRY_PERIOD_S = 0.5
 FLYING = ("in_air", "taking_off", "landing")
-ON_ITS_WAY = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
+MOVING_MODES = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
 """Modes in which the vehicle moves by itself, so that Hold stops it. In other modes a pilot flies, or the
 vehicle hovers or lands."""
 
@@ -156,7 +156,7 @@ class Authority:
                 vehicle=vehicle_id,
             )
             for vehicle_id, control in self._controls.items()
-            if control.lease.has_most_requests
+            if control.lease.has_max_requests
         ]
 
     # --- commands -------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ class Authority:
             lease.command(principal)
 
     def refusal(self, principal: Principal, name: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
-        """Checks a command to several vehicles: returns the refusals; takes no control."""
+        """Checks a command to several vehicles: the first refusal, or None. Does not take control."""
         if BY_NAME[name].control not in ("lease", "not_anothers"):
             return None
         for vehicle_id in vehicle_ids:
@@ -194,7 +194,7 @@ class Authority:
             lease.intervened(principal, command.label)
 
     def control(self, vehicle_id: str) -> VehicleControl:
-        """The lease of a vehicle, for the routes of control.
+        """The control of a vehicle.
 
         Raises:
             UnknownVehicle: there is none of that id.
@@ -260,17 +260,17 @@ class Authority:
         if change.action == "expired":
             self._journal.add("server", "control/expired", vehicle.id, {}, "ok", change.text, 0.0)
             if change.on_expiry != "nothing":
-                self._supervisor.spawn("control-lost", self._act(vehicle, change))
+                self._supervisor.spawn("control-lost", self._execute_on_expiry(vehicle, change))
 
-    async def _act(self, vehicle: Vehicle, change: ControlChange) -> None:
+    async def _execute_on_expiry(self, vehicle: Vehicle, change: ControlChange) -> None:
         """Executes `on_expiry` of a client that is no longer connected, but never while a pilot flies the
         vehicle."""
         action, began_s = change.on_expiry, self._clock.monotonic_s()
-        await vehicle.command.kill_over()  # the action may have become unnecessary
+        await vehicle.command.kill_over()  # afterwards the action may be unnecessary
         status = vehicle.status
         commanded_here = status.mode != "offboard" or vehicle.streaming
         flies_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
-        moves_by_itself = (status.mode in ON_ITS_WAY and commanded_here) or flies_mission_mode
+        moves_by_itself = (status.mode in MOVING_MODES and commanded_here) or flies_mission_mode
         holds_position = status.mode == "hold" and action != "hold"
         if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or holds_position):
             return

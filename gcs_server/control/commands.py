@@ -80,7 +80,7 @@ class Command:
         """Checks the confirmation before anything is sent.
 
         Raises:
-        InvalidRequest: the confirmation is a different text.
+            InvalidRequest: the confirmation is a different text.
         """
         expected = self.confirmation_text(**names)
         if confirmation != expected:

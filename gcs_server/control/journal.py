@@ -105,10 +105,10 @@ class Journal:
     """The append-only journal.
 
     Args:
-    clock: clock for the times of entries.
-    path: the file of commands (`journal.jsonl`; refusals go to `journal-refused.jsonl` beside it); None
-        keeps the tail in memory only.
-    max_bytes: size of one file of commands; two files are kept.
+        clock: clock for the times of entries.
+        path: the file of commands (`journal.jsonl`; refusals go to `journal-refused.jsonl` beside it); None
+            keeps the tail in memory only.
+        max_bytes: size of one file of commands; two files are kept.
     """
 
     def __init__(self, clock: Clock, path: Path | None, *, max_bytes: int = MAX_BYTES) -> None:
@@ -125,13 +125,13 @@ class Journal:
 
     async def load(self) -> None:
         """Reads the newest lines from before the server's start; invalid lines are skipped."""
-        for kept in (self._commands, self._refusals):
-            if kept.log is not None:
-                lines = await asyncio.to_thread(kept.log.tail, TAIL_BYTES)
-                newest = lines[-kept.in_memory :]
+        for file_lines in (self._commands, self._refusals):
+            if file_lines.log is not None:
+                lines = await asyncio.to_thread(file_lines.log.tail, TAIL_BYTES)
+                newest = lines[-file_lines.in_memory :]
                 entries = [entry for line in newest if (entry := _entry(line)) is not None]
-                room = kept.in_memory - len(kept.tail)
-                kept.tail.extendleft(reversed(entries[-room:] if room else []))
+                room = file_lines.in_memory - len(file_lines.tail)
+                file_lines.tail.extendleft(reversed(entries[-room:] if room else []))
 
     def start(self, supervisor: Supervisor) -> None:
         """Starts writing."""
@@ -176,8 +176,8 @@ class Journal:
     def flush(self) -> None:
         """Writes all waiting lines now and waits for it; a write error becomes `warning`."""
         self._settle_repeats(at_once=True)
-        for kept in (self._commands, self._refusals):
-            self._written(kept, taken := kept.take(), _append(kept, taken))
+        for file_lines in (self._commands, self._refusals):
+            self._written(file_lines, taken := file_lines.take(), _append(file_lines, taken))
 
     # --- inside -------------------------------------------------------------------------------------
 
@@ -217,40 +217,40 @@ class Journal:
                 pass
             self._wake.clear()
             self._settle_repeats()
-            for kept in (self._commands, self._refusals):
-                taken = kept.take()
-                writing = asyncio.to_thread(_append, kept, taken)
+            for file_lines in (self._commands, self._refusals):
+                taken = file_lines.take()
+                writing = asyncio.to_thread(_append, file_lines, taken)
                 try:
                     problem = await writing
                 except BaseException:
-                    kept.put_back(taken)  # the server shuts down: `flush` may write some lines twice
+                    file_lines.put_back(taken)  # the server shuts down: `flush` may write some lines twice
                     raise
-                self._written(kept, taken, problem)
+                self._written(file_lines, taken, problem)
             if self._commands.unwritten or self._refusals.unwritten:
                 await self._clock.sleep(RETRY_S if self.warning is not None else 0.0)
                 self._wake.set()
 
-    def _written(self, kept: _FileLines, taken: list[JournalEntry], problem: str | None) -> None:
+    def _written(self, file_lines: _FileLines, taken: list[JournalEntry], problem: str | None) -> None:
         if problem is None:
-            if kept is self._commands or not self._commands.unwritten:
+            if file_lines is self._commands or not self._commands.unwritten:
                 self.warning = None
             return
-        kept.put_back(taken)
+        file_lines.put_back(taken)
         text = f"The journal {self._path} cannot be written ({problem}); commands still work."
-        if kept.lost:
-            text += f" {kept.lost} lines are lost."
+        if file_lines.lost:
+            text += f" {file_lines.lost} lines are lost."
         if self.warning is None:
             log.warning(text)
         self.warning = text
 
 
-def _append(kept: _FileLines, entries: list[JournalEntry]) -> str | None:
+def _append(file_lines: _FileLines, entries: list[JournalEntry]) -> str | None:
     """Writes lines; returns None, or the reason for a failure. May be called in any thread."""
-    if kept.log is None or not entries:
+    if file_lines.log is None or not entries:
         return None
     text = "".join(json.dumps(asdict(entry), allow_nan=False, default=str) + "\n" for entry in entries)
     try:
-        kept.log.append(text.encode())
+        file_lines.log.append(text.encode())
     except OSError as error:
         return error.strerror or str(error)
     return None

@@ -126,7 +126,7 @@ class Lease:
         return self._holding is not None and self.reachable(self._holding.client)
 
     @property
-    def has_most_requests(self) -> bool:
+    def has_max_requests(self) -> bool:
         """Whether the maximum number of control requests is reached."""
         return len(self._requests) >= MAX_REQUESTS
 
@@ -275,7 +275,7 @@ class Lease:
         self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
 
     def intervened(self, client: Principal, command_label: str) -> None:
-        """Reports a command that needs no control to the holder."""
+        """Reports to the holder that another client has sent a command that needs no control."""
         self.expire_due()
         holding = self._holding
         if holding is None or holding.client.key == client.key:

@@ -55,10 +55,10 @@ class ThrottledReader:
         except Exception as error:
             self._faults.add(error, "reading")
         finally:
-            if not self._closed:  # by the number of pieces
-                self._again(pieces)
+            if not self._closed:
+                self._schedule_read(pieces)
 
-    def _again(self, pieces: int) -> None:
+    def _schedule_read(self, pieces: int) -> None:
         if pieces:
             self._waited_s = pace(pieces / self._waited_s)
             self._timer = self._loop.call_later(self._waited_s, self._read)

@@ -24,8 +24,8 @@ _TLS = re.compile(rb"[\x14-\x17]\x03")
 
 
 def foreign_protocol(first: bytes) -> str | None:
-    """The protocol ("HTTP" or "TLS") that the first bytes of a connection match; "" if more bytes are
-    needed."""
+    """The protocol ("HTTP" or "TLS") that the first bytes of a connection match; None: neither; "": more
+    bytes are needed."""
     if _HTTP.match(first):
         return "HTTP"
     if _TLS.match(first):

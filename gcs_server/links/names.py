@@ -14,7 +14,7 @@ NAME_RULE = (
     f"1 to {MAX_NAME_LENGTH} characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit"
 )
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME_LENGTH - 1}}}")
-_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
+_INVALID_IN_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 _LOOKS_SECRET = re.compile(r"[0-9A-Fa-f]{32,}|[A-Za-z0-9_-]{43}")
 """Matches a text that could be a key: 32 bytes as hexadecimal digits or base64."""
 _HOST = re.compile(r"(?=.{1,253}\Z)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
@@ -24,7 +24,7 @@ def checked_name(name: str) -> str:
     """Returns `name` if it is valid in URLs, file names and logs.
 
     Raises:
-        InvalidRequest: it is not.
+        InvalidRequest: the name is not valid.
     """
     if not _NAME.fullmatch(name):
         raise InvalidRequest(
@@ -64,7 +64,7 @@ def shown_url(url: str) -> str:
 
 def derived_name(text: str) -> str:
     """Derives a name for a link; `text` begins with the link's kind."""
-    return _NOT_IN_A_NAME.sub("-", text)[:MAX_NAME_LENGTH]
+    return _INVALID_IN_NAME.sub("-", text)[:MAX_NAME_LENGTH]
 
 
 def checked_host(url: str, host: str) -> str:

@@ -103,7 +103,7 @@ class AckPacer:
         self._round_trip_s = round_trip_s
         self._written = 0
         self._writes: deque[tuple[int, float]] = deque()
-        """(bytes written, time) of unacknowledged data."""
+        """(total of written bytes, time) after each write that is not acknowledged."""
 
     def wait_s(self, now_s: float) -> float:
         writes = self._writes

@@ -41,7 +41,7 @@ class SerialLink(Link):
         self._port = port
         descriptor = port.fileno()
         os.set_blocking(descriptor, False)
-        _no_data_is_no_end(descriptor)
+        _block_when_empty(descriptor)
         self._session = StreamSession(
             self._loop,
             descriptor,
@@ -93,7 +93,7 @@ class SerialLink(Link):
             port.close()
 
 
-def _no_data_is_no_end(descriptor: int) -> None:
+def _block_when_empty(descriptor: int) -> None:
     """Makes reads of an empty port block (VMIN 1). With pyserial's setting they return b"", like the end of
     the stream."""
     try:

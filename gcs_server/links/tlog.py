@@ -48,8 +48,8 @@ class ReplayState:
 class TlogLink(Link):
     """Plays a recording at `speed` times real time; 0 is as fast as possible, without dropping records.
 
-    Its vehicles live in the recording's time (`clock`). A jump removes the peer and adds it again, so that
-    the previous vehicles and their state are gone.
+    The clock of its vehicles is the recording's (`clock`). A jump removes the peer and adds it again, so that
+    the previous vehicles and their state are removed.
 
     Args:
         index: index of this file; if not given, a process makes it.
@@ -73,7 +73,8 @@ class TlogLink(Link):
         self._replay_clock: ReplayClock | None = None
         self._pending: deque[Record] = deque()
         self._cursor, self._at_end, self._reading = Cursor(), False, False
-        self._take = 0
+        self._jump_count = 0
+        """Number of jumps so far; data that was requested before a jump is dropped."""
         self._jump_to_us: int | None = None
         self._jumping = False
         self._jumped: list[asyncio.Future[None]] = []
@@ -81,13 +82,13 @@ class TlogLink(Link):
         self._settled = asyncio.Event()
 
     async def opened(self) -> None:
-        """Returns once it plays, or has failed: see `replay_state`."""
+        """Returns once the recording plays, or cannot be played: see `replay_state`."""
         await self._settled.wait()
 
     # --- controls ---------------------------------------------------------------------------------
 
     def replay_state(self) -> ReplayState:
-        """Now."""
+        """The current state of the replay."""
         timeline, clock = self._timeline, self._replay_clock
         if timeline is None or clock is None:
             return ReplayState(self._state, self._detail, False, self._speed, None, None, None)
@@ -152,10 +153,10 @@ class TlogLink(Link):
             file.close()
             return
         self._file, self.index = file, index
-        as_fast_as_it_goes = self._speed == 0
-        speed = 1.0 if as_fast_as_it_goes else self._speed
+        as_fast_as_possible = self._speed == 0
+        speed = 1.0 if as_fast_as_possible else self._speed
         self._timeline = Timeline(index.begin_us, index.end_us, speed=speed, playing=True)
-        self._replay_clock = self.clock = ReplayClock(index.begin_us, self._take)
+        self._replay_clock = self.clock = ReplayClock(index.begin_us, self._jump_count)
         self._peers[self._peer.name] = self._peer
         self._opened()
         self._settled.set()
@@ -240,14 +241,14 @@ class TlogLink(Link):
                 return
 
     def _read_on(self) -> None:
-        file, cursor, take = self._file, self._cursor, self._take
+        file, cursor, jump_count = self._file, self._cursor, self._jump_count
         if self._reading or file is None:
             return
         self._reading = True
 
         def read(batch: Batch) -> None:
             self._reading = False
-            if take == self._take and not self._jumping and self._file is file:
+            if jump_count == self._jump_count and not self._jumping and self._file is file:
                 self._pending.extend(batch.records)
                 self._cursor, self._at_end = batch.after, batch.at_end
 
@@ -278,28 +279,28 @@ class TlogLink(Link):
             if self._jump_to_us != wanted_us:  # another jump came meanwhile
                 self._fetch()
                 return
-            self._arrive(moment, index, wanted_us)
+            self._restore(moment, index, wanted_us)
 
         self._in_background(lambda: moment(file, index, wanted_us), fetched)
 
-    def _arrive(self, moment: Moment, index: Index, time_us: int) -> None:
-        self._take += 1
-        take = self._take
+    def _restore(self, moment: Moment, index: Index, time_us: int) -> None:
+        self._jump_count += 1
+        jump_count = self._jump_count
         self._pending = deque(moment.following)
         self._cursor, self._at_end = moment.after, moment.at_end
         self._forget(self._peer)
-        self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._take)
+        self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._jump_count)
         self._peers[self._peer.name] = self._peer
         self.quiet = True
-        self._rebuild(deque(moment.records), clock, time_us, take)
+        self._rebuild(deque(moment.records), clock, time_us, jump_count)
 
-    def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, take: int) -> None:
+    def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, jump_count: int) -> None:
         """Feeds the frames that restore the vehicles' state, in several turns of the event loop."""
-        if self._timeline is None or take != self._take:
+        if self._timeline is None or jump_count != self._jump_count:
             return
         self._feed([records.popleft() for _ in range(min(len(records), RECORDS_PER_TICK))], clock)
         if records:
-            self._loop.call_soon(self._rebuild, records, clock, time_us, take)
+            self._loop.call_soon(self._rebuild, records, clock, time_us, jump_count)
         elif self._jump_to_us != time_us:  # another jump came meanwhile
             self._fetch()
         else:

@@ -47,6 +47,7 @@ class UdpLink(Link):
         self._by_address: dict[Address, Peer] = {}
         self._last_received_s: dict[str, float] = {}
         self._fixed: str | None = None
+        """Name of the peer of an outgoing link, which is never removed."""
         self._full_until_s = float("-inf")
         self._sweep: asyncio.TimerHandle | None = None
 

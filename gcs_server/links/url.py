@@ -1,7 +1,7 @@
 """The grammar of link URLs.
 
     udpin://127.0.0.1:14550            listens; the host defaults to 127.0.0.1
-    udpout://127.0.0.1:14580 sends first
+    udpout://127.0.0.1:14580           sends first
     tcp://127.0.0.1:5760               client
     tcpin://127.0.0.1:5790             listens
     serial:///dev/ttyACM0?baud=57600   or serial:/dev/ttyACM0:57600

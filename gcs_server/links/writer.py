@@ -106,7 +106,7 @@ class LinkWriter:
             packet, data = partial
             if packet.expires_s < now_s:
                 data = data[:-1] + bytes([data[-1] ^ 0xFF])
-                packet.expires_s = math.inf  # spoilt once
+                packet.expires_s = math.inf  # the checksum is changed only once
         else:
             packet = self._queue.take(now_s)
             if packet is None:

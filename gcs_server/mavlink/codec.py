@@ -81,7 +81,7 @@ class FrameParser:
     def feed(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
         """Returns all complete frames."""
         if self._rest:
-            return self._cut(self._rest + data, received_monotonic_s)
+            return self._split(self._rest + data, received_monotonic_s)
         # fast path: nearly every datagram is one valid unsigned frame
         size = len(data)
         if size > MIN_V2_BYTES and data[0] == STX_V2 and data[1] + MIN_V2_BYTES == size and not data[2]:
@@ -91,9 +91,9 @@ class FrameParser:
             if extra is not None and _crc(data[1:-2] + extra) == data[-2] | data[-1] << 8:
                 self._count(system_id, component_id, seq)
                 return [Frame(msg_id, system_id, component_id, seq, data, received_monotonic_s)]
-        return self._cut(data, received_monotonic_s)
+        return self._split(data, received_monotonic_s)
 
-    def _cut(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
+    def _split(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
         frames: list[Frame] = []
         position, size = 0, len(data)
         while position < size:
@@ -166,8 +166,8 @@ class FrameParser:
         if last is not None and seq != (last + 1) & 0xFF:
             gap = (seq - last - 1) & 0xFF
             if gap < 128:  # a larger gap: an older frame arrived late, or the sender restarted
-                of = (system_id, component_id)
-                self.lost[of] = self.lost.get(of, 0) + gap
+                sender = (system_id, component_id)
+                self.lost[sender] = self.lost.get(sender, 0) + gap
 
 
 def _next_start(data: bytes, position: int, size: int) -> int:

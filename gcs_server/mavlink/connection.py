@@ -230,11 +230,11 @@ class Connection:
             return
         if (
             is_new
-        ):  # even if its frames are refused, because a vehicle adopts the signing time from heartbeats
+        ):  # also if its frames are refused: the vehicle adopts the signing time of this server's heartbeat
             try:
                 self._on_new_peer(self, peer)
             except Exception as error:
-                self.link.faults.add(error, "greeting a new peer")
+                self.link.faults.add(error, "handling a new peer")
         if self.signing is not None:
             frames = [frame for frame in frames if self.signing.accepts(frame)]
         if self._recording is not None:

@@ -23,7 +23,7 @@ from gcs_server.mavlink.signing import (
 
 log = logging.getLogger(__name__)
 
-UNSIGNED_TAKEN = frozenset({d.MAVLINK_MSG_ID_RADIO_STATUS})
+UNSIGNED_ACCEPTED = frozenset({d.MAVLINK_MSG_ID_RADIO_STATUS})
 """Messages that are accepted without a signature, because telemetry radios add them and have no key (MAVLink
 guide, "Accepting Unsigned Packets")."""
 WARNED_FOR_S = 60.0
@@ -66,15 +66,15 @@ class LinkSigning:
     def accepts(self, frame: Frame) -> bool:
         """Whether a received frame may be recorded, forwarded and handled; counts refusals."""
         raw = frame.raw
-        if not is_signed(raw) and (not self.options.required or frame.msg_id in UNSIGNED_TAKEN):
+        if not is_signed(raw) and (not self.options.required or frame.msg_id in UNSIGNED_ACCEPTED):
             return True
         why = self.verifier.refusal(raw, frame.system_id, frame.component_id)
         if why is None:
             return True
         now_s, refused = self.clock.monotonic_s(), self._refused[why]
-        is_news = now_s - refused.last_s > WARNED_FOR_S
+        is_first = now_s - refused.last_s > WARNED_FOR_S
         refused.count, refused.last_s, refused.system_id = refused.count + 1, now_s, frame.system_id
-        if is_news:
+        if is_first:
             log.warning("link %s: %s", self.link, self._text(why, refused))
         return False
 

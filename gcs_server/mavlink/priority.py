@@ -20,7 +20,7 @@ SETPOINT_LIFETIME_S = 0.1
 COMMAND_LIFETIME_S = 0.5
 """Not longer than the period after which an unanswered command is repeated [s]."""
 STOP_LIFETIME_S = 1.0
-"""Longer than the period of the attempts, so that one always waits in the queue [s]."""
+"""Longer than the period at which stop motors is repeated, so that a copy always waits in the queue [s]."""
 HEARTBEAT_LIFETIME_S = 1.0
 REST_LIFETIME_S = 3.0
 
@@ -50,8 +50,8 @@ class Urgency:
     key: Hashable = None
     """A message replaces a waiting message with the same key; None: it replaces none."""
     flight: Hashable = None
-    """Vehicle of messages that change its flight. A newer message replaces waiting ones for the same vehicle
-    that are not more urgent. Stop motors is never replaced."""
+    """Set for a message that changes the flight: the vehicle. Such a message replaces waiting ones for the
+    same vehicle that are not more urgent. Stop motors is never replaced."""
 
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
@@ -128,7 +128,7 @@ def classify(msg_id: int, payload: bytes) -> Urgency:
 
 def classify_forwarded(frame: Frame) -> Urgency:
     """Urgency of a forwarded frame: frames keep their order, except for stop motors and setpoints. A newer
-    command does not replace older ones, because only their own station can decide that.
+    command does not replace older ones, because only the station that sent them may withdraw them.
     """
     own = classify(frame.msg_id, frame.payload)
     sender = (frame.system_id, frame.component_id)
@@ -150,8 +150,8 @@ def _of_command(msg_id: int, payload: bytes) -> Urgency:
         return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (command, system, component), flight)
     if command in FLIGHT_COMMANDS:
         return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (command, system, component), flight)
-    again = full[:_CONFIRMATION_AT] if msg_id == _LONG else full
-    return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (msg_id, again))
+    without_confirmation = full[:_CONFIRMATION_AT] if msg_id == _LONG else full
+    return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (msg_id, without_confirmation))
 
 
 def _stops(command: int, first: float, second: float) -> bool:

@@ -21,7 +21,7 @@ from gcs_server.mavlink.tlog_writer import TlogRecorder
 from gcs_server.supervise import Supervisor
 
 HEARTBEAT_INTERVAL_S = 1.0
-TROUBLED = ("waiting", "open")
+WARNED_STATES = ("waiting", "open")
 """Link states whose detail is shown as a warning."""
 
 
@@ -205,7 +205,7 @@ class Router:
             for name, c in self._connections.items()
             if c.link.faults.recent
         ]
-        waiting = [("link", i.name, i.detail) for i in self.links() if i.state in TROUBLED and i.detail]
+        waiting = [("link", i.name, i.detail) for i in self.links() if i.state in WARNED_STATES and i.detail]
         refused = [
             ("signing", name, text)
             for name, c in self._connections.items()
@@ -228,8 +228,8 @@ class Router:
         self.signing.keep()
 
     def _refuse_loop(self, link: Link) -> None:
-        ends = {c.link.url.split("?")[0].split("://")[-1]: c.link for c in self._connections.values()}
-        other = ends.get(link.url.split("?")[0].split("://")[-1])
+        by_address = {c.link.url.split("?")[0].split("://")[-1]: c.link for c in self._connections.values()}
+        other = by_address.get(link.url.split("?")[0].split("://")[-1])
         if other is not None and other.forward != link.forward:
             raise InvalidRequest(
                 "url",

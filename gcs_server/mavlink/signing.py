@@ -70,7 +70,7 @@ class SecretKey:
     __hash__ = None  # type: ignore[assignment]
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
-        raise TypeError("a signing key is not pickled by chance; see `reveal`")
+        raise TypeError("a signing key cannot be pickled; use `reveal`")
 
     def reveal(self) -> bytes:
         """The bytes, only for the stream process and the key's file."""
@@ -104,12 +104,12 @@ class SigningClock:
     def next(self) -> int:
         """The timestamp of the next frame."""
         with self._lock:
-            self._last = max(self._machine_ticks() + self.ahead_ticks, self._last + 1)
+            self._last = max(self._system_clock_ticks() + self.ahead_ticks, self._last + 1)
             return self._last
 
     def now(self) -> int:
         """A lower bound of `next`."""
-        return max(self._machine_ticks() + self.ahead_ticks, self._last)
+        return max(self._system_clock_ticks() + self.ahead_ticks, self._last)
 
     def adopt(self, timestamp: int) -> None:
         """Adopts the timestamp of a correctly signed frame; later timestamps of this server are larger."""
@@ -124,9 +124,9 @@ class SigningClock:
 
     def _run_ahead_to(self, timestamp: int) -> None:
         # Never rounded up: vehicle and server adopt each other's time, and each exchange would add to it.
-        self.ahead_ticks = max(self.ahead_ticks, timestamp - self._machine_ticks())
+        self.ahead_ticks = max(self.ahead_ticks, timestamp - self._system_clock_ticks())
 
-    def _machine_ticks(self) -> int:
+    def _system_clock_ticks(self) -> int:
         return max(0, int((self._unix_s() - EPOCH_UNIX_S) * TICKS_PER_S))
 
 

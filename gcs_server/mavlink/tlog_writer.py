@@ -200,8 +200,8 @@ class TlogRecorder:
         try:
             channel.write(self._directory, data, _time.unpack_from(data)[0], self._max_bytes)
         except OSError as error:
-            where = f"The recording in {self._directory} cannot be written: {error.strerror or error}."
-            self._stopped(channel, where)
+            problem = f"The recording in {self._directory} cannot be written: {error.strerror or error}."
+            self._stopped(channel, problem)
 
     def _too_full(self) -> str:
         folder = self._directory

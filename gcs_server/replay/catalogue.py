@@ -105,7 +105,7 @@ class Catalogue:
                 continue  # not a file, or deleted since
             known = self._known.get(name)
             if known is None or known[0] != stamp:
-                known = self._known[name] = stamp, look(path, stamp[0])
+                known = self._known[name] = stamp, read_info(path, stamp[0])
             is_running = name in running
             problem = "The recording is still empty." if is_running and not stamp[0] else known[1].problem
             found.append(replace(known[1], running=is_running, problem=problem))
@@ -113,7 +113,7 @@ class Catalogue:
         return sorted(found, key=lambda i: (i.started_unix_s or 0.0, i.name), reverse=True)
 
 
-def look(path: Path, size: int) -> RecordingInfo:
+def read_info(path: Path, size: int) -> RecordingInfo:
     """Reads a recording's start and end."""
     named = _recording_name.fullmatch(path.name)
     info = RecordingInfo(path.name, size, None, None, (), named["link"] if named else None, False, None)

@@ -25,7 +25,7 @@ MEMORY_BYTES = 1_000_000_000
 COMPUTING_S = 900
 """Processor time [s], enough for a log of about ten gigabytes."""
 
-_broken_off = "Reading the recording took more memory or time than allowed."
+_limit_exceeded = "Reading the recording took more memory or time than allowed."
 
 
 class IndexProcess:
@@ -51,7 +51,7 @@ class IndexProcess:
         if self._stopped:
             raise UnreadableRecording("Reading the recording was interrupted.")
         if process.returncode or not output:
-            raise UnreadableRecording(_broken_off)
+            raise UnreadableRecording(_limit_exceeded)
         return from_bytes(output)
 
     def stop(self) -> None:
@@ -127,7 +127,7 @@ def _answer(path: Path) -> bytes:
     except OSError as error:
         problem = {"problem": explain(path, error)}
     except MemoryError:
-        problem = {"problem": _broken_off}
+        problem = {"problem": _limit_exceeded}
     return json.dumps(problem).encode()
 
 

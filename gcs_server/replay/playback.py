@@ -12,22 +12,21 @@ from gcs_server.replay.index import CHANGES_RESTORED, EVENT_MESSAGES, TEXTS_REST
 from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
 
 SLOWEST, FASTEST = 0.25, 50.0
-TAKE_S = 1e6
-"""Gap between the monotonic times of two takes (a take is the playback between two jumps), so that no time
-occurs twice [s]."""
+JUMP_GAP_S = 1e6
+"""Gap in the monotonic time at each jump [s], so that no time occurs twice."""
 
 
 class ReplayClock(Clock):
     """The clock of a recording: it stops during a pause, and runs at playback speed.
 
     Args:
-        take: number of jumps so far. After a jump the vehicles are new, so that the time of a vehicle never
-            runs backwards.
+        jump_count: number of jumps so far. After a jump the vehicles are new, so that the time of a vehicle
+            never runs backwards.
     """
 
-    def __init__(self, begin_us: int, take: int) -> None:
+    def __init__(self, begin_us: int, jump_count: int) -> None:
         self._begin_us = begin_us
-        self._offset_s = take * TAKE_S
+        self._offset_s = jump_count * JUMP_GAP_S
         self.time_us = begin_us
 
     def monotonic_s(self) -> float:

@@ -21,7 +21,7 @@ from gcs_server.replay.index_process import IndexProcess
 from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 
-KEPT = 4
+MAX_INDEXES = 4
 """Number of indexes in memory; the index of a long flight needs a few megabytes, the largest possible one
 20."""
 READ_AT_ONCE = 2
@@ -168,7 +168,7 @@ class Replays:
         return [self._replay(link) for link in self._links()]
 
     def get(self, name: str) -> Replay:
-        """Raises UnknownRecording."""
+        """The replay of this name. Raises UnknownRecording."""
         return self._replay(self._link(name))
 
     async def change(
@@ -259,7 +259,7 @@ class Replays:
 
     async def _once(
         self,
-        kept: OrderedDict[FileKey, asyncio.Future[T]],
+        results: OrderedDict[FileKey, asyncio.Future[T]],
         path: Path,
         make: Callable[[], T],
     ) -> T:
@@ -268,18 +268,18 @@ class Replays:
         key = None
         try:
             key = path, stamp_of(path)
-            future = kept.get(key)
+            future = results.get(key)
             if future is None or future.cancelled():
-                future = kept[key] = asyncio.get_running_loop().run_in_executor(self._readers, make)
-            kept.move_to_end(key)
-            while len(kept) > KEPT:
-                kept.popitem(last=False)
+                future = results[key] = asyncio.get_running_loop().run_in_executor(self._readers, make)
+            results.move_to_end(key)
+            while len(results) > MAX_INDEXES:
+                results.popitem(last=False)
             return await asyncio.shield(future)
         except UnreadableRecording as error:
             raise RecordingUnusable(f"{path.name}: {error}") from None
         except OSError as error:
             if key is not None:
-                kept.pop(key, None)  # a full disk may have space again
+                results.pop(key, None)  # a full disk may have space again
             raise RecordingUnusable(explain(path, error)) from None
 
 

@@ -279,7 +279,7 @@ def test_the_number_of_open_requests_is_limited(desk):
     crowd = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)]
     for client in crowd[:MAX_REQUESTS]:
         desk.lease.request(client)
-    assert desk.lease.has_most_requests
+    assert desk.lease.has_max_requests
     with pytest.raises(Refused, match="20 clients already request"):
         desk.lease.request(crowd[MAX_REQUESTS])
     desk.lease.deny(ANNA, crowd[0].key)
@@ -287,7 +287,7 @@ def test_the_number_of_open_requests_is_limited(desk):
     assert len(desk.lease.requests()) == MAX_REQUESTS
     desk.after(REQUEST_LIFETIME_S + 1)
     assert desk.lease.requests() == ()
-    assert not desk.lease.has_most_requests
+    assert not desk.lease.has_max_requests
 
 
 def test_one_address_cannot_use_all_requests(desk):
