@@ -23,8 +23,8 @@ SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 SIGN_IN_PATH = "/sign-in"
 TOKEN_KEY = "token"
 _MAX_FIELDS = 64
-_BEFORE_A_HOST = "/\\ \t\r\n"
-_IN_PATHS = "/:@!$&'()*+,;=~"
+_LEADING_SEPARATORS = "/\\ \t\r\n"
+_SAFE_IN_PATHS = "/:@!$&'()*+,;=~"
 _REMEDY = (
     "Open the link that the server printed when it started, or send its token as `Authorization: Bearer …` "
     "(the Python client: token=… or GCS_TOKEN)."
@@ -127,7 +127,7 @@ class Access:
         if head.method in ("GET", "HEAD") and (link := given_by_link(head.query)) is not None:
             if self.is_token(link) or self._has_cookie(head):
                 return SignedIn(without_token(head.path, head.query))
-            return unknown("The token in the link is not valid (any more).", guessed=True)
+            return token_refusal("The token in the link is not valid (any more).", guessed=True)
         return self._refuse_without_token(head)
 
     def is_token(self, given: str) -> bool:
@@ -172,9 +172,9 @@ class Access:
         if scheme.lower() == "bearer":
             if self.is_token(given.strip()):
                 return None
-            return unknown("The token is not valid.", guessed=True)
+            return token_refusal("The token is not valid.", guessed=True)
         if not self._has_cookie(head):
-            return unknown("This server requires a token.")
+            return token_refusal("This server requires a token.")
         if not head.only_reads and "origin" not in head.headers:
             # Every browser sends the Origin of the page; a request without one must carry the token itself.
             return Refusal(
@@ -192,7 +192,7 @@ class Access:
         return any([hmac.compare_digest(_bytes(value), wanted) for value in given])
 
 
-def unknown(detail: str, *, guessed: bool = False) -> Refusal:
+def token_refusal(detail: str, *, guessed: bool = False) -> Refusal:
     """The refusal for a missing or wrong token."""
     return Refusal(
         401, "token_wrong" if guessed else "token_missing", "Not signed in", detail, _REMEDY, guessed
@@ -228,14 +228,14 @@ def form_fields(body: bytes) -> tuple[str, str]:
 def without_token(path: str, query: str) -> str:
     """The same location without the token; always on this server. The path is decoded, as in ASGI."""
     rest = [(key, value) for key, value in _pairs(query) if key != TOKEN_KEY]
-    where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS)
+    where = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS)
     return f"{where}?{urlencode(rest)}" if rest else where
 
 
 def own_path(address: str) -> str:
     """The path and query of an address; never another server, as `//elsewhere/` would be."""
     path, _, query = address.partition("?")
-    where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS + "%")
+    where = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS + "%")
     return f"{where}?{quote(query, safe='=&%+/:@')}" if query else where
 
 

@@ -26,7 +26,7 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportP
     """Returns a function that sends the progress of a command to all telemetry clients. Progress is not
     stored as an event."""
 
-    def tell(text: str, fraction: float | None) -> None:
+    def report(text: str, fraction: float | None) -> None:
         data: dict[str, object] = {
             "command": command,
             "client": principal.name,
@@ -35,7 +35,7 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportP
         }
         vehicle.events.add("progress", vehicle.clock.unix_s(), text, severity=DEBUG, data=data, kept=False)
 
-    return tell
+    return report
 
 
 class Outcome:

@@ -120,14 +120,14 @@ class Bodies:
             return
         given = False
 
-        async def again() -> Message:
+        async def body_again() -> Message:
             nonlocal given
             if given:
                 return await receive()
             given = True
             return {"type": "http.request", "body": body, "more_body": False}
 
-        await self._app(scope, again, send)
+        await self._app(scope, body_again, send)
 
 
 def _header(scope: Scope, name: bytes) -> bytes:

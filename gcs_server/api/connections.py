@@ -77,12 +77,12 @@ class Connection:
 
     address: str
     opened_s: float
-    probation: int = 0
+    refusal_status: int = 0
     """Status (429 or 503) of the refusal for clients that are not in control; 0: all clients are served."""
     socket: Socket | None = None
     """Set once the transport exists."""
     client_key: str = ""
-    admit: bool = False
+    admitted: bool = False
     """Whether a request of the connection has passed the guard."""
     busy: bool = False
     """Whether a request is being served, or a WebSocket is open."""
@@ -117,7 +117,7 @@ class Connections:
         self._by_address: Counter[str] = Counter()
         self._waiting: dict[str, dict[Connection, None]] = {}
         self._waiting_count = 0
-        self._on_probation = 0
+        self._restricted = 0
         self._body_bytes = 0
         self._shed_s = float("-inf")
         self._refused_s = float("-inf")
@@ -136,14 +136,14 @@ class Connections:
             self._close_for_others(next(iter(waiting)))
         elif self._waiting_count >= self.limits.waiting_in_all:
             self._close_for_others(next(iter(max(self._waiting.values(), key=len))))
-        probation = self._probation(address)
-        if probation is None:
+        refusal_status = self._refusal_status(address)
+        if refusal_status is None:
             self.count_refusal()
             return None
-        connection = Connection(address, self._clock.monotonic_s(), probation)
+        connection = Connection(address, self._clock.monotonic_s(), refusal_status)
         self._all[connection] = None
         self._by_address[address] += 1
-        self._on_probation += probation > 0
+        self._restricted += refusal_status > 0
         self._wait(connection)
         return connection
 
@@ -155,7 +155,7 @@ class Connections:
         self.release_body(connection)
         self._stop_waiting(connection)
         self._all.pop(connection, None)
-        self._on_probation -= connection.probation > 0
+        self._restricted -= connection.refusal_status > 0
         self._by_address[connection.address] -= 1
         if not self._by_address[connection.address]:
             del self._by_address[connection.address]
@@ -167,14 +167,16 @@ class Connections:
             return
         if busy:
             self._stop_waiting(connection)
-        elif not connection.admit:
+        elif not connection.admitted:
             self._wait(connection)
 
     def admit(self, connection: Connection, client_key: str) -> int:
         """A request has passed the guard; returns the status of a refusal by the limits, or 0."""
-        connection.admit = True
+        connection.admitted = True
         connection.client_key = client_key
-        return 0 if not connection.probation or self._in_control(client_key) else connection.probation
+        return (
+            0 if not connection.refusal_status or self._in_control(client_key) else connection.refusal_status
+        )
 
     # --- memory ---------------------------------------------------------------------------------
 
@@ -233,27 +235,27 @@ class Connections:
 
     # --- the parts ------------------------------------------------------------------------------
 
-    def _probation(self, address: str) -> int | None:
+    def _refusal_status(self, address: str) -> int | None:
         address_is_full = self._by_address[address] >= self.limits.by_address
-        if not address_is_full and len(self._all) - self._on_probation < self.limits.in_all:
+        if not address_is_full and len(self._all) - self._restricted < self.limits.in_all:
             return 0
         candidates = [
-            c for c in self._all if not c.probation and (not address_is_full or c.address == address)
+            c for c in self._all if not c.refusal_status and (not address_is_full or c.address == address)
         ]
         if self._make_room(candidates):
             return 0
-        if self._on_probation >= self.limits.reserve and not self._make_room(
-            [c for c in self._all if c.probation]
+        if self._restricted >= self.limits.reserve and not self._make_room(
+            [c for c in self._all if c.refusal_status]
         ):
             return None
         return 429 if address_is_full else 503
 
     def _make_room(self, candidates: list[Connection]) -> bool:
-        closable = [c for c in candidates if not c.admit or (not c.busy and not self._protected(c))]
+        closable = [c for c in candidates if not c.admitted or (not c.busy and not self._protected(c))]
         if not closable:
             return False
         self._close_for_others(
-            min(closable, key=lambda c: (c.admit, -self._by_address[c.address], c.opened_s))
+            min(closable, key=lambda c: (c.admitted, -self._by_address[c.address], c.opened_s))
         )
         return True
 

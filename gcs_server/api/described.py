@@ -81,7 +81,7 @@ def flatten_unions(described: dict[str, Any]) -> None:
 def describe_documents(described: dict[str, Any]) -> None:
     """Describes the fields of plans by their docstrings, or else by name, frame and unit."""
     schemas = described["components"]["schemas"]
-    for kind in _below(Model):
+    for kind in _all_subclasses(Model):
         full_name = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # for models that share a name
         fields = (schemas.get(kind.__name__) or schemas.get(full_name) or {}).get("properties", {})
         docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
@@ -94,9 +94,9 @@ def _docs(kind: type) -> dict[str, str]:
     return attribute_docs(kind) if kind.__module__.startswith("missions.") else {}
 
 
-def _below(kind: type) -> list[type]:
+def _all_subclasses(kind: type) -> list[type]:
     direct = kind.__subclasses__()
-    return [*direct, *(each for one in direct for each in _below(one))]
+    return [*direct, *(each for one in direct for each in _all_subclasses(one))]
 
 
 def _is_problem(answer: dict[str, Any]) -> bool:

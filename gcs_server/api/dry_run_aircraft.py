@@ -67,11 +67,13 @@ def aircraft_of(
 
 def merged_assumptions(assumed: Mapping[str, Sequence[str]]) -> list[str]:
     """Merges the assumptions of all roles: each sentence appears once, with the roles that it applies to."""
-    of: dict[str, list[str]] = {}
+    roles_of: dict[str, list[str]] = {}
     for role, texts in assumed.items():
         for text in texts:
-            of.setdefault(text, []).append(role)
-    return [f"{' and '.join(roles)}: {text}" if "he vehicle" in text else text for text, roles in of.items()]
+            roles_of.setdefault(text, []).append(role)
+    return [
+        f"{' and '.join(roles)}: {text}" if "he vehicle" in text else text for text, roles in roles_of.items()
+    ]
 
 
 def _start_position(vehicle: Vehicle, who: str, assumed: list[str]) -> dict[str, float] | None:
@@ -79,15 +81,15 @@ def _start_position(vehicle: Vehicle, who: str, assumed: list[str]) -> dict[str,
     position, home = vehicle.topic("global_position"), vehicle.topic("home")
     flies = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
     if position is not None and isinstance(position.value, GlobalPosition) and not flies:
-        return _of(position.value)
+        return _coordinates(position.value)
     if home is None or not isinstance(home.value, Home):
         return None
     if flies:
         assumed.append(f"{who[0].upper()}{who[1:]} is flying: the dry run starts on the ground at its home.")
-    return _of(home.value)
+    return _coordinates(home.value)
 
 
-def _of(value: GlobalPosition | Home | HomePosition) -> dict[str, float]:
+def _coordinates(value: GlobalPosition | Home | HomePosition) -> dict[str, float]:
     return {name: getattr(value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
@@ -99,7 +101,7 @@ def _start(planned: HomePosition | None, document: Document, role: str | None) -
             "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
             remedy="Give the plan a home, or name a vehicle.",
         )
-    home = _of(planned) if planned is not None else dict(ANYWHERE)
+    home = _coordinates(planned) if planned is not None else dict(ANYWHERE)
     if not isinstance(document, OffboardMission) or role is None:
         return home
     offset_ned_m = document.roles[role].start_ned_m or (0.0, 0.0, 0.0)

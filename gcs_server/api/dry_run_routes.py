@@ -25,7 +25,7 @@ from missions.dry_run.spread import MAX_VEHICLES
 from missions.errors import PlanError
 from missions.offboard.document import OffboardMission
 
-Flown = tuple[dict[str, Any], list[str]]
+Simulated = tuple[dict[str, Any], list[str]]
 """The simulated vehicles, and the assumptions about them."""
 
 router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES)
@@ -77,7 +77,7 @@ async def show_dry_run(d: str, station: StationDep) -> Response:
     return answer(station.dry_runs.get(d))
 
 
-def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Flown:
+def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Simulated:
     if body.vehicles is not None:
         raise InvalidRequest(
             "vehicles", "The plan has no roles: one vehicle flies it.", remedy="Name it in `vehicle`."
@@ -87,7 +87,7 @@ def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Flown
     return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumed
 
 
-def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown | None:
+def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Simulated | None:
     """The vehicles of a mission with roles; None for other plans."""
     if not isinstance(document, OffboardMission) or not document.roles:
         return None

@@ -32,7 +32,7 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
-    with together(station, principal, "group/start", arguments):
+    with authorized_commands(station, principal, "group/start", arguments):
         status = await station.groups.start(body.to_group_request(principal))
         limits = {vehicle: station.offboard(vehicle).limits() for vehicle in arguments}
         return answer(fields_of(status) | {"limits": limits}, status_code=201)
@@ -66,7 +66,7 @@ async def setpoints(
         vehicle: {"group": g, "valid_for_s": body.valid_for_s, **named.get(vehicle, {})}
         for vehicle in members
     }
-    with together(station, principal, "offboard/setpoint", arguments):
+    with authorized_commands(station, principal, "offboard/setpoint", arguments):
         setpoints_by_vehicle = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
         status = await station.groups.setpoints(
             g, setpoints_by_vehicle, body.valid_for_s, body.expiry(), principal.name, principal.key
@@ -78,12 +78,14 @@ async def setpoints(
 async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Puts all members into Hold immediately; does not require control. A vehicle that has left the group is
     not affected."""
-    with together(station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}):
+    with authorized_commands(
+        station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}
+    ):
         return answer(await station.groups.hold(g, principal.name))
 
 
 @contextmanager
-def together(
+def authorized_commands(
     station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
 ) -> Generator[None]:
     """Wraps a command to several vehicles and writes a journal line for each. If one vehicle is refused, all

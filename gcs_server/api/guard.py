@@ -20,7 +20,7 @@ from gcs_server.api.access import (
     RequestHead,
     SignedIn,
     form_fields,
-    unknown,
+    token_refusal,
     without_token,
 )
 from gcs_server.api.problems import problem
@@ -75,7 +75,7 @@ class Guard:
         else:
             given, location = await _read_form(scope, receive)
             if not self._access.is_token(given):
-                refusal = unknown("This token is not valid.", guessed=True)
+                refusal = token_refusal("This token is not valid.", guessed=True)
                 self._log_wrong_token(scope, refusal)
                 return sign_in_page(refusal, location)
         answer = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})

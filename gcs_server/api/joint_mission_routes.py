@@ -10,9 +10,9 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from gcs_server.api import offboard_mission_models as m
-from gcs_server.api.group_routes import together
+from gcs_server.api.group_routes import authorized_commands
 from gcs_server.api.offboard_mission_routes import check_findings, chosen_mission, corridor_for, start_of
-from gcs_server.api.plan_checks import known_of
+from gcs_server.api.plan_checks import plan_context_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
@@ -40,7 +40,9 @@ async def start_joint_mission(
     and `abort` of one vehicle act on all.
     """
     shared = body.model_dump(exclude={"mission"}, exclude_none=True)
-    with together(station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}):
+    with authorized_commands(
+        station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}
+    ):
         name, text = await chosen_mission(station, body)
         mission = documents.read(text)
         assert isinstance(mission, OffboardMission)
@@ -54,17 +56,17 @@ async def start_joint_mission(
             field="mission",
         )
         check_findings(name.name, compiled["findings"], body.despite)
-        flown = pickle.loads(base64.b64decode(compiled["flown"]))
-        if any(timeline.avoids for timeline, _ in flown.values()):
+        timelines = pickle.loads(base64.b64decode(compiled["flown"]))
+        if any(timeline.avoids for timeline, _ in timelines.values()):
             for role, vehicle in vehicles.items():
-                if flown[role][0].avoids:
+                if timelines[role][0].avoids:
                     await station.offboard(vehicle.id).avoidance.wait_for_sensor()
         await station.missions.ready()
         for vehicle in vehicles.values():
-            _require_ready(vehicle)  # seconds have passed
+            _require_ready(vehicle)  # again: the compilation takes seconds
         starts: dict[str, tuple[str, Start]] = {}
         for role, vehicle in vehicles.items():
-            timeline, motion = flown[role]
+            timeline, motion = timelines[role]
             starts[role] = vehicle.id, Start(
                 name, timeline, motion, principal.name, low_battery_share(vehicle),
                 corridor_for(station, vehicle, body.dry_run, role), role=role, dry_run=body.dry_run,
@@ -120,5 +122,5 @@ def _require_ready(vehicle: Vehicle) -> None:
 
 
 def _known(vehicle: Vehicle) -> dict[str, Any]:
-    known = known_of(vehicle)
+    known = plan_context_of(vehicle)
     return {"parameters": known.parameters, "reported": known.reported, "start": start_of(vehicle)}

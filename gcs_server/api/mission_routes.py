@@ -73,7 +73,7 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
     arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True)
     with authorized_command(station, principal, "mission/upload", v, arguments):
         vehicle = station.fleet.get(v)
-        _confirmed(vehicle, "mission/upload", body.confirm)
+        _require_confirmation(vehicle, "mission/upload", body.confirm)
         name, plan = await _chosen(station, body)
         items = _items(plan)
 
@@ -162,7 +162,7 @@ async def clear(
     """Clears mission, geofence and rally points on the vehicle."""
 
     async def work(vehicle: Vehicle) -> None:
-        _confirmed(vehicle, "mission/clear", confirm)
+        _require_confirmation(vehicle, "mission/clear", confirm)
         await vehicle.mission.clear()
 
     return await carry_out(station, principal, "mission/clear", v, {}, work)
@@ -251,8 +251,8 @@ async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -
             )
         return
     plan, _ = plan_of(held)
-    all_differences = await check_document(station, plan, vehicle)
-    errors = [each for each in all_differences["findings"] if each["severity"] == "error"]
+    check = await check_document(station, plan, vehicle)
+    errors = [each for each in check["findings"] if each["severity"] == "error"]
     unaccepted = [each for each in errors if each["code"] not in despite]
     if unaccepted:
         raise PlanFindings(
@@ -295,7 +295,7 @@ async def _operation_answer(station: Station, operation: Operation, wait: bool) 
     return response
 
 
-def _confirmed(vehicle: Vehicle, command: str, confirmation: str | None) -> None:
+def _require_confirmation(vehicle: Vehicle, command: str, confirmation: str | None) -> None:
     """Requires confirmation for a vehicle in Mission mode, because it flies the changed mission
     immediately."""
     if vehicle.flight_state.armed and vehicle.status.mode == "mission":

@@ -13,8 +13,8 @@ from fastapi import APIRouter, Body, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.group_routes import together
-from gcs_server.api.plan_checks import known_of, text_of
+from gcs_server.api.group_routes import authorized_commands
+from gcs_server.api.plan_checks import plan_context_of, text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
@@ -131,7 +131,7 @@ def command_mission(
 ) -> Response:
     """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission."""
     vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
-    with together(station, principal, command, {v: arguments or {} for v in vehicles}):
+    with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
         do(station.missions.flight(vehicle_id))
         return _view(station, vehicle_id)
@@ -168,7 +168,7 @@ async def prepared_start(
     """
     vehicle, offboard = station.fleet.get(vehicle_id), station.offboard(vehicle_id)
     await offboard.ensure_parameters()
-    known = known_of(vehicle)
+    known = plan_context_of(vehicle)
     compiled = await station.plan_work.run(
         "compile",
         {
@@ -206,7 +206,7 @@ def start_of(vehicle: Vehicle) -> dict[str, Any]:
     """The vehicle's position.
 
     Raises:
-    Refused: the position is unknown.
+        Refused: the position is unknown.
     """
     estimates = VehicleEstimates(vehicle)
     local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()

@@ -124,7 +124,7 @@ class SetpointSocket:
             period_s = 1.0 / MAX_HZ
             next_s = (
                 max(next_s, self._clock.monotonic_s() - period_s) + period_s
-            )  # a setpoint may arrive early
+            )  # one setpoint may be sent before its period has passed
 
     async def _send(self) -> None:
         while True:

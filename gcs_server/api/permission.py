@@ -53,7 +53,7 @@ def require_permission(principal: Principal, command: Command) -> None:
     """Checks the permission before anything else.
 
     Raises:
-    NotPermitted: the caller's role does not include the command.
+        NotPermitted: the caller's role does not include the command.
     """
     if command.permission is not None and command.permission not in principal.permissions:
         raise NotPermitted(str(principal), command.name, command.permission)

@@ -43,7 +43,7 @@ async def check_document(
     station: Station, document: Document, vehicle: Vehicle | None, power: dict[str, float] | None = None
 ) -> dict[str, Any]:
     """Findings and estimates of a plan for a vehicle; as `PlanCheck`."""
-    known = known_of(vehicle)
+    known = plan_context_of(vehicle)
     arguments = {
         "plan": text_of(document),
         "parameters": known.parameters,
@@ -72,7 +72,7 @@ def is_small(document: Document) -> bool:
     return weight <= SMALL_ITEMS
 
 
-def known_of(vehicle: Vehicle | None) -> PlanContext:
+def plan_context_of(vehicle: Vehicle | None) -> PlanContext:
     """The data that the server has about a vehicle."""
     if vehicle is None:
         return PlanContext()

@@ -11,7 +11,7 @@ from msgspec import Raw
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.plan_checks import check_document, is_small, known_of, text_of
+from gcs_server.api.plan_checks import check_document, is_small, plan_context_of, text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
@@ -78,7 +78,7 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     With `vehicle`, its parameters are used, and its home if the plan has none.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    known = known_of(vehicle)
+    known = plan_context_of(vehicle)
     home = known.home if body.plan.planned_home is None else None
     arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": known.parameters, "home": home}
     result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
@@ -142,8 +142,8 @@ async def import_plan(
     if altitude_m is not None:
         altitude = Altitude(value_m=altitude_m, reference=altitude_reference).model_dump()
     arguments = {"file": base64.b64encode(data).decode(), "filename": filename, "altitude": altitude}
-    most = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
-    small = len(data) <= most and not data.startswith(b"PK")
+    max_bytes = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
+    small = len(data) <= max_bytes and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
     result = await station.plan_work.run("import", arguments, small=small, field="body")
     return answer({**result, "plan": Raw(result["plan"].encode())})
 

@@ -54,7 +54,7 @@ class RequestQueue:
 
     def __init__(self, in_control: Callable[[str], bool]) -> None:
         self._in_control = in_control
-        self._taken = False
+        self._is_starting = False
         self._lanes = (_Lane(), _Lane(), _Lane())
         """Lanes of clients in control, known clients and new clients."""
         self._seen: dict[str, tuple[float, float]] = {}
@@ -64,8 +64,8 @@ class RequestQueue:
         """Returns when the request may start; immediately if no other request waits."""
         loop = asyncio.get_running_loop()
         known = self._note(client.key, loop.time())
-        if not self._taken:
-            self._taken = True
+        if not self._is_starting:
+            self._is_starting = True
             loop.call_soon(self._next)
             return
         future: asyncio.Future[None] = loop.create_future()
@@ -86,10 +86,10 @@ class RequestQueue:
         while True:
             future = next((f for lane in self._lanes if (f := lane.pop()) is not None), None)
             if future is None:
-                self._taken = False
+                self._is_starting = False
                 return
             if not future.done():  # otherwise the request was cancelled
                 break
         future.set_result(None)
-        # It runs in the next turn of the loop, and the request after it one turn later.
+        # This request runs in the next turn of the loop, and the one after it one turn later.
         asyncio.get_running_loop().call_soon(self._next)

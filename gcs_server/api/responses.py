@@ -135,7 +135,7 @@ _vehicle_fields: dict[str, Any] = {
         list[str],
         Field(description="Names of the links over which the vehicle is connected, most recent first."),
     ),
-    "reach": (ReachModel, Field(description="Over which protocols the vehicle is reached.")),
+    "reach": (ReachModel, Field(description="Protocols over which the vehicle is connected.")),
     "topics": (TopicsModel, Field(description="Newest sample of each topic.")),
     "control": (ControlModel | None, Field(description="State of control; null for a recording.")),  # type: ignore[operator]
     "offboard": (OffboardModel | None, Field(description="The vehicle's setpoint stream.")),  # type: ignore[operator]

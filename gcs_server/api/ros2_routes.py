@@ -28,8 +28,9 @@ async def ros2_topics(vehicle: VehicleDep, station: StationDep) -> Response:
     """The ROS 2 topics of the vehicle, and those of its DDS domain that belong to no vehicle: type,
     publishers, rate, age and last message.
 
-    The server reads them only while somebody looks, so the first answer takes about 1.5 s. For continuous
-    values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no ROS 2 link.
+    The server reads them only while clients request them, so the first answer takes about 1.5 s. For
+    continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
+    ROS 2 link.
     """
     until_s = station.clock.monotonic_s() + LONGEST_START_S
     while (inspection := station.topic_inspectors.inspect(vehicle)) is not None:

@@ -1158,8 +1158,9 @@ export interface paths {
          * @description The ROS 2 topics of the vehicle, and those of its DDS domain that belong to no vehicle: type,
          *     publishers, rate, age and last message.
          *
-         *     The server reads them only while somebody looks, so the first answer takes about 1.5 s. For continuous
-         *     values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no ROS 2 link.
+         *     The server reads them only while clients request them, so the first answer takes about 1.5 s. For
+         *     continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
+         *     ROS 2 link.
          */
         readonly get: operations["ros2_topics_api_v1_vehicles__v__ros2_topics_get"];
         readonly put?: never;
@@ -5328,7 +5329,7 @@ export interface components {
         readonly GimbalReading: {
             /**
              * Gimbal Device Id
-             * @description Device id by which its manager knows it; 0 if the manager does not say.
+             * @description Device id at its manager; 0 if the manager does not report it.
              */
             readonly gimbal_device_id: number;
             /**
@@ -5489,7 +5490,7 @@ export interface components {
         };
         /**
          * GlobalPosition
-         * @description GLOBAL_POSITION_INT, with VFR_HUD's throttle left out.
+         * @description GLOBAL_POSITION_INT.
          */
         readonly GlobalPosition: {
             /**
@@ -10293,12 +10294,12 @@ export interface components {
         };
         /**
          * Reach
-         * @description Over which protocols a vehicle is reached, and which of them its data take.
+         * @description Protocols over which a vehicle is connected, and the protocol of each kind of data.
          */
         readonly Reach: {
             /**
              * Protocols
-             * @description Protocols over which the vehicle is heard now: MAVLink, ROS 2.
+             * @description Protocols over which the vehicle is connected now: MAVLink, ROS 2.
              */
             readonly protocols: readonly string[];
             /**
@@ -10308,12 +10309,12 @@ export interface components {
             readonly telemetry: string | null;
             /**
              * Commands
-             * @description Protocol that commands take.
+             * @description Protocol over which commands are sent.
              */
             readonly commands: string | null;
             /**
              * Setpoints
-             * @description Protocol that setpoints take.
+             * @description Protocol over which setpoints are sent.
              */
             readonly setpoints: string | null;
             /**
@@ -12415,7 +12416,7 @@ export interface components {
              * @description Names of the links over which the vehicle is connected, most recent first.
              */
             readonly links: readonly string[];
-            /** @description Over which protocols the vehicle is reached. */
+            /** @description Protocols over which the vehicle is connected. */
             readonly reach: components["schemas"]["Reach"];
             /** @description Newest sample of each topic. */
             readonly topics: components["schemas"]["Topics"];
@@ -13063,12 +13064,12 @@ export interface components {
         };
         /**
          * Gimbal
-         * @description The gimbal as its manager and device report it (281, 285, 265, 280): of several gimbals, the first.
+         * @description The gimbal as its manager and device report it: of several gimbals, the first.
          */
         readonly gcs_server__api__reflect__Gimbal: {
             /**
              * Gimbal Device Id
-             * @description Device id by which its manager knows it; 0 if the manager does not say.
+             * @description Device id at its manager; 0 if the manager does not report it.
              */
             readonly gimbal_device_id: number;
             /**

@@ -78,7 +78,7 @@ def test_idle_clients_are_closed_before_busy_ones_and_clients_in_control_never(h
     pilot = house.come("9.9.9.9", "pilot")
     idle = house.come("8.8.8.8", "idle")
     busy = [house.come(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
-    assert house.come("6.6.6.6").probation == 0
+    assert house.come("6.6.6.6").refusal_status == 0
     assert idle.closed
     assert not pilot.closed
     assert not any(c.closed for c in busy)

@@ -9,8 +9,8 @@ from gcs_server.api.permission import calls_of
 from gcs_server.api.schema import bare_app
 from gcs_server.control.commands import BY_CALL
 
-SEAMS = {"authorized_command", "carry_out", "command_mission", "together"}
-"""`carry_out`, `command_mission` and `together` call `authorized_command`, which they hand the name on to."""
+SEAMS = {"authorized_command", "carry_out", "command_mission", "authorized_commands"}
+"""The other three hand the command's name on to `authorized_command`."""
 
 
 def commands_of(function):
