@@ -163,7 +163,7 @@ class Server:
         self.station.hub.watch_replays(replays.all)
         self.station.hub.watch_ros2_topics(self.station.topic_inspectors.inspect)
         self.streamer.groups.on_change = self._publish_group
-        self.fleet.subscribe(self._watch_for_losses)
+        self.fleet.subscribe(self._cancel_operations_on_loss)
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
         self.station.more_warnings.append(lambda: list(self._link_errors))
@@ -271,9 +271,9 @@ class Server:
         unix_s = self.station.clock.unix_s()
         self.station.hub.publish(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
 
-    def _watch_for_losses(self, event: Event) -> None:
-        gone = event.kind == "vehicle_removed"
-        if event.vehicle is not None and (gone or (event.kind == "link" and self._is_lost(event.vehicle))):
+    def _cancel_operations_on_loss(self, event: Event) -> None:
+        removed = event.kind == "vehicle_removed"
+        if event.vehicle is not None and (removed or (event.kind == "link" and self._is_lost(event.vehicle))):
             self.station.operations.vehicle_lost(event.vehicle, event.text)
 
     def _is_lost(self, vehicle_id: str) -> bool:

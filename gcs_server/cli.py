@@ -26,7 +26,7 @@ from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
 
-WAITING_TO_BE_ACCEPTED = 1024
+LISTEN_BACKLOG = 1024
 COMMANDS = ("serve", "sim", "replay", "key")
 EXIT_CANNOT_START = 2
 UNSENT_BYTES = 32_768
@@ -194,7 +194,7 @@ def listen(settings: Settings) -> socket.socket:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
     try:
         listener.bind((settings.host, settings.port))
-        listener.listen(WAITING_TO_BE_ACCEPTED)
+        listener.listen(LISTEN_BACKLOG)
     except OSError as error:
         listener.close()
         raise GcsError(
@@ -227,13 +227,13 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
 
 def _exposed(settings: Settings, port: int) -> str:
     if settings.token is not None:
-        kept = "It is the one that was set (GCS_TOKEN or the settings' file)."
+        source = "The token was set by GCS_TOKEN or the settings' file."
     else:
         file = settings.token_file or DataFolder(settings.data).token
-        kept = f"It is kept in {file}: delete that file and restart for a new one."
+        source = f"The token is stored in {file}: to get a new one, delete this file and restart."
     bar = "-" * 78
     return (
         f"{bar}\nListening on {settings.host}, port {port}, not only on this machine: whoever has the token\n"
-        f"in the link below can command the vehicles. {kept}\n"
-        f"It travels unencrypted (http): let it pass trusted networks, a VPN or an https proxy only.\n{bar}"
+        f"in the link below can command the vehicles. {source}\n"
+        f"The token is sent unencrypted (http): use only a trusted network, a VPN or an https proxy.\n{bar}"
     )

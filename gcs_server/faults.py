@@ -11,7 +11,7 @@ TRACEBACKS = 10
 """Number of different faults that are logged with traceback; more are only counted."""
 LOG_EVERY_S = 10.0
 """Minimum time between two log lines for faults that were logged before [s]."""
-STANDS_FOR_S = 60.0
+SHOWN_FOR_S = 60.0
 """Time for which a fault is shown as a warning [s]."""
 MAX_TEXT_LENGTH = 200
 
@@ -60,7 +60,7 @@ class FaultLog:
     @property
     def recent(self) -> bool:
         """Whether a fault happened within the last minute."""
-        return time.monotonic() - self._newest_s < STANDS_FOR_S
+        return time.monotonic() - self._newest_s < SHOWN_FOR_S
 
 
 def _text(error: BaseException) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 LINES = 5
 PERIOD_S = 10.0
 MAX_LINE_LENGTH = 4000
-PLACES_KEPT = 1000
+MAX_PLACES = 1000
 
 
 class LogLimit(logging.Filter):
@@ -35,7 +35,7 @@ class LogLimit(logging.Filter):
                 record.msg = f"{record.getMessage()} ({count - LINES} more such lines since the last one)"
                 record.args = ()
             since_s, count = now_s, 0
-        if len(self._places) >= PLACES_KEPT and place not in self._places:
+        if len(self._places) >= MAX_PLACES and place not in self._places:
             self._places.clear()
         self._places[place] = (since_s, count + 1)
         if count >= LINES:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, f
 
 from gcs_server.errors import InvalidRequest
 from gcs_server.storage.folder import DataFolder, default_folder
-from gcs_server.storage.token import FORM_RULE, is_well_formed, kept_token
+from gcs_server.storage.token import FORM_RULE, is_well_formed, load_or_create_token
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
@@ -180,8 +180,8 @@ def token_of(settings: Settings) -> str | None:
     """The required token; None if no token is required (on loopback, unless a token was set).
 
     Raises:
-        StorageError: its file cannot be read or created, or has no valid token. InvalidRequest: it is set
-            twice.
+        StorageError: the token's file cannot be read or created, or has no valid token.
+        InvalidRequest: the token is set twice.
     """
     if settings.token is not None:
         if settings.token_file is not None:
@@ -190,5 +190,5 @@ def token_of(settings: Settings) -> str | None:
             )
         return settings.token.get_secret_value()
     if settings.token_file is not None:
-        return kept_token(settings.token_file)
-    return None if settings.loopback_only else kept_token(DataFolder(settings.data).token)
+        return load_or_create_token(settings.token_file)
+    return None if settings.loopback_only else load_or_create_token(DataFolder(settings.data).token)

@@ -129,17 +129,17 @@ class SimulatorProcess:
             self._warn(f"The simulator could not be started: {error.strerror or error}.{later}")
 
     def _start(self) -> None:
-        self._pid = self._noted_pid()
+        self._pid = self._stored_pid()
         self._start_again = False
         if port_is_held(self._probe_port) if self._probe_port else self._pid is not None:
             who = f"process {self._pid}" if self._pid else "not started by this data folder's server"
             if not self.found:
-                log.info("a simulated vehicle runs already (%s); it is used, no second one is started", who)
+                log.info("a simulator is already running (%s): the server uses it, and starts no other", who)
             self.found = True
             self._start_again = self._pid is None  # once the port is free
             return
         if self.found:
-            log.info("the simulated vehicle that ran already is gone; this server starts its own")
+            log.info("the simulator that was already running has ended; this server starts its own")
         self.found = False
         log_file = self._folder.simulator_log
         with contextlib.suppress(FileNotFoundError):
@@ -206,7 +206,7 @@ class SimulatorProcess:
         with contextlib.suppress(OSError):
             self._folder.simulator_pid.unlink(missing_ok=True)
 
-    def _noted_pid(self) -> int | None:
+    def _stored_pid(self) -> int | None:
         try:
             pid = json.loads(self._folder.simulator_pid.read_text())["pid"]
         except (OSError, ValueError, KeyError, TypeError):

@@ -87,7 +87,7 @@ class Acceptor:
     def _take(self, accepted: socket.socket, address: str) -> None:
         connection = self._connections.open(address)
         if connection is None:
-            _turn_away(accepted)
+            _refuse(accepted)
             return
         self._supervisor.spawn("connection", self._connect(accepted, connection))
 
@@ -111,7 +111,7 @@ class Acceptor:
             self._spare = None
             with contextlib.suppress(OSError):
                 accepted, _ = self._listener.accept()
-                _turn_away(accepted)
+                _refuse(accepted)
         self._keep_spare()
         await self._clock.sleep(NO_FILES_PAUSE_S)
 
@@ -126,7 +126,7 @@ class Acceptor:
             self._connections.check()
 
 
-def _turn_away(accepted: socket.socket) -> None:
+def _refuse(accepted: socket.socket) -> None:
     """Sends the refusal without waiting, and closes the connection."""
     with accepted, contextlib.suppress(OSError):
         accepted.setblocking(False)

@@ -8,13 +8,13 @@ import resource
 log = logging.getLogger(__name__)
 
 WANTED = 4096
-KEPT = 256
+RESERVED = 256
 """Reserved for MAVLink links, recordings, the stream process, the journal and the page's files."""
 
 
 def for_connections() -> int:
     """Raises the soft limit as far as useful and allowed. Returns the number of possible connections, so that
-    `KEPT` descriptors stay free.
+    `RESERVED` descriptors stay free.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     allowed = soft
@@ -33,4 +33,4 @@ def for_connections() -> int:
             allowed,
             WANTED,
         )
-    return max(allowed - KEPT, allowed // 2)
+    return max(allowed - RESERVED, allowed // 2)

@@ -69,7 +69,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._began = False
         """Whether a message starts in the bytes that are being parsed."""
         self._unanswered: deque[RequestResponseCycle] = deque()
-        self._present: RequestResponseCycle | None = None
+        self._arriving: RequestResponseCycle | None = None
         """The request whose body is arriving; None until its head is complete."""
         self._refused = False
         self._lingers_until_s: float | None = None
@@ -124,7 +124,7 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_message_begin()
         self._in_head = self._began = True
         self._since_s = self._clock.monotonic_s()
-        self._present = None
+        self._arriving = None
         self._chunks = self._fed_bytes = self._head_bytes = self._url_bytes = self._body_bytes = 0
 
     def on_url(self, url: bytes) -> None:
@@ -152,7 +152,7 @@ class BoundedHttp(HttpToolsProtocol):
             self._stop(r.BODY_TOO_LARGE)
         super().on_headers_complete()
         if not self._should_upgrade():
-            self._present = self.cycle
+            self._arriving = self.cycle
             self._unanswered.append(self.cycle)
             cast("dict[str, Any]", self.scope)["extensions"] = {SCOPE_KEY: self.connection}
             self._connections.set_busy(self.connection, True)
@@ -242,9 +242,9 @@ class BoundedHttp(HttpToolsProtocol):
         self._connections.count_refusal()
         self.pipeline.clear()
         self._unset_keepalive_if_required()
-        present = self._present
-        others = any(cycle is not present for cycle in self._unanswered)
-        begun = present is not None and present.response_started
+        arriving = self._arriving
+        others = any(cycle is not arriving for cycle in self._unanswered)
+        begun = arriving is not None and arriving.response_started
         for cycle in self._unanswered:
             cycle.disconnected, cycle.waiting_for_100_continue = True, False
             cycle.message_event.set()

@@ -81,8 +81,8 @@ def read_tile(path: Path, zoom: int, x: int, y: int) -> bytes | None:
         MapError: the file cannot be read.
     """
     try:
-        with closing(_open(path)) as base:
-            row = base.execute(
+        with closing(_open(path)) as database:
+            row = database.execute(
                 "SELECT tile_data FROM tiles WHERE zoom_level=? AND tile_column=? AND tile_row=?",
                 (zoom, x, (1 << zoom) - 1 - y),
             ).fetchone()
@@ -96,16 +96,16 @@ def _open(path: Path) -> sqlite3.Connection:
 
 
 def _mbtiles(path: Path) -> MapInfo:
-    with closing(_open(path)) as base:
-        attribution = {str(k): str(v) for k, v in base.execute("SELECT name, value FROM metadata")}
-        first, last = base.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
+    with closing(_open(path)) as database:
+        metadata = {str(k): str(v) for k, v in database.execute("SELECT name, value FROM metadata")}
+        first, last = database.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
     if first is None:
         raise ValueError("it has no tiles")
-    kind = attribution.get("format", "png").lower()
+    kind = metadata.get("format", "png").lower()
     vector = kind == "pbf"
     if not vector and kind not in IMAGE_TYPES:
         raise ValueError(f"its tiles are of format {kind!r}; png, jpg, webp and pbf can be shown")
-    corners = [float(part) for part in attribution["bounds"].split(",")] if "bounds" in attribution else []
+    corners = [float(part) for part in metadata["bounds"].split(",")] if "bounds" in metadata else []
     return MapInfo(
         name=path.name,
         format="mbtiles",
@@ -114,8 +114,8 @@ def _mbtiles(path: Path) -> MapInfo:
         min_zoom=int(first),
         max_zoom=int(last),
         bounds_deg=_bounds(corners),
-        attribution=attribution.get("attribution"),
-        layers=_layers(json.loads(attribution["json"])) if vector and "json" in attribution else (),
+        attribution=metadata.get("attribution"),
+        layers=_layers(json.loads(metadata["json"])) if vector and "json" in metadata else (),
         bytes=path.stat().st_size,
     )
 

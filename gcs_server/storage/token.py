@@ -20,7 +20,7 @@ def is_well_formed(token: str) -> bool:
     return FORM.fullmatch(token) is not None
 
 
-def kept_token(file: Path) -> str:
+def load_or_create_token(file: Path) -> str:
     """The token in `file`; if the file does not exist, a random token is written there, readable by its owner
     only.
 

@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 EVENT_QUEUE_LENGTH = 500
 EVENT_QUEUE_CHARACTERS = 1 << 20
 """Maximum size of the events that wait for one client [characters]."""
-ERRORS_KEPT = 10
+MAX_WAITING_ERRORS = 10
 """Maximum number of answers to invalid requests that wait for one client; more are dropped."""
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
@@ -82,7 +82,7 @@ class Encoded:
         self._fleet = fleet
         self._bytes: dict[str, dict[str, tuple[float, bytes]]] = {}
         """By vehicle and topic."""
-        self._looked: dict[tuple[str, str], tuple[float, object]] = {}
+        self._checked: dict[tuple[str, str], tuple[float, object]] = {}
         """Time of the last check and value of the server's topics."""
         self.replays: Callable[[], Sequence[object]] = tuple
         """Returns the open replays; set by the replay service."""
@@ -101,10 +101,10 @@ class Encoded:
     def forget(self, vehicle_id: str) -> None:
         """Drops all data of a removed vehicle."""
         self._bytes.pop(vehicle_id, None)
-        for key in [key for key in self._looked if key[0] == vehicle_id]:
-            del self._looked[key]
+        for key in [key for key in self._checked if key[0] == vehicle_id]:
+            del self._checked[key]
 
-    def news(self, vehicle: Vehicle, topics: Sequence[str], seen: dict[str, float]) -> Iterator[bytes]:
+    def new_samples(self, vehicle: Vehicle, topics: Sequence[str], seen: dict[str, float]) -> Iterator[bytes]:
         """JSON of the newest samples that a client does not have yet.
 
         Args:
@@ -138,15 +138,15 @@ class Encoded:
             fresh = (health.changed_s, encode(wire))
         elif topic in PERIODS_S:
             now_s = self._clock.monotonic_s()
-            looked = self._looked.get(key)
-            if held is not None and looked is not None and now_s - looked[0] < PERIODS_S[topic]:
+            checked = self._checked.get(key)
+            if held is not None and checked is not None and now_s - checked[0] < PERIODS_S[topic]:
                 return held
             value = self._own(vehicle, topic)
             if value is None:
                 return None
-            if held is None or looked is None or looked[1] != value:
+            if held is None or checked is None or checked[1] != value:
                 held = (now_s, encode(WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)))
-            self._looked[key] = (now_s, value)
+            self._checked[key] = (now_s, value)
             fresh = held
         else:
             sample = vehicle.topic(topic)
@@ -213,7 +213,7 @@ class Subscriber:
 
     def offer_error(self, detail: str) -> None:
         """Answers an invalid request, unless too many such answers are unread."""
-        if self._errors < ERRORS_KEPT:
+        if self._errors < MAX_WAITING_ERRORS:
             self._errors += 1
             self.offer_text(error_frame(detail))
 
@@ -247,9 +247,9 @@ class Subscriber:
                         self._events
                     ):  # events are sent first, so that a replaced vehicle is announced before its samples
                         continue
-                news = self._news(wants)
-                if news:
-                    await self._socket.send_text(samples_frame(news))
+                new_samples = self._new_samples(wants)
+                if new_samples:
+                    await self._socket.send_text(samples_frame(new_samples))
                 period_s = 1.0 / wants.rate_hz
                 next_s = max(next_s + period_s, self._clock.monotonic_s())
             await self._wait(None if wants is None else next_s - self._clock.monotonic_s())
@@ -266,14 +266,14 @@ class Subscriber:
             return
         self._wake.clear()
 
-    def _news(self, wants: Subscribe) -> list[bytes]:
-        news: list[bytes] = []
+    def _new_samples(self, wants: Subscribe) -> list[bytes]:
+        new_samples: list[bytes] = []
         for vehicle in self._encoded.vehicles():
             if isinstance(wants.vehicles, list) and vehicle.id not in wants.vehicles:
                 continue
             seen = self._seen.setdefault(vehicle.id, {})
-            news.extend(self._encoded.news(vehicle, self._topics, seen))
-        return news
+            new_samples.extend(self._encoded.new_samples(vehicle, self._topics, seen))
+        return new_samples
 
 
 class Hub:

@@ -125,7 +125,9 @@ class Look:
         world, streams = self.world, self.world.streamer._streams
         assert self.values() == self.innocent
         for vehicle in (self.bad, self.good):
-            assert all(b"NaN" not in sample for sample in self.encoded.news(vehicle, sorted(ALL_TOPICS), {}))
+            assert all(
+                b"NaN" not in sample for sample in self.encoded.new_samples(vehicle, sorted(ALL_TOPICS), {})
+            )
             vehicle.offboard.available()
         world.streamer.beat_once()
         streams.step()

@@ -96,12 +96,12 @@ def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_it
         assert vehicle.identity.simulated is None
         topics = Encoded(world.clock, world.fleet)
         seen = {}
-        (told_json,) = topics.news(vehicle, ["identity"], seen)
+        (told_json,) = topics.new_samples(vehicle, ["identity"], seen)
         assert b'"simulated":null' in told_json
         pilot.version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
-        (again_json,) = topics.news(vehicle, ["identity"], seen)  # sent again to every client
+        (again_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
         assert b'"simulated":true' in again_json
 
     jump(told(kit.World, story))
