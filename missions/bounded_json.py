@@ -28,7 +28,7 @@ def decode(data: str | bytes, what: str = "the file") -> str:
     """The text of a file of bounded size, in UTF-8.
 
     Raises:
-        PlanError: It is too large or not UTF-8.
+        PlanError: The file is too large or not UTF-8.
     """
     if len(data) > MAX_FILE_BYTES:
         limit_mib, size_mb = MAX_FILE_BYTES // (1024 * 1024), len(data) / 1e6
@@ -47,7 +47,7 @@ def decode_lines(data: str | bytes) -> str:
     """The text of a file with one item per line, of bounded size.
 
     Raises:
-        PlanError: It is too large, not UTF-8, or has too many lines.
+        PlanError: The file is too large, not UTF-8, or has too many lines.
     """
     text = decode(data)
     if text.count("\n") + text.count("\r") > MAX_LINES:
@@ -59,7 +59,7 @@ def check_json(data: str | bytes) -> str:
     """Returns the text if it is safe to parse: bounded in size, depth and number of values.
 
     Raises:
-        PlanError: It exceeds a limit.
+        PlanError: The text exceeds a limit.
     """
     text = decode(data)
     without_strings = _TEXT.sub("0", text)
@@ -80,7 +80,7 @@ def load(data: str | bytes) -> Any:
     """Untrusted JSON as Python values: finite numbers, no repeated key in an object.
 
     Raises:
-        PlanError: It exceeds a limit or is not JSON; names the line and column.
+        PlanError: The text exceeds a limit or is not JSON; the error names the line and column.
     """
     text = check_json(data)
     try:

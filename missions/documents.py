@@ -28,7 +28,7 @@ def read(data: str | bytes) -> Document:
     """A document of either kind from this project's JSON; `format` selects the kind.
 
     Raises:
-        PlanError: It is neither of the two; the error names the field and the fix.
+        PlanError: The text is a document of neither kind; the error names the field and the fix.
     """
     text = decode(data)
     value = load(text)

@@ -95,7 +95,7 @@ def read(data: str | bytes) -> Plan:
     """Reads a plan from this project's JSON.
 
     Raises:
-        PlanError: It is too large, not JSON, or not a plan; names the field and the fix.
+        PlanError: The text is too large, not JSON, or not a plan; the error names the field and the fix.
     """
     text = decode(data)
     load(text)
@@ -110,7 +110,7 @@ def check_count(plan: Plan) -> Plan:
     """Returns the plan if PX4 can store its items.
 
     Raises:
-        PlanError: It has too many items.
+        PlanError: The plan has too many items.
     """
     count = sum(len(item.items) if isinstance(item, ComplexItem) else 1 for item in plan.items)
     if count > MAX_ITEMS:

@@ -154,7 +154,7 @@ def planned_margin_m() -> float:
     return margin_m(one, one)
 
 
-def kept_apart_m(
+def braking_separation_m(
     position_a: Vectors,
     velocity_a: Vectors,
     position_b: Vectors,

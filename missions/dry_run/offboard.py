@@ -30,7 +30,7 @@ from missions.setpoints import Estimate
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.payload.gimbal import Flag
 
-LOOK_EVERY_TICKS = 5
+RUNNER_EVERY_TICKS = 5
 """The runner runs at 10 Hz, as in the server."""
 STREAMED_BEFORE_S = 0.5
 """Setpoints are streamed for this long before Offboard mode is requested."""
@@ -81,7 +81,7 @@ class OffboardPilot:
             return
         self._send(now_s)
         self._ticks += 1
-        if self._ticks % LOOK_EVERY_TICKS == 0:
+        if self._ticks % RUNNER_EVERY_TICKS == 0:
             self._run_runner(now_s, self.started_s)
 
     def may_start(self, now_s: float) -> bool:

@@ -54,7 +54,7 @@ class FlyableMission:
             role: the vehicle's role in a mission of several vehicles.
 
         Raises:
-            PlanError: it is too large, or has no step that can be flown.
+            PlanError: the mission is too large, or has no step that can be flown.
         """
         vehicle = MissionVehicle.from_parameters(aircraft.parameters)
         home = aircraft.home

@@ -64,7 +64,7 @@ class FlyablePlan:
         """Prepares one plan for one vehicle.
 
         Raises:
-            PlanError: PX4 refuses it.
+            PlanError: PX4 refuses the plan.
         """
         vehicle = VehicleModel.from_parameters(aircraft.parameters)
         with_home = plan.model_copy(update={"planned_home": aircraft.home})

@@ -91,7 +91,7 @@ class Conditions:
         """Checks the bounds of each value.
 
         Raises:
-            PlanError: a value is out of bounds; names it and its bounds.
+            PlanError: a value is out of bounds; the error names the value and its bounds.
         """
         bounds = {
             "wind_ned_m_s": (math.hypot(*self.wind_ned_m_s), 0.0, WIND_MAX_M_S),

@@ -13,7 +13,7 @@ from missions.errors import PlanError
 MAX_FLIGHTS = 200
 MAX_VEHICLES = 400
 """Maximum number of vehicles of all flights together, for a mission with roles."""
-WITHIN_SIGMA = 3.0
+MAX_SIGMA = 3.0
 """Random values are limited to this many standard deviations, so that no impossible wind is drawn."""
 
 
@@ -36,7 +36,7 @@ class Spread:
         """Checks the bounds of each value.
 
         Raises:
-            PlanError: a value is out of bounds; names it and its bounds.
+            PlanError: a value is out of bounds; the error names the value and its bounds.
         """
         for each in fields(self):
             value, most = getattr(self, each.name), 10.0 if each.name == "wind_m_s" else 0.5
@@ -68,7 +68,7 @@ class Spread:
 
 def _normal(seed: list[int]) -> list[float]:
     z = np.random.default_rng(seed).standard_normal(6)
-    return np.clip(z, -WITHIN_SIGMA, WITHIN_SIGMA).tolist()
+    return np.clip(z, -MAX_SIGMA, MAX_SIGMA).tolist()
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Fleet
 from missions.dry_run.flight import ReportProgress, fly_fleet
-from missions.dry_run.offboard import LOOK_EVERY_TICKS, OffboardPilot
+from missions.dry_run.offboard import RUNNER_EVERY_TICKS, OffboardPilot
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import longest_s
 from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
@@ -29,7 +29,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 from missions.runner.status import CannotDo
 from missions.runner.together import Together
-from missions.separation import kept_apart_m, planned_margin_m
+from missions.separation import braking_separation_m, planned_margin_m
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ class PilotsTogether:
             self._begin(now_s)
             return
         self._ticks += 1
-        if self._ticks % LOOK_EVERY_TICKS == 0:
+        if self._ticks % RUNNER_EVERY_TICKS == 0:
             for role, requests in self._together.update(now_s, self._readings()).items():
                 self._pilots[role].carry_out(now_s, requests)
 
@@ -135,9 +135,9 @@ def dry_run_together(
     Raises:
         PlanError: A role has no vehicle, or the mission cannot be compiled.
     """
-    of_all = [conditions or Conditions()] * len(mission.roles)
+    same_conditions = [conditions or Conditions()] * len(mission.roles)
     (flown,), _ = fly_together(
-        mission, aircraft, [of_all], origins=origins, seed=seed, site=site, report=report
+        mission, aircraft, [same_conditions], origins=origins, seed=seed, site=site, report=report
     )
     return flown
 
@@ -179,8 +179,8 @@ def fly_together(
         for role in roles
     }
     began_s = time.perf_counter()
-    of_each = [each for flight in conditions for each in flight]
-    fleet = Fleet([aircraft[role] for role in roles] * len(conditions), of_each, seed=seed, site=site)
+    all_conditions = [each for flight in conditions for each in flight]
+    fleet = Fleet([aircraft[role] for role in roles] * len(conditions), all_conditions, seed=seed, site=site)
     vehicles = iter(fleet.vehicles)
     groups = [{role: flyable[role].pilot(next(vehicles), alone=False) for role in roles} for _ in conditions]
     pilots = [pilot for group in groups for pilot in group.values()]
@@ -191,7 +191,7 @@ def fly_together(
             each.tick(now_s)
 
     flights = fly_fleet(
-        fleet, pilots, of_each, Recorder(fleet, pilots, detailed=len(roles)), report=report,
+        fleet, pilots, all_conditions, Recorder(fleet, pilots, detailed=len(roles)), report=report,
         after_pilots=coordinate, longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
     )  # fmt: skip
     spent_s = time.perf_counter() - began_s
@@ -229,9 +229,12 @@ def _separation(
         distance_m = np.linalg.norm(a - b, axis=1)
         at = int(distance_m.argmin())
         closest = Closest((one, other), float(distance_m[at]), float(tracks[one].t_s[at]))
-        kept_m = kept_apart_m(a, _velocity(a), b, _velocity(b), least_m)
-        near = np.flatnonzero(kept_m < least_m)
-        yield closest, _too_near(tracks, (one, other), kept_m, int(near[0]), least_m) if len(near) else None
+        separation_m = braking_separation_m(a, _velocity(a), b, _velocity(b), least_m)
+        near = np.flatnonzero(separation_m < least_m)
+        yield (
+            closest,
+            _too_near(tracks, (one, other), separation_m, int(near[0]), least_m) if len(near) else None,
+        )
 
 
 def _velocity(position_ned_m: Array) -> Array:
@@ -241,7 +244,7 @@ def _velocity(position_ned_m: Array) -> Array:
 
 
 def _too_near(
-    tracks: Mapping[str, Track], roles: tuple[str, str], kept_m: Array, first: int, least_m: float
+    tracks: Mapping[str, Track], roles: tuple[str, str], separation_m: Array, first: int, least_m: float
 ) -> DryRunFinding:
     one, other = (tracks[role] for role in roles)
     t_s = float(one.t_s[first])
@@ -252,7 +255,7 @@ def _too_near(
     north, east, down = one.position_ned_m[first].tolist()
     message = (
         f"After {t_s:.0f} s the vehicles of {roles[0]} ({steps[0]}) and {roles[1]} ({steps[1]}) come within "
-        f"{kept_m[first]:.1f} m of each other, braking included; in flight the guard holds both at "
+        f"{separation_m[first]:.1f} m of each other, braking included; in flight the guard holds both at "
         f"{least_m:.1f} m."
     )
     step = steps[0] if int(one.step[first]) >= 0 else None

@@ -91,7 +91,7 @@ def read(name: FormatName, data: bytes, options: ImportOptions | None = None) ->
     """The plan of a file in this format.
 
     Raises:
-        PlanError: it cannot be read; names the part and the reason.
+        PlanError: the file cannot be read; the error names the part and the reason.
     """
     return _READERS[name](data, options or ImportOptions())
 
@@ -100,7 +100,7 @@ def write(name: FormatName, document: Document) -> Written:
     """The plan or mission as a file in this format.
 
     Raises:
-        PlanError: the format cannot store it.
+        PlanError: the format cannot store the document.
     """
     if not isinstance(document, OffboardMission):
         return _WRITERS[name](document)

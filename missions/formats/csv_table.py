@@ -37,7 +37,7 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     """The items of a table.
 
     Raises:
-        PlanError: It is too large, or a value is wrong; names line and column.
+        PlanError: The table is too large, or a value is wrong; the error names line and column.
     """
     text = decode_lines(data)
     csv.field_size_limit(10_000)

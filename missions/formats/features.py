@@ -97,7 +97,8 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
     """The plan of a file's features.
 
     Raises:
-        PlanError: A value is wrong, a point has no altitude, or there are too many; names the feature.
+        PlanError: A value is wrong, a point has no altitude, or there are too many items; the error names the
+            feature.
     """
     items: list[SimpleItem] = []
     fence: list[FenceZone] = []

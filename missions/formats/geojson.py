@@ -26,7 +26,7 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     """The plan of a GeoJSON file.
 
     Raises:
-        PlanError: It is too large or not GeoJSON, a value is wrong, or a point has no altitude.
+        PlanError: The file is too large or not GeoJSON, a value is wrong, or a point has no altitude.
     """
     document = an_object(bounded_json.load(data), "the file")
     return features.to_plan(list(_features(document)), options or ImportOptions(), "The GeoJSON file")

@@ -42,7 +42,8 @@ def read(data: bytes, options: ImportOptions | None = None) -> Imported:
     clamped to the ground are ignored.
 
     Raises:
-        PlanError: It is too large or not KML, has entities, a value is wrong, or a point has no altitude.
+        PlanError: The file is too large, not KML, or has entities; a value is wrong, or a point has no
+            altitude.
     """
     text = decode(_unpacked(data) if data[:2] == b"PK" else data)
     root = _parse(text)

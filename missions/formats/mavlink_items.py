@@ -166,7 +166,7 @@ def mission_items(plan: Plan) -> tuple[WireItem, ...]:
     """The mission items to upload. A terrain altitude is sent as its `resolved_amsl_m` if it has one.
 
     Raises:
-        PlanError: A value does not fit into the message; names the item.
+        PlanError: A value does not fit into the message; the error names the item.
     """
     found: list[WireItem] = []
     for seq, (row, item) in enumerate(plan.simple_items()):
@@ -330,7 +330,7 @@ def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
     """The rally points of a vehicle's rally items.
 
     Raises:
-        PlanError: An item is not a rally point, or has an impossible value; names it.
+        PlanError: An item is not a rally point, or has an impossible value; the error names the item.
     """
     found: list[RallyPoint] = []
     for number, item in enumerate(items, start=1):

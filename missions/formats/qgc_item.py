@@ -24,7 +24,7 @@ def an_object(raw: Any, place: str) -> dict[str, Any]:
     """Returns the value if it is a JSON object.
 
     Raises:
-        PlanError: It is not an object.
+        PlanError: The value is not an object.
     """
     if not isinstance(raw, dict):
         raise PlanError(place, "it is missing or not an object", "Export the plan again.")
@@ -35,7 +35,7 @@ def a_list(raw: Any, place: str) -> list[Any]:
     """Returns the value if it is a JSON list.
 
     Raises:
-        PlanError: It is not a list.
+        PlanError: The value is not a list.
     """
     if not isinstance(raw, list):
         raise PlanError(place, "it is missing or not a list", "Export the plan again.")
@@ -46,7 +46,7 @@ def part_list(parent: dict[str, Any], key: str, name: str) -> list[Any]:
     """A list inside an object; empty if the key is missing.
 
     Raises:
-        PlanError: It is not a list.
+        PlanError: The value is not a list.
     """
     return a_list(parent.get(key, []), f"field {name}.{key}")
 
@@ -55,7 +55,7 @@ def number(raw: Any, place: str) -> float:
     """Returns the value if it is a finite number.
 
     Raises:
-        PlanError: It is not a finite number.
+        PlanError: The value is not a finite number.
     """
     if isinstance(raw, bool) or not isinstance(raw, int | float):
         raise PlanError(place, "it is missing or not a number", "Write a number.")

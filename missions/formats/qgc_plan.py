@@ -32,7 +32,8 @@ def read(data: bytes | str) -> Imported:
     """The plan of a .plan file.
 
     Raises:
-        PlanError: It is too large, not JSON or not a plan, or a value is wrong; names item, field and fix.
+        PlanError: The file is too large, not JSON or not a plan, or a value is wrong; the error names item,
+            field and fix.
     """
     document = an_object(bounded_json.load(data), "the file")
     if document.get("fileType") != "Plan":

@@ -30,7 +30,8 @@ def read(data: bytes | str) -> Imported:
     Any other first line is the first item.
 
     Raises:
-        PlanError: It is too large or not such a file, or a value is wrong; names line and column.
+        PlanError: The file is too large or not a .waypoints file, or a value is wrong; the error names the
+            line and the column.
     """
     lines = decode_lines(data).splitlines()
     if not lines or lines[0].strip() != HEADER:

@@ -71,11 +71,12 @@ def compile_mission(
     Args:
         mission: the document.
         vehicle: limits of the vehicle; None: PX4's defaults.
-        start: state of the vehicle at the start; None: on the ground at the local origin, the document's
-        home. files: contents of the files that table steps name.
+        start: state of the vehicle at the start; None: on the ground at the local origin, which is then the
+            document's home.
+        files: contents of the files that table steps name.
         first_step: index of the first step to fly, to continue a mission; earlier gimbal tracks still apply.
         role: the role to compile, in a mission for several vehicles; its timeline starts with a meeting of
-        all.
+            all roles.
 
     Raises:
         PlanError: The mission is too large, or has no such role.
@@ -113,7 +114,7 @@ def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
     for index, step in enumerate(steps, 1):
         if isinstance(step, Gimbal):
             state.place, state.title = f"step {index}", "Gimbal"
-            _carry_out(state, step)
+            _compile_step(state, step)
 
 
 def _with_home(mission: OffboardMission, start: Start) -> Start:
@@ -143,7 +144,7 @@ def _continue(state: State, frame: _Frame | None, decisions: int) -> Timeline:
                 raise PlanError(state.place, reason, "Split the mission.")
             return _branch(state, step, frame, decisions)
         else:
-            _carry_out(state, step)
+            _compile_step(state, step)
     if state.in_air:
         state.place = "the end"
         state.report(
@@ -192,7 +193,7 @@ def _timeline(state: State) -> Timeline:
     )  # fmt: skip
 
 
-def _carry_out(state: State, step: Any) -> None:
+def _compile_step(state: State, step: Any) -> None:
     """Compiles one step; a step that cannot be flown becomes a finding and is omitted."""
     flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait | Meet)
     if flies and not state.in_air:

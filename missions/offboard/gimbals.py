@@ -12,7 +12,7 @@ from missions.setpoints import Position, Setpoint, Trajectory, Velocity, complet
 
 @dataclass(frozen=True, slots=True)
 class GimbalTrack:
-    """Gimbal direction: fixed relative to the nose, at a position, along the path, or sweeping. Up is
+    """Gimbal direction: fixed relative to the nose, aimed at a position, along the path, or sweeping. Up is
     positive."""
 
     kind: Literal["fixed", "look_at", "along_path", "sweep"]
@@ -49,7 +49,7 @@ class GimbalTrack:
         here = complete(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
         if here is None:
             return self.pitch_rad, wrap_pi(nose_rad)
-        n, e, d = (there - at for there, at in zip(self.place_ned_m, here, strict=True))
+        n, e, d = (target - own for target, own in zip(self.place_ned_m, here, strict=True))
         across_m = math.hypot(n, e)
         yaw_rad = math.atan2(e, n) if across_m > 1e-6 else wrap_pi(nose_rad)
         return math.atan2(-d, across_m), yaw_rad

@@ -56,7 +56,7 @@ class _Meetings:
         """The names of a role's meetings, in flight order.
 
         Raises:
-            PlanError: There are too many.
+            PlanError: There are too many meetings.
         """
         names = list(itertools.islice(self._names(steps), MAX_MEETINGS + 1))
         if len(names) > MAX_MEETINGS:

@@ -30,7 +30,8 @@ def read(data: str | bytes) -> OffboardMission:
     """Reads a mission from a file.
 
     Raises:
-        PlanError: It is too large, not YAML, or not a mission; names line, step, field and fix.
+        PlanError: The file is too large, not YAML, or not a mission; the error names line, step, field and
+            fix.
     """
     text = decode(data)
     if len(text) > MAX_BYTES:
@@ -51,7 +52,8 @@ def read_json(data: str | bytes) -> OffboardMission:
     """Reads a mission sent as JSON, within the same limits; errors have no line numbers.
 
     Raises:
-        PlanError: It exceeds a limit, is not JSON, or not a mission; names step, field and fix.
+        PlanError: The text exceeds a limit, is not JSON, or not a mission; the error names step, field and
+            fix.
     """
     text = decode(data)
     value = load(text)

@@ -24,7 +24,7 @@ from missions.offboard.positions import Start
 from missions.offboard.segments import Segment, WaitSegment
 from missions.offboard.state import MissionVehicle
 from missions.offboard.timeline import Timeline
-from missions.separation import kept_apart_m, planned_margin_m
+from missions.separation import braking_separation_m, planned_margin_m
 
 Array = NDArray[np.float64]
 SPACING_S = 0.25
@@ -179,7 +179,7 @@ def _too_near(
     margin_m = planned_margin_m()
     least_m = mission.separation_m + margin_m
     for one, other in itertools.combinations(tracks, 2):
-        separation_m = kept_apart_m(*tracks[one], *tracks[other], least_m)
+        separation_m = braking_separation_m(*tracks[one], *tracks[other], least_m)
         near = np.flatnonzero(separation_m < least_m)
         if not len(near):
             continue

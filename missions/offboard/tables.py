@@ -31,7 +31,7 @@ def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurv
         default_yaw_rad: the heading for a table without yaw.
 
     Raises:
-        PlanError: It cannot be read or flown; names the row and what to do.
+        PlanError: The table cannot be read or flown; the error names the row and the fix.
     """
     rows = _array(data) if data.startswith(_MAGIC) else _csv(data)
     if not 2 <= len(rows) <= MAX_ROWS:

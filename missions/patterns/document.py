@@ -130,7 +130,7 @@ def read(data: str | bytes) -> PatternDocument:
     """Reads a pattern from JSON.
 
     Raises:
-        PlanError: it is invalid; names the field and the fix.
+        PlanError: the pattern is invalid; the error names the field and the fix.
     """
     load(data)
     try:
@@ -145,7 +145,7 @@ def make(pattern: PatternDocument) -> Pattern:
     """The items of a pattern.
 
     Raises:
-        PlanError: it cannot be flown: no area, too many lines, or an invalid size.
+        PlanError: the pattern cannot be flown: no area, too many lines, or an invalid size.
     """
     match pattern:
         case SurveyPattern():

@@ -33,7 +33,7 @@ class Map:
         """A map around the centre of some points.
 
         Raises:
-            PlanError: There are too many of them, or they are too far apart.
+            PlanError: There are too many points, or they are too far apart.
         """
         if not 1 <= len(points) <= MAX_POINTS:
             raise PlanError(
@@ -72,7 +72,7 @@ class Map:
         """An area with holes.
 
         Raises:
-            PlanError: Its sides cross, or it has no area.
+            PlanError: The sides of the polygon cross, or it has no area.
         """
         if len(outer) < 3 or any(len(hole) < 3 for hole in holes):
             raise PlanError("the area", "an outline has fewer than 3 corners", "Draw it again.")
@@ -88,7 +88,7 @@ class Map:
         """A line through some points.
 
         Raises:
-            PlanError: It has no length.
+            PlanError: The line has no length.
         """
         if len(points) < 2:
             raise PlanError("the line", "it has fewer than 2 points", "Draw it again.")

@@ -61,7 +61,7 @@ def bounded(items: Sequence[SimpleItem]) -> tuple[SimpleItem, ...]:
     """Returns the items if a plan can store this many.
 
     Raises:
-        PlanError: There are too many.
+        PlanError: There are too many items.
     """
     if len(items) > MAX_ITEMS:
         reason = f"it has {len(items)} items, the maximum is {MAX_ITEMS}"

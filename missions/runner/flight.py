@@ -1,4 +1,5 @@
-"""Data that all parts of one flight share: its path, its progress, and the scripts to continue with."""
+"""State of one offboard mission in flight: its path, its progress, and the scripts (setpoints of the next
+segments) that continue it."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ ROW_BYTES = 150
 
 
 class Flight:
-    """One mission in one flight.
+    """The state of one offboard mission during one flight.
 
     Args:
         timeline: compiled for the vehicle's position.
@@ -138,7 +139,7 @@ def _start_of(
     setpoint = segment.at(begin_s)
     if isinstance(setpoint, Trajectory | Position):
         return complete(setpoint.position_ned_m), setpoint.yaw_ned_rad
-    if index > 0:  # a velocity or attitude starts at the end of the previous segment
+    if index > 0:  # a segment of velocities or attitudes starts where the previous segment ends
         return segments[index - 1].end_ned_m, segment.end_yaw_ned_rad
     return None, segment.end_yaw_ned_rad
 

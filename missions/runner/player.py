@@ -28,9 +28,10 @@ from missions.setpoints import zeros_for_none as whole
 
 LONGEST_STEP_S = 0.3
 """Maximum step of mission time after a gap in transmission, so that the setpoint does not jump ahead."""
-BACK_WITHIN_M = 1.0
+RETURNED_WITHIN_M = 1.0
 """Maximum distance to the start of the next segment after a segment without position control [m]."""
-BACK_WITHIN_S = 15.0
+RETURN_TIMEOUT_S = 15.0
+"""Time after which the next segment starts even if the vehicle is farther away [s]."""
 HELD_BACK_M = 8.0
 """Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
 ARRIVED_M = 1.0
@@ -172,7 +173,7 @@ class Player:
                 self._t_s = 0.0
                 if self._index >= self._change.go_past:
                     return
-            elif self._t_s < segment.duration_s or not self._is_back(segment, dt_s, position_ned_m):
+            elif self._t_s < segment.duration_s or not self._has_arrived(segment, dt_s, position_ned_m):
                 return
             else:
                 self._t_s -= segment.duration_s
@@ -192,7 +193,7 @@ class Player:
         acceleration = setpoint.acceleration_ned_m_s2 if isinstance(setpoint, Trajectory) else STILL
         return whole(velocity), whole(acceleration)
 
-    def _is_back(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
+    def _has_arrived(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
         """Whether the next segment may start: the vehicle has arrived at the end of the current one.
 
         After a segment without position control the vehicle first returns to its planned end.
@@ -205,8 +206,8 @@ class Player:
         if not isinstance(segment, VelocitySegment | AttitudeSegment) or position_ned_m is None:
             return True
         self._returning_s = (self._returning_s or 0.0) + dt_s
-        far = math.dist(position_ned_m, segment.end_ned_m) > BACK_WITHIN_M
-        if far and self._returning_s < BACK_WITHIN_S:
+        far = math.dist(position_ned_m, segment.end_ned_m) > RETURNED_WITHIN_M
+        if far and self._returning_s < RETURN_TIMEOUT_S:
             self._t_s = segment.duration_s
             return False
         self._returning_s = None

@@ -41,7 +41,7 @@ class Runner(Ending):
     Args:
         timeline: compiled for the vehicle's position.
         name: name of the mission.
-        motion: limits for pauses and for approaches to the path, with the wanted speed.
+        motion: limits, including the speed, for pauses and for approaches to the path.
         low_battery_share: battery charge at which the mission's low-battery action is executed.
         corridor: corridor of a dry run; leaving it is reported.
         mode: mode in which the vehicle follows setpoints: Offboard, or a mode registered with PX4.
@@ -86,7 +86,7 @@ class Runner(Ending):
 
     def pause(self, now_s: float, reading: Reading, by: str) -> list[Request]:
         """Pauses: on the path in Offboard, or in Hold during take-off and landing."""
-        part = self._in_charge("pause")
+        part = self._controlling_part("pause")
         if isinstance(part, SetpointPart):
             self.flight.paused = True
             self._notify("paused", f"{by} paused the mission.")
@@ -215,7 +215,9 @@ class Runner(Ending):
                 self._suspend(f"The take-off failed: {text}")
         elif isinstance(request, Play):
             if not self._suspended:
-                self._act(self.flight.actions.failure, f"The path cannot be flown: {text}", reading)
+                self._execute_action(
+                    self.flight.actions.failure, f"The path cannot be flown: {text}", reading
+                )
         elif isinstance(request, SetMode):
             if not self._suspended:
                 self._suspend(f"The vehicle did not change its mode: {text}")
@@ -282,14 +284,14 @@ class Runner(Ending):
             self._taken_over(reading)
             return
         for failure in self._watch.problems(now_s, reading, by_setpoints=part.in_offboard):
-            self._act(failure.action, failure.text, reading)
+            self._execute_action(failure.action, failure.text, reading)
             if self._suspended:
                 return
         self._watch_corridor(now_s, reading)
         self._requests += part.tick(now_s, reading)
         if part.failure is not None:
             failure, part.failure = part.failure, None
-            self._act(failure.action, failure.text, reading)
+            self._execute_action(failure.action, failure.text, reading)
         elif part.done:
             if not isinstance(part, SetpointPart):
                 self.flight.move_to(self.flight.index + 1)
@@ -321,7 +323,7 @@ class Runner(Ending):
         self._requests += part.begin(now_s, reading)
         if part.failure is not None:
             failure, part.failure = part.failure, None
-            self._act(failure.action, failure.text, reading)
+            self._execute_action(failure.action, failure.text, reading)
 
     def _complete(self, reading: Reading) -> None:
         if not reading.on_ground:
@@ -339,9 +341,9 @@ class Runner(Ending):
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
         """Handles a restored link; True: this update is complete.
 
-        PX4 flies take-off and landing by itself. The stream has ended with the link, and PX4 or the stream
-        has changed the mode. The mission continues only if the vehicle is in Hold and no other party
-        commanded it.
+        PX4 flies take-off and landing by itself. The stream has ended with the link, and PX4 or the server
+        has changed the mode. The mission continues only if the vehicle is in the mission's mode or in Hold,
+        and no other party commanded this.
         """
         if not part.in_offboard or reading.stream == "flying":
             return False
@@ -355,12 +357,12 @@ class Runner(Ending):
             self._notify("link_back", "The link was lost and is back: continuing.")
             self._begin_part(now_s, reading)
         else:
-            self._act(action, "The link was lost and is back", reading)
+            self._execute_action(action, "The link was lost and is back", reading)
         return True
 
     # --- inside: actions --------------------------------------------------------------------------
 
-    def _act(self, action: str, why: str, reading: Reading) -> None:
+    def _execute_action(self, action: str, why: str, reading: Reading) -> None:
         """Executes the mission's action for a problem; a landing always continues."""
         if action == "pause":
             self.flight.paused = True
@@ -383,7 +385,7 @@ class Runner(Ending):
             self._reported_payload_failures.add(what)
             self._notify("payload", f"{what}: {text}. The mission continues.", warning=True)
 
-    def _in_charge(self, what: str) -> Part:
+    def _controlling_part(self, what: str) -> Part:
         self._require_not_over(what)
         if self._part is None or self._suspended:
             raise CannotDo("the mission does not control the vehicle now", "Resume it first.")

@@ -31,9 +31,11 @@ class SetpointPart(Part):
     def __init__(self, flight: Flight) -> None:
         super().__init__(flight)
         self._first = self._base = self._sent = flight.index
+        """Index of the first segment to fly, of the script's first segment, and after the last segment that
+        was sent."""
         self._number = 0
         self._local: Player | None = None
-        """Whether the vehicle is on the ground, where nothing is streamed."""
+        """Plays the script while the vehicle is on the ground, where nothing is streamed; None: it flies."""
         self._began_s = self._last_change_s = self._last_s = 0.0
         self._initial_mode: str | None = None
         self._flying = False
@@ -43,6 +45,7 @@ class SetpointPart(Part):
         """Segment with which to continue after the stop."""
         self._watch: ConditionWatch | None = None
         self._watched = -1
+        """Index of the segment that is being waited for; -1: none."""
         self._waited_s = 0.0
         self._answered = False
         self._played: Played | None = None
@@ -220,7 +223,7 @@ class SetpointPart(Part):
         if self._answered or (self._watch is not None and self._watch.fulfilled(now_s, reading)):
             return [*requests, *self._end_wait(played)]
         if self._waited_s >= segment.timeout_s:
-            text = f"{_missed(segment)} within {segment.timeout_s:g} s ({segment.place})"
+            text = f"{_timeout_text(segment)} within {segment.timeout_s:g} s ({segment.place})"
             if segment.on_timeout == "continue":
                 return [*requests, Notify("timeout", f"{text}: continuing."), *self._end_wait(played)]
             self.failure = Failure(segment.on_timeout, text)
@@ -281,7 +284,7 @@ class SetpointPart(Part):
         return [ChangeScript(change)]
 
 
-def _missed(segment: WaitSegment) -> str:
+def _timeout_text(segment: WaitSegment) -> str:
     if segment.kind == "meet":
         return f"Not all vehicles arrived at the meeting {segment.message!r}"
     return "No answer" if segment.kind == "person" else "The condition did not become true"

@@ -84,7 +84,7 @@ def inspect(path: Path) -> ElevationFile:
     """Reads the area that a file covers.
 
     Raises:
-        PlanError: it cannot be read, has no coordinate system, or more than one band.
+        PlanError: the file cannot be read, has no coordinate system, or more than one band.
     """
     with _opened(path) as data:
         west, south, east, north = transform_bounds(data.crs, WGS84, *data.bounds)
@@ -197,7 +197,7 @@ def _opened(path: Path) -> Any:
     """An open dataset; it is a context manager that closes itself.
 
     Raises:
-        PlanError: it cannot be used.
+        PlanError: the file cannot be used.
     """
     place = f"the elevation file {path.name}"
     try:

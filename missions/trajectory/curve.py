@@ -46,7 +46,8 @@ class TimedCurve:
     phase_start_s: Array
     """(K,) start time of each phase; the path parameter has constant jerk in a phase."""
     phase_parameter: Array
-    """(K,) path parameter at the start of each phase, then its first and second time derivative; the jerk."""
+    """(K,) path parameter at the start of each phase. The next three fields are its derivatives by time:
+    speed and acceleration at the start of the phase, and the constant jerk."""
     phase_speed: Array
     phase_acceleration: Array
     phase_jerk: Array

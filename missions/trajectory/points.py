@@ -34,7 +34,8 @@ def check_points(points: Sequence[PassPoint]) -> None:
     """Checks that the points can be flown.
 
     Raises:
-        PlanError: No point, too many, or a value that is not finite or too large; names the point.
+        PlanError: There is no point, there are too many, or a value is not finite or too large; the error
+            names the point.
     """
     if not points:
         raise PlanError("the trajectory", "it has no points", "Add at least one point.")

@@ -63,14 +63,14 @@ def arc(
     def shape(angle: Array) -> tuple[Array, Array, Array]:
         bearing = start_angle_ned_rad + sign * angle
         radius = radius_m + growth * angle
-        out = np.stack((np.cos(bearing), np.sin(bearing), np.zeros_like(angle)), axis=1)
-        on = sign * np.stack((-np.sin(bearing), np.cos(bearing), np.zeros_like(angle)), axis=1)
+        outward = np.stack((np.cos(bearing), np.sin(bearing), np.zeros_like(angle)), axis=1)
+        tangent_direction = sign * np.stack((-np.sin(bearing), np.cos(bearing), np.zeros_like(angle)), axis=1)
         r = radius[:, None]
-        position = np.array(center_ned_m) + r * out
+        position = np.array(center_ned_m) + r * outward
         position[:, 2] += rise * angle
-        first = growth * out + r * on
+        first = growth * outward + r * tangent_direction
         first[:, 2] = rise
-        return position, first, 2.0 * growth * on - r * out
+        return position, first, 2.0 * growth * tangent_direction - r * outward
 
     return _along(shape, sweep, math.ceil(turns * PIECES_PER_TURN))
 
@@ -127,8 +127,8 @@ def _along(shape: Shape, sweep: float, count: int) -> Pieces:
     position, first, second = shape(np.interp(knots_m, lengths, angles))
     speed = np.sqrt((first**2).sum(axis=1))[:, None]
     tangent = first / speed
-    bend = (second - tangent * (tangent * second).sum(axis=1)[:, None]) / speed**2
-    values = np.stack((position, tangent, bend), axis=1)
+    curvature = (second - tangent * (tangent * second).sum(axis=1)[:, None]) / speed**2
+    values = np.stack((position, tangent, curvature), axis=1)
     points = np.zeros((count, 6, 4))
     spans = np.diff(knots_m)
     points[:, :, :3] = hermite(values[:-1], values[1:], spans)

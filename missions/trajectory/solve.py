@@ -37,7 +37,7 @@ def through(
             controlled.
 
     Raises:
-        PlanError: A point cannot be flown to; names the point and the fix.
+        PlanError: A point cannot be flown to; the error names the point and the fix.
     """
     check_points(points)
     kept, owner = merge_same(points)
