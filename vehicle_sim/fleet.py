@@ -39,14 +39,14 @@ class VehicleSim:
 
     Args:
         count: number of vehicles.
-        first_instance: PX4's instance number of the first; system id is instance + 1.
+        first_instance: PX4's instance number of the first vehicle; system id is instance + 1.
         parameters: parameter values of all vehicles, as if set before boot.
         stores: parameter stores to use instead, one for each vehicle.
         files: folders, one for each vehicle; default: temporary folders.
         links: (name, profile) of the links each vehicle has from the start.
         seed: seed of sensor noise and gusts.
         first_noise: number of the first vehicle's noise and gusts (`Simulation.first_vehicle`); default: its
-            instance, so that a vehicle flies the same in any shard of a fleet.
+            instance number, so that a vehicle flies the same in any shard of a fleet.
         home: global position of the first vehicle.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False: no sensor noise.
@@ -116,8 +116,7 @@ class VehicleSim:
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         self._linked = camera
-        """Whether a node may have to send anything. Without links and cameras a node only runs actions that
-        are due."""
+        """Whether any vehicle has a link or a camera; without them nodes only run delayed actions."""
         for row in range(count):
             for name, profile in links:
                 self.add_link(row, name, profile)
@@ -132,68 +131,68 @@ class VehicleSim:
         """Simulated seconds since boot."""
         return self.simulation.time_s
 
-    def add_link(self, instance: int, name: str, profile: str) -> Link:
+    def add_link(self, row: int, name: str, profile: str) -> Link:
         """Opens a link and starts its streams; replaces a link of the same name."""
-        self.remove_link(instance, name)
-        link = Link(name, profile, self.nodes[instance].system_id)
-        self._links[instance][name] = link
+        self.remove_link(row, name)
+        link = Link(name, profile, self.nodes[row].system_id)
+        self._links[row][name] = link
         self._linked = True
-        self.nodes[instance].add_link(link)
+        self.nodes[row].add_link(link)
         return link
 
-    def open_ros2(self, instance: int, port: Port, report: Callable[[str], None]) -> None:
+    def open_ros2(self, row: int, port: Port, report: Callable[[str], None]) -> None:
         """Connects a vehicle to ROS 2, as PX4's onboard client does.
 
         Args:
-            instance: row of the vehicle, from 0.
+            row: the vehicle, from 0.
             port: carries its messages.
             report: called once for each topic with an invalid message.
         """
-        node = self.nodes[instance]
+        node = self.nodes[row]
         self._linked = True
-        self._bridges[instance] = Bridge(
-            node.context, self._states[instance], node.commands, node.mavlink_commands, port, report
+        self._bridges[row] = Bridge(
+            node.context, self._states[row], node.commands, node.mavlink_commands, port, report
         )
 
-    def remove_link(self, instance: int, name: str) -> None:
+    def remove_link(self, row: int, name: str) -> None:
         """Closes a link."""
-        link = self._links[instance].pop(name, None)
+        link = self._links[row].pop(name, None)
         if link is not None:
-            self.nodes[instance].remove_link(link)
+            self.nodes[row].remove_link(link)
 
-    def feed(self, instance: int, link: str, data: bytes) -> None:
-        """Passes received bytes to vehicle `instance` (row, from 0) on one of its links."""
-        if (instance, link) not in self._interrupted:
-            self.nodes[instance].receive(self._links[instance][link], data)
+    def feed(self, row: int, link: str, data: bytes) -> None:
+        """Passes received bytes to the vehicle in a row (from 0) on one of its links."""
+        if (row, link) not in self._interrupted:
+            self.nodes[row].receive(self._links[row][link], data)
 
-    def drain(self, instance: int, link: str) -> bytes:
+    def drain(self, row: int, link: str) -> bytes:
         """Bytes that the vehicle has sent on a link since the last call."""
-        return b"".join(self.frames(instance, link))
+        return b"".join(self.frames(row, link))
 
-    def frames(self, instance: int, link: str) -> list[bytes]:
-        """The same as `drain`, as separate frames."""
-        frames = self._links[instance][link].drain()
-        return [] if (instance, link) in self._interrupted else frames
+    def frames(self, row: int, link: str) -> list[bytes]:
+        """Frames that the vehicle has sent on a link since the last call."""
+        frames = self._links[row][link].drain()
+        return [] if (row, link) in self._interrupted else frames
 
-    def set_link_up(self, instance: int, link: str, up: bool) -> None:
+    def set_link_up(self, row: int, link: str, up: bool) -> None:
         """Interrupts a link (or "all") in both directions, or restores it."""
-        names = ("gcs", "api", "tcp", *self._links[instance]) if link == "all" else (link,)
+        names = ("gcs", "api", "tcp", *self._links[row]) if link == "all" else (link,)
         for name in names:
             if up:
-                self._interrupted.discard((instance, name))
+                self._interrupted.discard((row, name))
             else:
-                self._interrupted.add((instance, name))
+                self._interrupted.add((row, name))
 
-    def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
+    def set_parameter(self, row: int, name: str, value: ParameterValue) -> None:
         """Changes a parameter from outside, without MAVLink."""
-        self.simulation.parameters[instance].set(name, value)
-        self.simulation.reload_parameters(instance)
+        self.simulation.parameters[row].set(name, value)
+        self.simulation.reload_parameters(row)
 
-    def send_time(self, instance: int, link: str) -> None:
+    def send_time(self, row: int, link: str) -> None:
         """Sends SYSTEM_TIME on a link now, as lockstep requires."""
-        view = self.autopilots[instance].view
-        if link in self._links[instance]:
-            self._links[instance][link].send(
+        view = self.autopilots[row].view
+        if link in self._links[row]:
+            self._links[row][link].send(
                 "SYSTEM_TIME", time_unix_usec=view.time_unix_us(), time_boot_ms=view.time_boot_ms()
             )
 
@@ -209,30 +208,30 @@ class VehicleSim:
         self.simulation.step()
         for collision in self.simulation.take_collisions():
             self._end_flight(collision)
-        ticks = self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0
-        if ticks:
+        tick_due = self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0
+        if tick_due:
             self._ticks.update(self._active_autopilots)
             if self._script is not None:
                 self._script.step()
-        if ticks or self._linked:
+        if tick_due or self._linked:
             for node in self._active_nodes:
-                if node.needs_every_step or (ticks and (self._linked or node.waits)):
+                if node.needs_every_step or (tick_due and (self._linked or node.waits)):
                     node.step()
         for bridge in self._bridges.values():
             bridge.step()
         if self._logbook is not None:
             self._logbook.step(self.simulation.steps * STEP_US)
 
-    def retire(self, instance: int) -> None:
+    def retire(self, row: int) -> None:
         """Permanently stops simulating a vehicle whose flight has ended."""
         self._active_autopilots = [
-            each for each in self._active_autopilots if each is not self.autopilots[instance]
+            each for each in self._active_autopilots if each is not self.autopilots[row]
         ]
-        self._active_nodes = [each for each in self._active_nodes if each is not self.nodes[instance]]
-        self._bridges.pop(instance, None)
+        self._active_nodes = [each for each in self._active_nodes if each is not self.nodes[row]]
+        self._bridges.pop(row, None)
         setpoints = self.simulation.setpoints
-        setpoints.clear(instance)
-        setpoints.level[instance], setpoints.armed[instance] = ControlLevel.DISARMED, False
+        setpoints.clear(row)
+        setpoints.level[row], setpoints.armed[row] = ControlLevel.DISARMED, False
 
     def _end_flight(self, collision: Collision) -> None:
         """Stops the motors of a vehicle that hit an obstacle, and reports the collision; PX4 has no message

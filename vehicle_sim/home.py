@@ -1,4 +1,4 @@
-"""The home position, and what changes it."""
+"""The home position, and its updates."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Home:
         return math.isfinite(self.lat_deg)
 
 
-class HomeKeeper:
+class HomeUpdater:
     """Sets home: by command, with the vehicle while it is disarmed, and at arming and take-off."""
 
     def __init__(self, view: VehicleView, home: Home) -> None:
@@ -82,19 +82,19 @@ class HomeKeeper:
         home.position_ned_m, home.yaw_ned_rad, home.set_at_us = (0.0, 0.0, 0.0), 0.0, now_us
 
     @property
-    def _moves(self) -> bool:
+    def _is_automatic(self) -> bool:
         """Whether home is set automatically: COM_HOME_EN is set, and no position was commanded."""
         return not self.home.manual and self._view.choice("COM_HOME_EN") != 0
 
-    def armed_or_lifted(self) -> None:
+    def armed_or_took_off(self) -> None:
         """Sets home to the position where the vehicle was armed or took off."""
-        if self._moves:
+        if self._is_automatic:
             self.set_here()
 
     def follow(self) -> None:
         """Updates home while disarmed, if the vehicle has been moved by more than a metre."""
         estimate = self._view.estimate
-        if not self._moves:
+        if not self._is_automatic:
             return
         if not estimate.valid_position:
             self._follow_gps()

@@ -12,7 +12,7 @@ from vehicle_sim.mavlink.framing import FrameParser
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class TimeRequest:
     """The time up to which the simulation may advance, and the client that set it."""
 
     time_s: float
@@ -25,15 +25,15 @@ class Lockstep:
 
     def __init__(self) -> None:
         self._parsers: dict[tuple[int, str], FrameParser] = {}
-        self._wanted: Wanted | None = None
+        self._request: TimeRequest | None = None
 
-    def hear(self, row: int, link: str, data: bytes) -> None:
+    def feed(self, row: int, link: str, data: bytes) -> None:
         """Parses bytes received on one link."""
         for message in self._parsers.setdefault((row, link), FrameParser()).feed(data):
             if message.name == "SYSTEM_TIME":
-                self._wanted = Wanted(message.time_boot_ms / 1000.0, row, link)
+                self._request = TimeRequest(message.time_boot_ms / 1000.0, row, link)
 
-    def take(self) -> Wanted | None:
-        """The request since the last call; None: none."""
-        wanted, self._wanted = self._wanted, None
-        return wanted
+    def take(self) -> TimeRequest | None:
+        """The newest request since the last call; None: no request."""
+        request, self._request = self._request, None
+        return request

@@ -1,6 +1,6 @@
 """Tests whether any or all elements of a mask are true, ten times faster than NumPy for a few vehicles.
 
-Each step makes thirteen such tests; `ndarray.any` has an overhead of microseconds for each.
+Each simulation step makes thirteen such tests; each `ndarray.any` has an overhead of microseconds.
 """
 
 from __future__ import annotations

@@ -180,7 +180,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--instances", type=_count("vehicles"), default=1, metavar="N", help="how many vehicles (default 1)")
     add("--first-instance", type=int, default=0, metavar="I", help="number of the first (default 0)")
     add("--processes", type=_count("processes"), default=0, metavar="P",
-        help="that share the vehicles (default: one for every 40, as far as there are cores)")  # fmt: skip
+        help="how many processes (default: one for every 40 vehicles, at most one per core)")  # fmt: skip
     add("--speed", type=_speed, default=1.0, metavar="X",
         help="simulated over real time (default 1); max or 0: the highest possible speed")  # fmt: skip
     add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="position of the first vehicle")
@@ -188,7 +188,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
         help="set a PX4 parameter before boot; may be repeated")  # fmt: skip
     add("--data-dir", type=Path, default=None, metavar="DIR",
-        help="keep changed parameters and files here over restarts (default: forgotten)")  # fmt: skip
+        help="keep changed parameters and files here over restarts (default: not kept)")  # fmt: skip
     add("--no-log", action="store_true",
         help="no onboard logs (default: as SDLOG_MODE says; 0.4 GB an hour and vehicle)")  # fmt: skip
     add("--world", type=_world, default=None, metavar="FILE",
@@ -199,7 +199,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="a camera on the gimbal (component 100); its pictures come by MAVLink FTP")  # fmt: skip
     add("--battery", type=_percent, default=None, metavar="PERCENT", help="charge at the start (default 100)")
     add("--script", type=_script, default=None, metavar="FILE",
-        help="what goes wrong and when, a YAML file")  # fmt: skip
+        help="fault script: a YAML file of faults and their times")  # fmt: skip
     add(
         "--duration",
         type=_seconds,
@@ -208,7 +208,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="end after this many simulated seconds",
     )
     add("--lockstep", action="store_true",
-        help="time stands until a client sends SYSTEM_TIME with the time_boot_ms to go on to")  # fmt: skip
+        help="time advances only up to the time_boot_ms of a client's SYSTEM_TIME")  # fmt: skip
     ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
     default = Ports()
     ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
@@ -243,10 +243,12 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         parser.error("--ros2-namespace and --ros2-interface need --ros2")
     if arguments.ros2_namespace and arguments.instances > 1:
         parser.error("--ros2-namespace is for one vehicle; without it several have px4_1, px4_2 …")
-    alone = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
-    if alone and arguments.processes > 1:
-        parser.error(f"--processes {arguments.processes}: with {alone} all vehicles fly in one process")
-    if alone or math.isinf(arguments.speed):
+    single_process = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
+    if single_process and arguments.processes > 1:
+        parser.error(
+            f"--processes {arguments.processes}: with {single_process} all vehicles fly in one process"
+        )
+    if single_process or math.isinf(arguments.speed):
         # These options need one process: a common clock, a script, or maximum speed.
         arguments.processes = arguments.processes or 1
     return arguments

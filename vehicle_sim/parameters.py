@@ -218,7 +218,8 @@ class Parameters:
         return stored
 
     def reset(self, name: str) -> None:
-        """Resets a parameter to its default: the boot value, unless PX4 or its start script stored that."""
+        """Resets a parameter to its default, which differs from the boot value if PX4 or its start script
+        sets the parameter at boot."""
         self._change(name, _reset_value(name, self._default(name).value), Change.RESET)
 
     def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
@@ -282,7 +283,7 @@ class Parameters:
         for slot in range(EXTERNAL_MODES):
             self.mode_hashes[slot] = int(coerce(_hash_name(slot), "INT32", stored.get(_hash_name(slot), 0)))
         for name, value in stored.items():
-            # After a reset, PX4 detects the sensors and sets the airframe again.
+            # A stored 0 means that the parameter was reset; at boot PX4 sets sensor ids and airframe again.
             if name in self._by_name and (value or not _is_found_at_boot(name)):
                 number = float(value) if isinstance(value, str) else value
                 self._values[name] = coerce(name, self._by_name[name].type, number)
@@ -310,7 +311,7 @@ def _fits(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _reset_value(name: str, boot_value: ParameterValue) -> ParameterValue:
-    """The boot value, except for values that PX4 stores at boot: detected sensors, and the airframe."""
+    """The default: the boot value, except for parameters that PX4 or its start script sets at boot."""
     if name.startswith("CAL_") and name.endswith("_PRIO"):
         return NO_PRIORITY
     return 0 if _is_found_at_boot(name) else _DEFAULTS.get(name, boot_value)

@@ -1,6 +1,6 @@
 """Fault scripts: faults and their times in a flight, from a YAML file.
 
-    name: GPS goes over the field
+    name: GPS lost over the field
     events:
       - {at_s: 40, gps: lost}                            seconds since boot
       - {when: airborne, after_s: 5, wind_ned_m_s: [0, 8, 0], gusts_m_s: 2}
@@ -8,7 +8,7 @@
       - {above_m: 15, battery_percent: 12}
       - {when: landed, gps: ok, link: {name: gcs, up: true}}
       - {at_s: 60, driver: {name: sensor_baro_sim, runs: false}}
-      - {when: disarmed, side_down: left}                lain on its side, for a calibration
+      - {when: disarmed, side_down: left}                placed on its left side, for a calibration
 
 Each event happens once for each vehicle, in the step in which its time or state is reached.
 """
@@ -39,8 +39,8 @@ LINK_NAMES = ("gcs", "api", "tcp", "all")
 LONGEST_S = 1e6
 
 
-class Named(Protocol):
-    """A vehicle on its links."""
+class HasSystemId(Protocol):
+    """A vehicle with its MAVLink system id."""
 
     @property
     def system_id(self) -> int:
@@ -55,7 +55,7 @@ class Fleet(Protocol):
     autopilots: list[Autopilot]
 
     @property
-    def nodes(self) -> Sequence[Named]:
+    def nodes(self) -> Sequence[HasSystemId]:
         """One for each vehicle."""
         ...
 
@@ -64,11 +64,11 @@ class Fleet(Protocol):
         """Simulated seconds since boot."""
         ...
 
-    def set_link_up(self, instance: int, link: str, up: bool) -> None:
+    def set_link_up(self, row: int, link: str, up: bool) -> None:
         """Interrupts a link (or "all") in both directions, or restores it."""
         ...
 
-    def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
+    def set_parameter(self, row: int, name: str, value: ParameterValue) -> None:
         """A parameter changed from outside."""
         ...
 
@@ -90,7 +90,7 @@ class Event:
     actions: tuple[Action, ...]
 
     def holds(self, sim: Fleet, row: int) -> bool:
-        """Whether its time or state is reached for the vehicle in this row."""
+        """Whether the event's time or state is reached for the vehicle in this row."""
         if self.at_s is not None:
             return sim.time_s >= self.at_s - 1e-9
         commander = sim.autopilots[row].commander
@@ -122,7 +122,7 @@ class ScriptRunner:
     def __init__(self, script: Script, sim: Fleet) -> None:
         self._sim = sim
         self._waiting: list[tuple[Event, int, list[float]]] = []
-        """Event, row, and time when its state was reached (empty: not yet)."""
+        """Event, row, and time when the event's state was reached (empty list: not yet)."""
         for event in script.events:
             rows = [
                 n
@@ -158,7 +158,7 @@ def load_script(path: str) -> Script:
     """The script of a file.
 
     Raises:
-        FileProblem: it cannot be used; the text names line, field and fix.
+        FileProblem: the file cannot be used; the text names line, field and fix.
     """
     return script_of(read_yaml(Path(path)))
 

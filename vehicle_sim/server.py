@@ -18,11 +18,11 @@ from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
 CYCLE_S = 0.008
 """Real-time period of the loop: two simulation steps at speed 1."""
 MAX_CYCLE_S = 0.02
-"""Most simulated time in one cycle at any speed: the period of the fastest streams."""
+"""Maximum simulated time in one cycle at any speed: the period of the fastest streams."""
 LOCKSTEP_WAIT_S = 0.05
 MAX_CATCH_UP_S = 0.1
-"""Most simulated time that one cycle catches up; a machine that is too slow falls behind instead of
-freezing."""
+"""Maximum simulated time in one cycle after a delay; on a machine that is too slow, simulated time falls
+behind real time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ class SimServer:
             if data and (isinstance(transport, UdpTransport) or transport.connected):
                 self.fleet.feed(row, name, data)
                 if lockstep is not None:
-                    lockstep.hear(row, name, data)
+                    lockstep.feed(row, name, data)
 
     def _send(self) -> None:
         for row, vehicle in enumerate(self.vehicles):

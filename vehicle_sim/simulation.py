@@ -122,7 +122,7 @@ class Simulation:
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
         self.motor_health = np.ones((count, 4))
-        """(N, 4) part of its signal that each motor turns into thrust: 1 works, 0 has stopped."""
+        """(N, 4) factor on each motor's thrust: 1 works, 0 stopped."""
         self.world = world or World()
         self._lidar = Lidar(self.world, self._bodies.state)
         self._contact = None if self.world.empty else Contact(self.world, count)
@@ -130,7 +130,7 @@ class Simulation:
         if wind_ned_m_s is not None:
             self.set_wind(wind_ned_m_s)
         if self._contact is not None:
-            self._bodies.ground_ned_m[:] = self._contact.support_ned_m(self._start_ned_m)
+            self._bodies.ground_down_m[:] = self._contact.support_down_m(self._start_ned_m)
         for i in range(count):
             self._apply_parameters(i)
             self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
@@ -214,7 +214,7 @@ class Simulation:
         for collision in collisions:
             self.motor_health[collision.row] = 0.0
         self._collisions += collisions
-        self._bodies.ground_ned_m[:] = contact.support_ned_m(state.position_ned_m)
+        self._bodies.ground_down_m[:] = contact.support_down_m(state.position_ned_m)
 
     def take_collisions(self) -> list[Collision]:
         """The collisions since the last call."""
@@ -240,7 +240,7 @@ class Simulation:
         """Resets vehicle `i` to its start position, at rest, as after a reboot."""
         if self._contact is not None:
             self._contact.reset(i)
-            self._bodies.ground_ned_m[i] = self._contact.support_ned_m(self._start_ned_m)[i]
+            self._bodies.ground_down_m[i] = self._contact.support_down_m(self._start_ned_m)[i]
         self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
         self._estimator.reset(i)
         self._estimates = None
@@ -252,7 +252,7 @@ class Simulation:
         self.setpoints.level[i] = ControlLevel.DISARMED
 
     def set_battery_empty(self, i: int, empty: bool) -> None:
-        """Makes the battery of vehicle `i` show the voltage of an empty one, or its own again."""
+        """Sets the battery of vehicle `i` to the voltage of an empty battery, or back to normal."""
         self._batteries.set_empty(i, empty)
 
     def set_battery_remaining(self, i: int, remaining: float) -> None:
@@ -264,7 +264,7 @@ class Simulation:
         self._sensors.set_gps_enabled(i, enabled)
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Makes the GPS receiver of vehicle `i` repeat its last fix, or measure again."""
+        """Makes the GPS receiver of vehicle `i` repeat its last fix (`stuck`), or ends that."""
         self._sensors.set_gps_stuck(i, stuck)
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:

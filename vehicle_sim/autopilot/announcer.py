@@ -1,4 +1,4 @@
-"""Status texts and events of a vehicle, in order for every link.
+"""Status texts and events of a vehicle, in the order in which each link sends them.
 
 Event ids, names and log levels are those of PX4's build. If PX4 sends a status text together with an event,
 the text ends with a tab.
@@ -154,7 +154,7 @@ EVENT_QUEUE_LENGTH: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
-    """A sentence for the operator; severity is MAV_SEVERITY."""
+    """A text for the operator; severity is MAV_SEVERITY."""
 
     id: int
     severity: int
@@ -195,7 +195,7 @@ class Announcer:
     def text(self, severity: int, text: str) -> None:
         """Sends a status text."""
         self._text_id = self._text_id % 0xFFFF + 1
-        self._tell(StatusText(self._text_id, severity, text))
+        self._publish(StatusText(self._text_id, severity, text))
 
     def event(self, name: str, argument_format: str = "", *arguments: float) -> None:
         """Sends an event; arguments are packed little-endian with `argument_format`."""
@@ -211,7 +211,7 @@ class Announcer:
             self.sequence, name, event_id, log_levels, self._time_boot_ms(), arguments.ljust(40, b"\0")
         )
         self.recent.append(event)
-        self._tell(event)
+        self._publish(event)
 
     def both(self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float) -> None:
         """Sends a text with its event, as PX4 usually does."""
@@ -226,9 +226,9 @@ class Announcer:
         """Sends the queued texts and events."""
         held, self._held = self._held or [], None
         for item in held:
-            self._tell(item)
+            self._publish(item)
 
-    def _tell(self, item: StatusText | Event) -> None:
+    def _publish(self, item: StatusText | Event) -> None:
         if self._held is not None:
             self._held.append(item)
             return

@@ -40,11 +40,10 @@ REASONS = {
 """The reasons in PX4's status texts."""
 
 
-def why_denied(
+def arming_denial(
     report: CheckResults, mode: NavState, sticks: Sticks, *, calibrating: bool
 ) -> tuple[str, str] | None:
-    """Why the vehicle may not be armed in this mode, as text and as suffix of the event name; None: it
-    may."""
+    """The reason why arming is denied in this mode: text and suffix of the event name; None: allowed."""
     if calibrating:
         return "calibrating", "calibrating"
     if mode in STICK_MODES and sticks.valid:
@@ -57,14 +56,14 @@ def why_denied(
     return None
 
 
-def disarms_itself(
+def auto_disarm_reason(
     view: VehicleView, *, flew: bool, landed_for_s: float, armed_for_s: float
 ) -> Reason | None:
-    """Why a vehicle on the ground is disarmed now; None: it is not.
+    """The reason for which a vehicle on the ground disarms automatically now; None: it stays armed.
 
     Args:
-        flew: whether it has taken off since arming.
-        landed_for_s: time since its landing; 0: it stays armed.
+        flew: whether the vehicle has taken off since arming.
+        landed_for_s: time since the landing; 0: no automatic disarming after the landing.
     """
     landing_s, preflight_s = view.parameter("COM_DISARM_LAND"), view.parameter("COM_DISARM_PRFLT")
     if flew:
@@ -78,22 +77,22 @@ class FlightCount:
 
     def __init__(self, view: VehicleView) -> None:
         self._view = view
-        self._lifted_at_s = math.nan
+        self._took_off_at_s = math.nan
 
-    def lifted(self) -> None:
+    def took_off(self) -> None:
         """Called at a take-off; only the first one after arming counts."""
-        if math.isnan(self._lifted_at_s):
-            self._lifted_at_s = self._view.time_s
+        if math.isnan(self._took_off_at_s):
+            self._took_off_at_s = self._view.time_s
 
     def disarmed(self) -> None:
         """Called at disarming, also without a flight."""
         parameters = self._view.parameters
         parameters.count("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
-        if math.isnan(self._lifted_at_s):
+        if math.isnan(self._took_off_at_s):
             return
         high, low = int(parameters.get("LND_FLIGHT_T_HI")), int(parameters.get("LND_FLIGHT_T_LO"))
-        flown_us = round(1e6 * (self._view.time_s - self._lifted_at_s))
+        flown_us = round(1e6 * (self._view.time_s - self._took_off_at_s))
         total_us = (high << 32 | low & _LOW_WORD) + flown_us
         parameters.count("LND_FLIGHT_T_HI", total_us >> 32)
         parameters.count("LND_FLIGHT_T_LO", total_us & _LOW_WORD)
-        self._lifted_at_s = math.nan
+        self._took_off_at_s = math.nan

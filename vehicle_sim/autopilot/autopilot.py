@@ -7,7 +7,7 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
-from vehicle_sim.autopilot.flight_numbers import ASKED_DOWN, DOWN, TILT, FlightNumbers
+from vehicle_sim.autopilot.flight_numbers import DOWN, SETPOINT_DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
 from vehicle_sim.autopilot.modes import NavState
@@ -16,8 +16,7 @@ from vehicle_sim.autopilot.offboard import LEVELS, Offboard, Setpoint, SetpointK
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
-from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.autopilot.row import numbers as plain
+from vehicle_sim.autopilot.row import SetpointRow, float_view
 from vehicle_sim.autopilot.steady_task import STREAM, SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
@@ -30,7 +29,7 @@ from vehicle_sim.payload.gimbal import Gimbal
 from vehicle_sim.vehicle_view import VehicleView
 
 AUTO_DESCENT_MARGIN = 1.2
-"""Part of the descent rate planned by automatic modes that the position controller may use."""
+"""Factor on MPC_Z_V_AUTO_DN: descent rate that the position controller may use in automatic modes."""
 
 
 class Autopilot:
@@ -38,7 +37,7 @@ class Autopilot:
 
     Args:
         view: the vehicle.
-        numbers: of all vehicles.
+        numbers: arrays of all vehicles.
     """
 
     def __init__(self, view: VehicleView, numbers: FlightNumbers) -> None:
@@ -62,17 +61,17 @@ class Autopilot:
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._goto = GotoControl(view, self._row)
-        # Read past NumPy, which takes three times as long; thrusts are of all vehicles.
-        self._motion = plain(numbers.motion[view.row])
-        self._thrusts = plain(view.simulation.target.thrust)
-        self._hover_thrusts = plain(view.simulation.target.hover_thrust)
+        # Memory views, because NumPy takes three times as long; the thrusts are those of all vehicles.
+        self._motion = float_view(numbers.motion[view.row])
+        self._thrusts = float_view(view.simulation.target.thrust)
+        self._hover_thrusts = float_view(view.simulation.target.hover_thrust)
         self.offboard.on_setpoint = self._take_at_once
         self._landing_limits: LandingThresholds | None = None
         self.steady = False
-        """Whether the next tick decides nothing (`SteadyTicks`)."""
+        """Whether the next tick may run in the compiled loops (`SteadyTicks`)."""
         self.decided = True
-        """Whether the last tick could decide something."""
-        self._steady_in: tuple[object, ...] = ()
+        """Whether the last tick ran here in full, not in the compiled loops."""
+        self._steady_situation: tuple[object, ...] = ()
         self.steady_limits = SteadyLimits.of(view)
         self._steady_limits_of = view.parameter_changes
         view.parameters.add_listener(self._forget_limits)
@@ -90,10 +89,10 @@ class Autopilot:
         self._fly()
 
     def update_steady(self) -> bool:
-        """A tick of a steady flight, without land detector and motion.
+        """A tick of a steady flight; land detector and trajectory are computed by `SteadyTicks`.
 
         Returns:
-            False if a check changed something; the tick was then flown in full.
+            False if a check changed something; the trajectory of this tick was then computed here.
         """
         if self.commander.update_steady():
             if self.commander.active is NavState.OFFBOARD:
@@ -108,17 +107,17 @@ class Autopilot:
 
     def stays_steady(self) -> bool:
         """Whether the flight is steady, and nothing has changed from outside since the last tick."""
-        if self.steady and self._situation() != self._steady_in:
+        if self.steady and self._situation() != self._steady_situation:
             self.steady = False
         return self.steady
 
     def begin_steady(self) -> SteadyTask | None:
-        """Begins a steady flight after a full tick; None: the next tick may decide something."""
+        """Begins a steady flight after a full tick; None: the next tick must be a full one."""
         self.decided = True
         task = self._steady_task()
         self.steady = task is not None
         if task is not None:
-            self._steady_in = self._situation()
+            self._steady_situation = self._situation()
             if self._steady_limits_of != self.view.parameter_changes:
                 self._steady_limits_of = self.view.parameter_changes
                 self.steady_limits = SteadyLimits.of(self.view)
@@ -140,7 +139,7 @@ class Autopilot:
         return self.navigator.steady_task(commander.active)
 
     def _situation(self) -> tuple[object, ...]:
-        """What other parts, commands and parameters may change between two ticks."""
+        """State that commands and parameters can change between two ticks; a change ends a steady flight."""
         commander, home = self.commander, self.home
         return (
             commander.armed, commander.intended, commander.active, commander.terminated,
@@ -163,13 +162,12 @@ class Autopilot:
         return active is NavState.OFFBOARD or is_external(active)
 
     def _select_setpoints(self) -> None:
-        """Selects the setpoints of an external mode by its controllers; other modes have their own
-        setpoints."""
+        """Selects the kind of setpoints that an external mode sends, by its controllers."""
         active = self.commander.active
         if is_external(active):
             self.offboard.choose(kind_of(self.commander.external.controllers(active)))
             return
-        self.offboard.end_choice()
+        self.offboard.clear_choice()
         if active is not NavState.OFFBOARD:
             self.offboard.left()
 
@@ -187,8 +185,8 @@ class Autopilot:
     def flies_attitude(self) -> bool:
         """Whether the current setpoint is an attitude of SET_ATTITUDE_TARGET."""
         commander, offboard = self.commander, self.offboard
-        asked = offboard.setpoint.kind is SetpointKind.ATTITUDE or offboard.no_attitude is not None
-        return commander.armed and commander.active is NavState.OFFBOARD and asked
+        is_attitude = offboard.setpoint.kind is SetpointKind.ATTITUDE or offboard.invalid_attitude is not None
+        return commander.armed and commander.active is NavState.OFFBOARD and is_attitude
 
     def _detect_landing(self) -> None:
         estimate = self.view.estimate
@@ -210,7 +208,7 @@ class Autopilot:
             estimate.rates_frd_rad_s,
             estimate.height_above_ground_m,
             not direct,
-            self._motion[ASKED_DOWN],
+            self._motion[SETPOINT_DOWN],
         )
         self.land_detector.update(self.view.time_s, motion, self._limits())
         self._row.in_air(not self.land_detector.landed)
@@ -275,7 +273,7 @@ class Autopilot:
             tilt_limit_rad=self._tilt_limit_rad(),
         )
         if streamed:
-            self._motion[ASKED_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
+            self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
         if self._by_sticks and commander.active in DIRECT_MODES:
             self._manual.run(commander.active)
         elif direct:
@@ -286,13 +284,13 @@ class Autopilot:
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._by_sticks:
             self._manual.run(commander.active)
-            self._motion[ASKED_DOWN] = self._row.asked_down_m_s
+            self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
         elif streamed:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif not self._manual.wait(commander.active):
             self.navigator.run(commander.active)
-            self._motion[ASKED_DOWN] = self._row.asked_down_m_s
+            self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
             return
         if not streamed:
             # keep the trajectory at the vehicle while it cannot follow
@@ -311,9 +309,9 @@ class Autopilot:
         return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Applies a setpoint of PX4's own topics, in any mode: the controllers follow the newest one.
+        """Applies a setpoint of PX4's internal topics, in any mode: the controllers use the newest one.
 
-        In other modes the mode's own output follows within a tick; after motors, thrust and torque in 4 ms.
+        A mode with its own setpoints overwrites it within a tick; motors, thrust and torque within 4 ms.
         """
         self.offboard.put(setpoint)
         commander, level = self.commander, LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)
@@ -340,10 +338,9 @@ class Autopilot:
             self._goto.fly()
 
     def _tilt_limit_rad(self) -> float:
-        """MPC_TILTMAX_LND until the end of the take-off ramp, then slowly increasing; NaN: limit of normal
-        flight.
+        """MPC_TILTMAX_LND until the end of the take-off ramp, then slowly increasing; NaN: MPC_TILTMAX_AIR.
 
-        Without it a vehicle with a horizontal setpoint before lift-off would tip over.
+        Without this limit a vehicle with a horizontal setpoint would tip over before lift-off.
         """
         parameter = self.view.parameter
         low, high = math.radians(parameter("MPC_TILTMAX_LND")), math.radians(parameter("MPC_TILTMAX_AIR"))

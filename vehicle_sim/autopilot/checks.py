@@ -71,17 +71,17 @@ class Checks:
         self._was_emergency = False
         self._battery_levels: tuple[tuple[int, float], ...] = ()
         self._settings: tuple[object, ...] = ()
-        self._settings_of = -1
-        """Parameter revision of the two values below."""
-        self._now: tuple[object, ...] = ()
+        self._settings_revision = -1
+        """`parameter_changes` at which the parameters were read."""
+        self._inputs: tuple[object, ...] = ()
         self.report = self.fresh(NavState.HOLD, armed=False, terminated=False)
         self._announced: health.CheckResults | None = None
         self._announced_at_s = -math.inf
         self._changed = True
         """Whether a change has not been reported yet."""
 
-    def _look(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
-        """Values that can change in flight, in the order of `health.CheckInputs`, for this mode."""
+    def _read_inputs(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
+        """The inputs that can change in flight, in the order of `health.CheckInputs`, for this mode."""
         view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self._sensors
         good = self.position_good
         windy = monitors.wind_too_high
@@ -112,13 +112,13 @@ class Checks:
             self._external.health(),
         )
 
-    def _take_settings(self) -> None:
-        """The parameters among `health.CheckInputs`, in their order, and the battery's levels."""
+    def _read_parameters(self) -> None:
+        """Reads the parameters of `health.CheckInputs`, in its order, and the battery thresholds."""
         view = self._view
-        self._settings_of = view.parameter_changes
+        self._settings_revision = view.parameter_changes
         self._settings = (
             bool(view.choice("COM_ARM_MIS_REQ")),
-            tuple(sensor for sensor, name, own in CALIBRATIONS if view.choice(name) != own),
+            tuple(sensor for sensor, name, device_id in CALIBRATIONS if view.choice(name) != device_id),
             view.choice("SYS_HAS_MAG"),
             view.choice("COM_ARM_ODID"),
             view.choice("COM_PARACHUTE") > 0,
@@ -126,7 +126,7 @@ class Checks:
             view.choice("SYS_HAS_NUM_OF") > 0,
         )
         self._battery_levels = tuple((level, view.parameter(name)) for level, name in _BATTERY_LEVELS)
-        self._now = ()
+        self._inputs = ()
 
     @property
     def position_good(self) -> bool:
@@ -201,8 +201,8 @@ class Checks:
     @property
     def battery_warning(self) -> int:
         """0 normal, 1 low, 2 critical, 3 emergency."""
-        if self._settings_of != self._view.parameter_changes:
-            self._take_settings()
+        if self._settings_revision != self._view.parameter_changes:
+            self._read_parameters()
         remaining = self._view.simulation.battery.remaining.item(self._view.row)
         for level, least in self._battery_levels:
             if remaining < least:
@@ -211,11 +211,11 @@ class Checks:
 
     def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.CheckResults:
         """The current report, without announcing it; it is computed only if an input has changed."""
-        now = self._look(mode, armed=armed, terminated=terminated)
-        if now != self._now:
-            self._now = now
-            self._examined = health.examine(health.CheckInputs._make((*now, *self._settings)))
-        return self._examined
+        now = self._read_inputs(mode, armed=armed, terminated=terminated)
+        if now != self._inputs:
+            self._inputs = now
+            self._current = health.examine(health.CheckInputs._make((*now, *self._settings)))
+        return self._current
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:
         """Runs the checks and announces changes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, disarms_itself, why_denied
+from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, arming_denial, auto_disarm_reason
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
@@ -18,7 +18,7 @@ from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnC
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.external_modes.registry import ExternalModes, is_external
-from vehicle_sim.home import HomeKeeper
+from vehicle_sim.home import HomeUpdater
 from vehicle_sim.vehicle_view import VehicleView
 
 CHECK_EVERY_TICKS = 5
@@ -45,7 +45,7 @@ class Commander:
         self._row = row
         self._navigator = navigator
         self.offboard = offboard
-        self.home = HomeKeeper(view, navigator.home)
+        self.home = HomeUpdater(view, navigator.home)
         self.monitors = Monitors(view, announcer)
         self.external = ExternalModes(view.parameters.mode_hashes, view.parameters.store_mode_hash)
         self.checks = Checks(view, announcer, offboard, navigator.home, self.monitors, self.external)
@@ -63,7 +63,7 @@ class Commander:
             view, announcer, self.checks, offboard, navigator.fence, self.monitors
         )
         self._commands = commands
-        commands.serve({RETURN: self._return, SET_HOME: self._set_home})
+        commands.add_handlers({RETURN: self._return, SET_HOME: self._set_home})
         self._termination: Decision | None = None
         self._after_disarming = NavState.HOLD
         """The last requested mode that allows arming; restored at disarming."""
@@ -81,7 +81,7 @@ class Commander:
         if self.armed:
             return True
         self._check()
-        denied = why_denied(self.report, self.intended, self._sticks, calibrating=self.calibrating)
+        denied = arming_denial(self.report, self.intended, self._sticks, calibrating=self.calibrating)
         if denied is not None:
             self._announcer.both(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
             return False
@@ -90,7 +90,7 @@ class Commander:
         self._flew = False
         self.failsafe_watch.reset()
         self._row.armed(True)
-        self.home.armed_or_lifted()
+        self.home.armed_or_took_off()
         self._announcer.both(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
         return True
@@ -114,16 +114,15 @@ class Commander:
 
     def set_mode(self, mode: NavState) -> bool:
         """Changes the intended mode; in flight only to a mode that can run."""
-        self._notice_plans()
+        self._load_plans()
         if self.armed and not self._can_switch(mode):
             return False
         self._mode_was_chosen = True
         self._choose(mode)
         return True
 
-    def sticks_heard(self) -> None:
-        """Called at stick input; a disarmed vehicle without a selected mode switches to Position, as with an
-        RC transmitter."""
+    def on_stick_input(self) -> None:
+        """Called at stick input; if no mode was selected yet, a disarmed vehicle switches to Position."""
         if not self.armed and not self._mode_was_chosen:
             self.set_mode(NavState.POSITION)
 
@@ -140,7 +139,7 @@ class Commander:
             self._activate(mode, restart=restart)
 
     def return_to_launch(self) -> bool:
-        """Handles RETURN_TO_LAUNCH; PX4 announces it before the navigator announces the destination."""
+        """Handles RETURN_TO_LAUNCH; PX4 reports the return before the navigator reports the destination."""
         if self.armed and not self._can_switch(NavState.RTL):
             self.refusals.report(NavState.RTL)
             return False
@@ -153,7 +152,7 @@ class Commander:
         Args:
             first_item: index from 0; -1 continues at the current item.
         """
-        self._notice_plans()
+        self._load_plans()
         if not self.checks.has_mission:
             self._announcer.both(
                 2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
@@ -205,21 +204,21 @@ class Commander:
 
     def update(self, *, landed: bool) -> None:
         """Runs checks, failsafe and automatic disarming; call at 50 Hz after the land detector."""
-        self._note_landing(landed)
+        self._update_landed(landed)
         if not self.armed:
             self.home.follow()
         navigator = self._navigator
         navigator.watch()
-        self._notice_plans()
+        self._load_plans()
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():
             self._run_checks()
         if self.external.replaced(self._selected) != self.active:
             self._activate(self._selected)
-        self._think(landed)
+        self._update_mode(landed)
 
     def update_steady(self) -> bool:
-        """The same in a steady flight, where only geofence and checks can act; False: they did."""
+        """One tick of a steady flight, in which only geofence and checks can act; False: one of them did."""
         self._navigator.fence.check()
         self._ticks += 1
         if self._ticks % CHECK_EVERY_TICKS != 0:
@@ -227,17 +226,18 @@ class Commander:
         self._run_checks()
         if self.settled:
             return True
-        self._think(self.landed)
+        self._update_mode(self.landed)
         return False
 
     @property
     def settled(self) -> bool:
-        """Whether the vehicle is armed and in flight, and its next check is only due by time."""
+        """Whether the vehicle is armed and in flight, no failsafe acts, and only the interval makes a check
+        due."""
         quiet = self.failsafe.action is Action.NONE and self.monitors.quiet and not self.terminated
         return quiet and self.armed and self._flew and self._checked_for == self._state()
 
     def _state(self) -> tuple[object, ...]:
-        """A change of this state makes a check due."""
+        """State whose change makes a check due."""
         return self.armed, self.intended, self.active, self.landed, self.checks.has_mission
 
     def _run_checks(self) -> None:
@@ -246,9 +246,9 @@ class Commander:
         self._check()
         self._run_failsafe()
 
-    def _think(self, landed: bool) -> None:
+    def _update_mode(self, landed: bool) -> None:
         if self.armed and not self.terminated:
-            self._navigator.think(self.active, landed=landed)
+            self._navigator.update_mode(self.active, landed=landed)
             self._end_task()
         self._auto_disarm()
 
@@ -260,10 +260,10 @@ class Commander:
         changed, self._checked_for = state != self._checked_for, state
         return changed or self._ticks % CHECK_EVERY_TICKS == 0 or self.failsafe.action is not Action.NONE
 
-    def _notice_plans(self) -> None:
+    def _load_plans(self) -> None:
         """Loads a changed mission; called at each tick, and before a command that may start it."""
         mission = self._navigator.mission
-        mission.notice(armed=self.armed)
+        mission.load_plan(armed=self.armed)
         self.checks.has_mission = mission.valid(landed=self.landed)
 
     def _end_task(self) -> None:
@@ -272,18 +272,18 @@ class Commander:
         taking_off = self.active is NavState.TAKEOFF and not self.landed
         if taking_off and not self.external.executor_in_charge and self._navigator.finished(self.active):
             onward = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
-            self._go_on(NavState.MISSION if onward else NavState.HOLD)
+            self._continue_in(NavState.MISSION if onward else NavState.HOLD)
             return
         over = mission.finished or not self.checks.has_mission
         if over and self.active is NavState.MISSION and not self.landed:
-            self._go_on(NavState.HOLD)
+            self._continue_in(NavState.HOLD)
 
-    def _go_on(self, mode: NavState) -> None:
+    def _continue_in(self, mode: NavState) -> None:
         self.intended = self._after_disarming = mode
         self.external.mode_chosen(mode)
         self._activate(mode)
 
-    def _note_landing(self, landed: bool) -> None:
+    def _update_landed(self, landed: bool) -> None:
         if landed == self.landed or self.terminated:
             return
         self.landed = landed
@@ -294,9 +294,9 @@ class Commander:
                 self._announcer.both(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
             self._flew = True
-            self._flights.lifted()
+            self._flights.took_off()
             self._announcer.both(6, "Takeoff detected", "commander_takeoff_detected")
-            self.home.armed_or_lifted()
+            self.home.armed_or_took_off()
 
     def _check(self) -> None:
         self.checks.run(self.intended, armed=self.armed, terminated=self.terminated)
@@ -311,13 +311,13 @@ class Commander:
     def _run_failsafe(self) -> None:
         if self.terminated or not self.armed:
             return
-        commanded_outside = self.intended is NavState.OFFBOARD or is_external(self.intended)
-        grounded = self.landed and not self._flew and not commanded_outside
+        externally_commanded = self.intended is NavState.OFFBOARD or is_external(self.intended)
+        grounded = self.landed and not self._flew and not externally_commanded
         before = self.failsafe
         decision = self.failsafe_watch.update(
             self.intended,
             armed_for_s=self._view.time_s - self._armed_at_s,
-            acts=not grounded or self.monitors.attitude_failure,
+            may_act=not grounded or self.monitors.attitude_failure,
             overrides=self.external.overrides(self.active),
         )
         if decision == before:
@@ -351,7 +351,7 @@ class Commander:
 
     @property
     def intention(self) -> NavState:
-        """The intended mode, or the external mode that replaces it."""
+        """The intended mode; if an external mode replaces it, the external mode."""
         return NavState(self.external.replaced(self.intended))
 
     @property
@@ -377,11 +377,11 @@ class Commander:
         if self.external.overrides(self.active).disable_auto_disarm:
             self._landed_at_s = now_s
             return
-        amid_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
-        reason = disarms_itself(
+        in_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
+        reason = auto_disarm_reason(
             self._view,
             flew=self._flew,
-            landed_for_s=0.0 if amid_mission else now_s - self._landed_at_s,
+            landed_for_s=0.0 if in_mission else now_s - self._landed_at_s,
             armed_for_s=now_s - self._armed_at_s,
         )
         if reason is not None:

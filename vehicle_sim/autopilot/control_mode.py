@@ -1,7 +1,8 @@
 """Active controllers in Offboard: PX4 updates them at 2 Hz, and when mode or arming state changes.
 
-So after a change from position to attitude setpoints both controllers are active for up to half a second: the
-position controller continues, and each message overrides it until its next output, as recorded on PX4.
+After a change from position to attitude setpoints, both controllers are therefore active for up to half a
+second: the position controller continues, and each attitude setpoint overrides its output until the position
+controller's next output, as recorded on PX4.
 """
 
 from __future__ import annotations

@@ -81,8 +81,8 @@ def demands(c: Conditions) -> list[Demand]:
     return found
 
 
-def _strict(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
-    """A demand that lasts until the operator changes the mode; termination and disarming are final."""
+def _latched(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
+    """A demand that lasts until the operator changes the mode; termination cannot be ended."""
     if action is Action.TERMINATE:
         return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
     if action is Action.DISARM:
@@ -103,21 +103,21 @@ def _links(c: Conditions) -> list[Demand]:
     found: list[Demand] = []
     if c.manual_lost and c.manual_loss_action in _LINK_LOSS and not _excepted(c.mode, c.manual_loss_except):
         found.append(
-            _strict("manual", _LINK_LOSS[c.manual_loss_action], Cause.MANUAL_CONTROL_LOSS, deferrable=True)
+            _latched("manual", _LINK_LOSS[c.manual_loss_action], Cause.MANUAL_CONTROL_LOSS, deferrable=True)
         )
     landing = c.mode in (NavState.LAND, NavState.PRECISION_LAND)
     gcs_counts = not landing and not _excepted(c.mode, c.gcs_loss_except)
     if c.gcs_lost and gcs_counts and c.gcs_loss_action in _LINK_LOSS:
-        found.append(_strict("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS, deferrable=True))
+        found.append(_latched("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS, deferrable=True))
     return found
 
 
 def _limits(c: Conditions) -> list[Demand]:
     found: list[Demand] = []
     if c.fence_breached and c.fence_action in _FENCE:
-        found.append(_strict("fence", _FENCE[c.fence_action]))
+        found.append(_latched("fence", _FENCE[c.fence_action]))
     if c.wind_too_high and c.wind_action in _WIND:
-        found.append(_strict("wind", _WIND[c.wind_action]))
+        found.append(_latched("wind", _WIND[c.wind_action]))
     if c.flight_time_over:
         found.append(Demand("flight time", Action.RTL))
     return found
@@ -147,12 +147,12 @@ def _failures(c: Conditions) -> list[Demand]:
     if not c.attitude_failure:
         return []
     action = Action.TERMINATE if c.may_terminate else Action.WARN
-    return [_strict("attitude", Action.DISARM if c.just_armed else action)]
+    return [_latched("attitude", Action.DISARM if c.just_armed else action)]
 
 
 def _mode_fallback(c: Conditions) -> Action:
     if c.mode is NavState.OFFBOARD and (c.offboard_lost or c.position_lost):
-        # Without a position, Offboard and fallback modes that require one count as lost.
+        # Without a position estimate, Offboard is lost, and Altitude replaces the fallback to Position.
         action = _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
         return Action.FALLBACK_ALTITUDE if action is Action.FALLBACK_POSITION and c.position_lost else action
     if c.external_cannot_run:

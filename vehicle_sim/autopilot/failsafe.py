@@ -63,7 +63,7 @@ class Demand:
     clear: Clear = Clear.WHEN_GONE
     takeover: Takeover = Takeover.AUTO
     deferrable: bool = False
-    """An external mode or executor may defer it; recorded for the loss of the ground station."""
+    """An external mode or executor may defer it (recorded on PX4 for the loss of the ground station)."""
 
 
 ACTION_MODES: dict[Action, NavState] = {
@@ -79,7 +79,7 @@ ACTION_MODES: dict[Action, NavState] = {
 _NOT_DELAYED = (Action.HOLD, Action.DISARM, Action.TERMINATE)
 _LADDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
 """An action that cannot run is replaced by the next one."""
-_NOBODY: frozenset[str] = frozenset()
+_NO_NAMES: frozenset[str] = frozenset()
 _LANDING = (NavState.LAND, NavState.PRECISION_LAND)
 
 
@@ -93,10 +93,10 @@ class Decision:
     """The action that follows Hold after the delay COM_FAIL_ACT_T; NONE: no delay."""
 
 
-_FINE = Decision()
+_NO_FAILSAFE = Decision()
 DEFER_DEFAULT_S = 30.0
-NOT_DEFERRED, DEFERS, DEFERRING = 0, 1, 2
-"""`failsafe_defer_state`."""
+DEFERRAL_DISABLED, DEFERRAL_ENABLED, FAILSAFE_DEFERRED = 0, 1, 2
+"""`failsafe_defer_state`: the last one means that a failsafe would act without the deferral."""
 
 
 class Failsafe:
@@ -114,16 +114,16 @@ class Failsafe:
 
     @property
     def deferral(self) -> int:
-        """`failsafe_defer_state`: whether failsafes are deferred, and whether one would act."""
+        """`failsafe_defer_state`."""
         if not self._defers:
-            return NOT_DEFERRED
-        return DEFERS if self._deferred_since_s is None else DEFERRING
+            return DEFERRAL_DISABLED
+        return DEFERRAL_ENABLED if self._deferred_since_s is None else FAILSAFE_DEFERRED
 
     def defer(self, wanted: bool, timeout_s: int) -> None:
-        """Defers failsafes; not while one acts.
+        """Enables or disables the deferral of failsafes; cannot be enabled while a failsafe acts.
 
         Args:
-            wanted: False ends it.
+            wanted: True enables the deferral.
             timeout_s: longest time that an action is deferred; 0: PX4's default, negative: no limit.
         """
         if wanted and self._decision.action > Action.WARN:
@@ -138,7 +138,7 @@ class Failsafe:
         self._taken_over, self._acts_at_s, self._decision = False, None, Decision()
 
     def mode_chosen(self) -> None:
-        """Called when the operator changes the mode; ends the action if that is allowed."""
+        """Called when the operator changes the mode; ends the action if its `Takeover` allows that."""
         worst = self._worst()
         if worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
             self._taken_over = True
@@ -161,8 +161,13 @@ class Failsafe:
         """Updates the decision; call at 50 Hz while armed."""
         if not demands and not self._active:  # the usual case
             self._deferred_since_s = None
-            self._taken_over, self._present, self._acts_at_s, self._decision = False, _NOBODY, None, _FINE
-            return _FINE
+            self._taken_over, self._present, self._acts_at_s, self._decision = (
+                False,
+                _NO_NAMES,
+                None,
+                _NO_FAILSAFE,
+            )
+            return _NO_FAILSAFE
         self._remember(demands)
         self._update_deferral(now_s)
         worst = self._worst()

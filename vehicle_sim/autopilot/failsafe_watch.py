@@ -35,48 +35,50 @@ class FailsafeWatch:
     ) -> None:
         self._view, self._announcer, self._checks = view, announcer, checks
         self._offboard, self._fence, self._monitors = offboard, fence, monitors
-        self._machine = Failsafe()
+        self._failsafe = Failsafe()
         self._had_sticks = False
         self._settings: tuple[int, ...] = ()
-        self._settings_of = -1
-        """Parameter revision of the settings."""
-        self._now: tuple[object, ...] = ()
+        self._settings_revision = -1
+        """`parameter_changes` at which the settings were read."""
+        self._condition_values: tuple[object, ...] = ()
         self._conditions = Conditions(NavState.HOLD)
         self._demands: list[Demand] = []
         self.decision = Decision()
 
     @property
     def deferral(self) -> int:
-        """`failsafe_defer_state`: 0 none, 1 failsafes are deferred, 2 one is being deferred."""
-        return self._machine.deferral
+        """`failsafe_defer_state`: 0 disabled, 1 enabled, 2 enabled and a failsafe is deferred now."""
+        return self._failsafe.deferral
 
     def reset(self) -> None:
         """Clears the failsafe; called at disarming."""
-        self._machine.reset()
+        self._failsafe.reset()
         self._had_sticks = False
         self.decision = Decision()
 
     def mode_chosen(self) -> None:
         """Called when the operator changes the mode."""
-        self._machine.mode_chosen()
+        self._failsafe.mode_chosen()
 
-    def update(self, intended: NavState, *, armed_for_s: float, acts: bool, overrides: Overrides) -> Decision:
+    def update(
+        self, intended: NavState, *, armed_for_s: float, may_act: bool, overrides: Overrides
+    ) -> Decision:
         """Updates the decision, and reports changes.
 
         Args:
-            overrides: of the active external mode and of the executor in charge.
-            acts: whether actions are allowed, because the vehicle flies or has flown; for battery and lost
-                position PX4 also acts on the ground.
+            overrides: settings of the active external mode and of the executor in charge.
+            may_act: whether all actions are allowed, because the vehicle flies or has flown; on the ground
+                PX4 acts only on the battery and on a lost position.
         """
-        now = self._look(intended, armed_for_s)
-        if now != self._now:
-            self._now = now
+        now = self._read_conditions(intended, armed_for_s)
+        if now != self._condition_values:
+            self._condition_values = now
             self._conditions = Conditions._make((*now, *self._settings))
             self._demands = demands(self._conditions)
-        wanted = self._demands if acts else ground_demands(self._conditions)
+        wanted = self._demands if may_act else ground_demands(self._conditions)
         before = self.decision
-        self._machine.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
-        self.decision = self._machine.update(
+        self._failsafe.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
+        self.decision = self._failsafe.update(
             self._view.time_s,
             wanted,
             intended=intended,
@@ -84,17 +86,17 @@ class FailsafeWatch:
             delay_s=self._view.parameter("COM_FAIL_ACT_T"),
         )
         if self.decision != before:
-            self._tell(before, self.decision, intended)
+            self._announce(before, self.decision, intended)
         return self.decision
 
     def _can_run(self, intended: NavState, mode: NavState) -> bool:
         return self._checks.position_good or not MODES[mode].needs_position
 
-    def _look(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
+    def _read_conditions(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
         """The failure conditions, in the order of `Conditions`."""
         view, checks, monitors = self._view, self._checks, self._monitors
-        if self._settings_of != view.parameter_changes:
-            self._take_settings()
+        if self._settings_revision != view.parameter_changes:
+            self._read_parameters()
         sticks = checks.manual_control()
         self._had_sticks = self._had_sticks or sticks
         receiver = view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED
@@ -114,10 +116,10 @@ class FailsafeWatch:
             armed_for_s < view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S,
         )
 
-    def _take_settings(self) -> None:
-        """The parameters, in the order of `Conditions`."""
+    def _read_parameters(self) -> None:
+        """Reads the parameters, in the order of `Conditions`."""
         choice = self._view.choice
-        self._settings_of = self._view.parameter_changes
+        self._settings_revision = self._view.parameter_changes
         self._settings = (
             choice("COM_OBL_RC_ACT"),
             choice("COM_POSCTL_NAVL") == 1,
@@ -130,7 +132,7 @@ class FailsafeWatch:
             choice("COM_WIND_MAX_ACT"),
             choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
         )
-        self._now = ()
+        self._condition_values = ()
 
     def _needs_position(self, mode: NavState) -> bool:
         if mode is NavState.OFFBOARD:
@@ -141,7 +143,7 @@ class FailsafeWatch:
             )
         return MODES[mode].needs_position
 
-    def _tell(self, before: Decision, now: Decision, intended: NavState) -> None:
+    def _announce(self, before: Decision, now: Decision, intended: NavState) -> None:
         custom, delay_s = MODES[intended].custom_mode, self._view.parameter("COM_FAIL_ACT_T")
         announcer = self._announcer
         if now.action is Action.NONE or (now.pending and before.pending):

@@ -1,5 +1,5 @@
-"""The numbers of all autopilots that change at every tick: each autopilot works on its row of these arrays,
-and the compiled ticks (`steady.py`) on all rows at once."""
+"""Arrays of the values of all autopilots that change at every tick: each autopilot uses its row, and the
+compiled ticks (`steady.py`) use all rows at once."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vehicle_sim.autopilot.smoothing import SETTINGS, WAY_SIZE
 from vehicle_sim.autopilot.trajectory import SIZE
 from vehicle_sim.kernels import Blocks, Rows
 
-DOWN, ASKED_DOWN, TILT = range(3)
-"""Numbers of the motion: estimated position down at the last tick [m]; vertical velocity of the last
-trajectory setpoint [m/s], except setpoints that only press the vehicle down (NaN: none); and the allowed tilt
-after take-off [rad]."""
+DOWN, SETPOINT_DOWN, TILT = range(3)
+"""Columns of `motion`: estimated position down at the last tick [m]; vertical velocity of the last trajectory
+setpoint [m/s] (NaN: none; setpoints that press the vehicle to the ground do not count); allowed tilt after
+take-off [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,25 +27,25 @@ class FlightNumbers:
     settings: Rows
     """(N, `len(SETTINGS)`) parameters of the trajectory."""
     way: Rows
-    """(N, `WAY_SIZE`) the way that the trajectory follows."""
+    """(N, `WAY_SIZE`) the waypoints of the trajectory (`smoothing.Way`)."""
     before_turn_m_s: Rows
     """(N, 1) speed of the trajectory before a turn."""
     yaw: Rows
     """(N, 3) heading of the trajectory: `YAW`, `YAW_RATE`, `YAW_TARGET`."""
     seen_heading_rad: Rows
-    """(N, 1) the estimated heading at the last look for resets of the estimate."""
+    """(N, 1) the estimated heading when resets of the estimate were last checked."""
     detector: Rows
     """(N, 9) conditions of the land detector (`land_detector.new_state`)."""
     detector_limits: Rows
     """(N, `LIMIT_COUNT`)."""
     motion: Rows
-    """(N, 3) `DOWN`, `ASKED_DOWN`, `TILT`."""
+    """(N, 3) `DOWN`, `SETPOINT_DOWN`, `TILT`."""
 
     @classmethod
     def of(cls, count: int) -> FlightNumbers:
         """Numbers of vehicles that stand on the ground."""
         motion = np.zeros((count, 3))
-        motion[:, ASKED_DOWN] = np.nan
+        motion[:, SETPOINT_DOWN] = np.nan
         return cls(
             axes=np.zeros((count, 3, SIZE)),
             settings=np.zeros((count, len(SETTINGS))),

@@ -51,11 +51,11 @@ COMPASSES = 1
 PRESENT = 0x38021C0A
 """Health components that are present on a simulated PX4, from its recorded health summary."""
 GPS_PRESENT = 0x08
-"""The component of these that is present during the fusion of GNSS."""
+"""Bit of PRESENT that is set only while GNSS is fused."""
 MAG_PRESENT = 1 << COMPONENT_MAGNETOMETER
-"""The component that is present while the magnetometer sends."""
+"""Bit of PRESENT that is set only while the magnetometer sends."""
 LOGGING_PRESENT = 0x400
-"""The component of these that is present while a log is written."""
+"""Bit of PRESENT that is set only while a log is written."""
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
@@ -88,7 +88,7 @@ class CheckInputs(NamedTuple):
     baro_silent: bool = False
     mag_silent: bool = False
     gnss_used: bool = True
-    """Whether the estimator fuses it."""
+    """Whether the estimator fuses GNSS."""
     gps_problem: str = ""
     """Why GPS cannot be used before take-off: a key of GPS_PROBLEMS."""
     distance_sensors: int = 1

@@ -62,7 +62,7 @@ class Motion(NamedTuple):
     height_above_ground_m: float
     """Height of the range finder; NaN: no measurement."""
     climb_rate_controlled: bool
-    asked_down_m_s: float
+    setpoint_down_m_s: float
     """Vertical velocity of the newest trajectory setpoint; NaN: none."""
 
 
@@ -92,8 +92,8 @@ class LandingThresholds:
 
 
 CONTACT, MAYBE, LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
-"""State of the detector's conditions: for each, whether it has held for long enough, and since when it holds
-[s]; then whether the range finder has measured the ground once, so that a missing range is significant."""
+"""Indices of the state. Each condition has two numbers: whether it has held for long enough, and since when
+it holds [s]. The last number is 1 after the first range measurement: only then a missing range counts."""
 _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_BY_HAND = range(6)
 LIMIT_COUNT = 6
 
@@ -107,8 +107,8 @@ class LandDetector:
     """The land detector of one vehicle.
 
     Args:
-        state: its conditions; default: those of a vehicle on the ground.
-        limits: (`LIMIT_COUNT`,) room for its limits.
+        state: (9,) conditions; default: those of a vehicle on the ground.
+        limits: (`LIMIT_COUNT`,) row that stores the thresholds.
     """
 
     def __init__(self, state: Column | None = None, limits: Column | None = None) -> None:
@@ -124,12 +124,12 @@ class LandDetector:
 
     @property
     def maybe_landed(self) -> bool:
-        """Whether the vehicle is also at rest without thrust."""
+        """Whether the vehicle has ground contact, minimum thrust and no rotation."""
         return self._numbers[MAYBE] != 0.0
 
     @property
     def landed(self) -> bool:
-        """Whether that has lasted for long enough."""
+        """Whether `maybe_landed` has been true for the whole stage."""
         return self._numbers[LANDED] != 0.0
 
     def update(self, now_s: float, motion: Motion, limits: LandingThresholds) -> None:
@@ -146,7 +146,7 @@ class LandDetector:
             self._state, self._limit_numbers, now_s, motion.armed, motion.thrust, motion.hover_thrust,
             motion.hover_thrust_known, vn, ve, vd, motion.down_by_position_m_s, motion.vertical_known,
             roll_rate, pitch_rate, motion.height_above_ground_m, motion.climb_rate_controlled,
-            motion.asked_down_m_s,
+            motion.setpoint_down_m_s,
         )  # fmt: skip
 
 
@@ -170,7 +170,7 @@ def _above_least(least: float, hover: float, part: float) -> float:
 def detect(
     state: Column, limits: Column, now_s: float, armed: bool, thrust: float, hover_thrust: float,
     hover_known: bool, vn: float, ve: float, vd: float, down_by_position: float, vertical_known: bool,
-    roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, asked_down: float,
+    roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, setpoint_down: float,
 ) -> None:  # fmt: skip
     """One tick of one vehicle's detector; the arguments are those of `Motion`."""
     unseen = math.isnan(height_m)
@@ -188,10 +188,12 @@ def detect(
     )
     part = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
     low_thrust = thrust <= _above_least(limits[_THRUST_MIN], hover_thrust, part)
-    down = asked_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
-    meant = not climb_rate_controlled or down or state[MAYBE] != 0.0 or state[LANDED] != 0.0
+    down = setpoint_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
+    descent_intended = not climb_rate_controlled or down or state[MAYBE] != 0.0 or state[LANDED] != 0.0
     near = not height_m >= NEAR_GROUND_M
-    _hold(state, CONTACT, now_s, not armed or (near and low_thrust and meant and not moves), stage_s)
+    _hold(
+        state, CONTACT, now_s, not armed or (near and low_thrust and descent_intended and not moves), stage_s
+    )
 
     least = limits[_THRUST_MIN_BY_HAND] + 0.01
     if climb_rate_controlled:

@@ -21,7 +21,7 @@ EARLY_TAKEOFF_S = 3.0
 WIND_TIME_CONSTANT_S = 4.0
 WIND_WARNING_EVERY_S = 60.0
 AIR_DENSITY_KG_M3 = 1.225
-LEAST_LEVEL = 0.1
+MIN_TILT_COSINE = 0.1
 """Cosine of the tilt above which the horizontal wind cannot be estimated from the body axes."""
 TIME_WARNINGS_S = (120, 60, 30, 10)
 
@@ -44,21 +44,21 @@ class Monitors:
     def update(self, *, armed: bool, landed: bool) -> None:
         """Updates all monitors."""
         if not armed:
-            self._forget()
+            self._reset()
         self._attitude()
         self._flight_time(armed=armed, landed=landed)
         self._wind(landed)
 
     @property
     def quiet(self) -> bool:
-        """Whether only the attitude is monitored, and it is good."""
+        """Whether the attitude is within its limits, and neither flight time nor wind is monitored."""
         return (
             not self._tilted_since_s
             and self._view.choice("COM_FLT_TIME_MAX") <= 0
             and self._view.choice("EKF2_DRAG_CTRL") != 1
         )
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self.flight_time_over = False
         self._took_off_at_s, self._warned_s = math.nan, math.inf
 
@@ -117,12 +117,12 @@ class Monitors:
         if self._view.choice("EKF2_DRAG_CTRL") != 1 or landed:
             self._wind_ned, self.wind_m_s = None, math.nan
             return
-        seen = self._wind_by_drag()
+        measured = self._wind_by_drag()
         if self._wind_ned is None:
             self._wind_ned = (0.0, 0.0)
         blend = TICK_S / WIND_TIME_CONSTANT_S
         north, east = self._wind_ned
-        self._wind_ned = (north + blend * (seen[0] - north), east + blend * (seen[1] - east))
+        self._wind_ned = (north + blend * (measured[0] - north), east + blend * (measured[1] - east))
         self.wind_m_s = math.hypot(*self._wind_ned)
         warn_above = self._view.parameter("COM_WIND_WARN")
         now_s = self._view.time_s
@@ -148,7 +148,7 @@ class Monitors:
         vn, ve, vd = estimate.velocity_ned_m_s
         forward, right = forward - dx * vd, right - dy * vd
         level = nx * ey - ny * ex
-        if abs(level) < LEAST_LEVEL:
+        if abs(level) < MIN_TILT_COSINE:
             return self._wind_ned or (0.0, 0.0)
         return vn - (forward * ey - right * ex) / level, ve - (right * nx - forward * ny) / level
 

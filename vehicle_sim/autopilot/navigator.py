@@ -65,7 +65,7 @@ class Navigator:
             view, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
         )
         self._lands_at: Vector = (0.0, 0.0, 0.0)
-        commands.serve({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
+        commands.add_handlers({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
 
     # --- commands -------------------------------------------------------------------------------------
 
@@ -154,8 +154,8 @@ class Navigator:
         elif mode is NavState.MISSION:
             self.mission.enter()
 
-    def think(self, mode: NavState, *, landed: bool) -> None:
-        """Updates the decisions of a mode; called also on the ground."""
+    def update_mode(self, mode: NavState, *, landed: bool) -> None:
+        """Updates the state of a mode; called also on the ground."""
         if mode is NavState.MISSION:
             self.mission.update(landed=landed)
         elif mode is NavState.RTL and landed:
@@ -221,7 +221,7 @@ class Navigator:
         if mode is NavState.MISSION:
             return self.mission.taking_off
         if mode is NavState.FOLLOW:
-            return self.follow.has_target  # on the ground it is too near to the ground
+            return self.follow.has_target  # within 1 m of the ground Follow climbs
         if mode is NavState.RTL and self.landing:
             return False
         if mode is NavState.HOLD:
@@ -251,7 +251,7 @@ class Navigator:
             self.descend()
 
     def steady_task(self, mode: NavState) -> SteadyTask | None:
-        """What the mode flies until something happens; None: it decides at each tick."""
+        """The motion of the mode until one of its end conditions; None: the mode needs full ticks."""
         if self._return.checks_rally_points:
             return None
         if mode is NavState.MISSION:
@@ -261,7 +261,7 @@ class Navigator:
         return self._descent.steady_task() if mode in LANDING_MODES else None
 
     def situation(self) -> tuple[object, ...]:
-        """What commands may change between two ticks."""
+        """State that commands can change between two ticks."""
         return self.path.situation(), self.mission.situation()
 
     def descend(self) -> None:

@@ -30,7 +30,7 @@ GLOBAL_TERRAIN = 11
 
 
 class SetpointKind(Enum):
-    """The highest quantity a stream controls."""
+    """The highest-level quantity that a stream of setpoints controls."""
 
     NONE = "none"
     POSITION = "position"
@@ -62,7 +62,7 @@ class Setpoint:
 
     @property
     def complete(self) -> bool:
-        """Whether the position controller can follow it: a value on each axis, north and east together.
+        """Whether the position controller can use it: a value on each axis, north and east together.
 
         An incomplete setpoint stops the vehicle: velocity zero.
         """
@@ -106,21 +106,20 @@ class Offboard:
         self._announcer = announcer
         self._heard_at_s = -math.inf
         self._flagged: SetpointKind | None = None
-        """Kind selected by OffboardControlMode; None: the stream uses MAVLink."""
+        """Kind selected by OffboardControlMode or an external mode; None: the stream uses MAVLink."""
         self._streamed: SetpointKind | None = None
-        """While an external mode is active: the kind of the newest stream for Offboard; None: none is
+        """Kind of the Offboard stream, saved while an external mode is active; None: no external mode is
         active."""
         self._topics: dict[ControlLevel, Setpoint] = {}
-        """Newest setpoint of PX4's own topics, by its level in the cascade."""
+        """Newest setpoint of PX4's internal topics, by its level in the cascade."""
         self.setpoint = Setpoint()
-        self.no_attitude: tuple[float, float, float, float] | None = None
-        """The newest attitude if it is invalid (zeros or NaN): no controller follows it, but it is
-        reported."""
+        self.invalid_attitude: tuple[float, float, float, float] | None = None
+        """The newest attitude if it is invalid (zeros or NaN): it is not used for control, but reported."""
         self.reported_thrust = math.nan
         """Magnitude of the newest thrust of an attitude or rates message, as reported; PX4 drops the sign."""
         self.invalid = False
         """Whether the newest setpoint controls nothing; the vehicle then descends level."""
-        self.on_setpoint: Callable[[], None] = _nobody
+        self.on_setpoint: Callable[[], None] = _no_listener
         """Called at each attitude, rate, torque or motor setpoint, because these are applied at once."""
 
     def signal(self) -> bool:
@@ -129,23 +128,23 @@ class Offboard:
         return self._view.time_s - self._heard_at_s < loss_s
 
     def control_mode(self, kind: SetpointKind) -> None:
-        """OffboardControlMode: keeps Offboard active, and selects the setpoints that are flown.
+        """OffboardControlMode: keeps Offboard active, and selects the setpoints that are used.
 
         Args:
-            kind: the first of its flags; NONE: no flag is set, which counts as no signal.
+            kind: the first flag that is set; NONE: no flag is set, which counts as no signal.
         """
         self._heard_at_s = -math.inf if kind is SetpointKind.NONE else self._view.time_s
         self._flagged = kind
         self._choose()
 
     def choose(self, kind: SetpointKind) -> None:
-        """Selects the setpoints of PX4's own topics that an external mode flies; no stream is required."""
+        """Selects the kind of setpoints that an external mode sends; it needs no OffboardControlMode."""
         if self._streamed is None or self._flagged is not kind:
             self._streamed, self._flagged = self.kind, kind
             self._choose()
 
-    def end_choice(self) -> None:
-        """Called when no external mode is active: the kind of the newest Offboard stream applies again."""
+    def clear_choice(self) -> None:
+        """Called when no external mode is active: restores the kind of the Offboard stream."""
         streamed = self._streamed
         if streamed is None:
             return
@@ -155,7 +154,7 @@ class Offboard:
             self._choose()
 
     def put(self, setpoint: Setpoint) -> None:
-        """Stores a setpoint of PX4's own topics; it is flown in Offboard if OffboardControlMode selects its
+        """Stores a setpoint of PX4's internal topics; Offboard uses it if OffboardControlMode selects its
         level."""
         self._topics[LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)] = setpoint
         if self._flagged is not None:
@@ -163,11 +162,12 @@ class Offboard:
 
     @property
     def has_topics(self) -> bool:
-        """Whether setpoints of PX4's own topics have been received since another mode was active."""
+        """Whether setpoints of PX4's internal topics were received since Offboard or an external mode became
+        active."""
         return bool(self._topics)
 
     def left(self) -> None:
-        """Called when another mode is active: its own setpoints have replaced those of the topics."""
+        """Called when another mode is active: deletes the setpoints of the topics."""
         if self._topics:
             self._topics.clear()
             if self._flagged is not None:
@@ -175,17 +175,17 @@ class Offboard:
 
     def _choose(self) -> None:
         self.setpoint = self._topics.get(self.level, Setpoint())
-        self.invalid, self.no_attitude = False, None
+        self.invalid, self.invalid_attitude = False, None
 
     @property
     def kind(self) -> SetpointKind:
-        """The highest quantity that is controlled in Offboard."""
+        """The highest-level quantity that is controlled in Offboard."""
         return self.setpoint.kind if self._flagged is None else self._flagged
 
     @property
     def waits(self) -> bool:
-        """Whether OffboardControlMode selects a level without a setpoint so far: the last outputs stay in
-        effect."""
+        """Whether no setpoint of the level that OffboardControlMode selects was received yet: the last
+        outputs stay in effect."""
         return self._flagged is not None and self.setpoint.kind is SetpointKind.NONE
 
     def local(
@@ -209,7 +209,7 @@ class Offboard:
             acceleration = NAN3 if mask & 0b111000000 else _turn(self._view.estimate.q_ned_frd, acceleration)
         valid = not (mask & FORCE_BIT and _finite(acceleration))
         yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
-        self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw), valid=valid, loud=True)
+        self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw), valid=valid, report=True)
 
     def global_int(
         self,
@@ -249,15 +249,15 @@ class Offboard:
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
         self._flagged = None
-        asked = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
+        limited = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
         self.reported_thrust = 0.0 if mask & 64 else abs(thrust)
-        thrust = self.setpoint.thrust if mask & 64 else asked
+        thrust = self.setpoint.thrust if mask & 64 else limited
         norm = math.sqrt(sum(each * each for each in q))
         self._heard_at_s = self._view.time_s
-        self.no_attitude = None
+        self.invalid_attitude = None
         if not mask & 128:
             if not math.isfinite(norm) or norm < 1e-6:
-                self.no_attitude = q
+                self.invalid_attitude = q
                 return
             unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
             rate = math.nan if mask & 4 else _sane(rates[2])
@@ -293,7 +293,7 @@ class Offboard:
 
     def _direct(self, setpoint: Setpoint) -> None:
         self._heard_at_s, self._flagged = self._view.time_s, None
-        self.setpoint, self.invalid, self.no_attitude = setpoint, False, None
+        self.setpoint, self.invalid, self.invalid_attitude = setpoint, False, None
         self.on_setpoint()
 
     def _from_body_yaw(self, v: Vector) -> Vector:
@@ -301,19 +301,19 @@ class Offboard:
         c, s = math.cos(yaw), math.sin(yaw)
         return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
-    def trajectory(self, setpoint: Setpoint, *, valid: bool = True, loud: bool = False) -> None:
+    def trajectory(self, setpoint: Setpoint, *, valid: bool = True, report: bool = False) -> None:
         """Takes a setpoint of `trajectory_setpoint`.
 
         Args:
             setpoint: controls at least one quantity; otherwise it is invalid.
             valid: False: it is invalid for another reason.
-            loud: an invalid setpoint is reported.
+            report: an invalid setpoint is reported.
         """
-        self._flagged, self.setpoint, self.no_attitude = None, setpoint, None
+        self._flagged, self.setpoint, self.invalid_attitude = None, setpoint, None
         self.invalid = setpoint.kind is SetpointKind.NONE or not valid
         if not self.invalid:
             self._heard_at_s = self._view.time_s
-        elif loud:
+        elif report:
             self._announcer.both(2, "SET_POSITION_TARGET_LOCAL_NED invalid", "mavlink_rcv_sp_target_invalid")
 
     @property
@@ -343,7 +343,7 @@ def kind_of(controllers: Controllers) -> SetpointKind:
 
 
 def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> SetpointKind:
-    """The highest quantity with a finite value."""
+    """The highest-level quantity with a finite value."""
     if _finite(position):
         return SetpointKind.POSITION
     if _finite(velocity):
@@ -376,7 +376,7 @@ def motor_setpoint(motors: Sequence[float]) -> Setpoint:
     return Setpoint(SetpointKind.ACTUATORS, motors=signals)
 
 
-def _nobody() -> None:
+def _no_listener() -> None:
     """Default listener without effect."""
 
 

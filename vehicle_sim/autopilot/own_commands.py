@@ -19,19 +19,19 @@ class OwnCommand:
     number: int
     parameters: tuple[float, ...]
     repeated: bool
-    """Whether it is repeated until it is acknowledged (which never happens)."""
+    """Whether the command is repeated until it is acknowledged (nothing acknowledges it)."""
 
 
 class OwnCommands:
     """Passes each command to its handler, then to the listeners."""
 
     def __init__(self) -> None:
-        self._doers: dict[int, Callable[[tuple[float, ...]], None]] = {}
+        self._handlers: dict[int, Callable[[tuple[float, ...]], None]] = {}
         self._listeners: list[Callable[[OwnCommand], None]] = []
 
-    def serve(self, handlers: Mapping[int, Callable[[tuple[float, ...]], None]]) -> None:
+    def add_handlers(self, handlers: Mapping[int, Callable[[tuple[float, ...]], None]]) -> None:
         """Adds handlers by command number."""
-        self._doers |= handlers
+        self._handlers |= handlers
 
     def add_listener(self, listener: Callable[[OwnCommand], None]) -> None:
         """Calls `listener` for each command."""
@@ -42,9 +42,9 @@ class OwnCommands:
         seven = (*parameters, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[:7]
         for listener in tuple(self._listeners):
             listener(OwnCommand(number, seven, repeated))
-        doer = self._doers.get(number)
-        if doer is not None:
-            doer(seven)
+        handler = self._handlers.get(number)
+        if handler is not None:
+            handler(seven)
 
     def stop_triggering(self) -> None:
         """Stops camera triggers, as PX4 does when it leaves a mission."""

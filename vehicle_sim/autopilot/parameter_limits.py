@@ -52,18 +52,18 @@ class ParameterLimits:
         value = self._parameters.get
         if value("MPC_TILTMAX_AIR") > TILT_MAX_DEG:
             self._parameters.set("MPC_TILTMAX_AIR", TILT_MAX_DEG)
-            self._say("Tilt constrained to safe value", "mc_pos_ctrl_tilt_set", TILT_MAX_DEG)
+            self._report("Tilt constrained to safe value", "mc_pos_ctrl_tilt_set", TILT_MAX_DEG)
         for limit in _LIMITS:
             highest = value(limit.by)
             if value(limit.name) > highest:
                 self._parameters.set(limit.name, highest)
-                self._say(limit.text, limit.event, highest)
+                self._report(limit.text, limit.event, highest)
         low, high = value("MPC_THR_MIN"), value("MPC_THR_MAX")
         hover = value("MPC_THR_HOVER")
         if low <= high and not low <= hover <= high and hover == hover:
             kept = max(low, min(high, hover))
             self._parameters.set("MPC_THR_HOVER", kept)
-            self._say("Hover thrust has been constrained by min/max", "mc_pos_ctrl_hover_thrust_set", kept)
+            self._report("Hover thrust has been constrained by min/max", "mc_pos_ctrl_hover_thrust_set", kept)
 
-    def _say(self, text: str, event: str, value: float) -> None:
+    def _report(self, text: str, event: str, value: float) -> None:
         self._announcer.both(CRITICAL, text, event, "f", value)

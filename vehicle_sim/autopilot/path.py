@@ -48,8 +48,7 @@ class Path:
         self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
         self.yaw = YawRamp(numbers.yaw[index])
         self._way: Way | None = None
-        """The waypoints of the way to `target_ned_m`; it starts where the vehicle was when the target was
-        set."""
+        """The waypoints to `target_ned_m`, starting at the vehicle's position when the target was set."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
         """None: not set yet; the vehicle stops first."""
         self.face_target = False
@@ -63,7 +62,7 @@ class Path:
         self._resets = EstimateResets(view, numbers.seen_heading_rad[index])
 
     def follow_resets(self) -> None:
-        """Moves the trajectory with a reset of the estimate, so that the vehicle does not fly the step."""
+        """Shifts the trajectory by a reset of the estimate, so that the vehicle does not follow the jump."""
         reset = self._resets.take()
         if reset is None:
             return
@@ -82,18 +81,19 @@ class Path:
 
         Args:
             in_air: False: the trajectory starts at rest.
-            continue_setpoint: start from the last setpoint of the previous flight task, where it was set.
+            continue_setpoint: start from the last setpoint of the previous flight task, on each axis that it
+                controlled.
         """
         estimate = self._view.estimate
         self._smoothing.begin()
         self._resets.forget()
         self._way = None
-        asked = self._row.asked() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
+        last = self._row.last_trajectory() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
-            at, speed, acceleration = (row[k] for row in asked)
+            position, velocity, acceleration = (row[k] for row in last)
             axis.reset(
-                at if math.isfinite(at) else estimate.position_ned_m[k],
-                speed if math.isfinite(speed) else estimate.velocity_ned_m_s[k] if in_air else 0.0,
+                position if math.isfinite(position) else estimate.position_ned_m[k],
+                velocity if math.isfinite(velocity) else estimate.velocity_ned_m_s[k] if in_air else 0.0,
             )
             if abs(acceleration) <= MAX_CONTINUED_M_S2:
                 axis.acceleration_m_s2 = acceleration
@@ -164,9 +164,8 @@ class Path:
     def fly_way(self, way: Way) -> None:
         """Advances by one tick along a way.
 
-        This also applies on the take-off ramp, including height. A go-to command given on the ground lets the
-        trajectory wait far ahead of the vehicle, which is still on the ground. The height of the trajectory
-        by then lifts the vehicle off.
+        All axes advance also during the take-off ramp. After a go-to command on the ground the trajectory is
+        therefore already above the vehicle when the ramp ends, and this height error lifts the vehicle off.
         """
         self._smoothing.fly(TICK_S, way, self._limits)
         self.write()
@@ -193,8 +192,8 @@ class Path:
         north, east, down = self.target_ned_m
         wanted = 0.0
         if down is not None:
-            way_m = down - self.z.position_m
-            wanted = math.copysign(self._smoothing.vertical_speed(way_m, self._limits), way_m)
+            to_go_m = down - self.z.position_m
+            wanted = math.copysign(self._smoothing.vertical_speed(to_go_m, self._limits), to_go_m)
         elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
         self.advance_vertical_speed(wanted, tick_s)
@@ -205,10 +204,11 @@ class Path:
         self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:
-        """Turns the heading by one tick towards its target; it is free while it is not good for control.
+        """Turns the heading by one tick towards its target.
 
-        PX4 then locks the current heading: after the magnetometer's alignment in flight, a climb continues
-        with the corrected heading.
+        While the estimated heading is not good for control, PX4 does not control the heading, and a held
+        heading follows the estimate: after the magnetometer's alignment in flight, a climb continues with the
+        corrected heading.
         """
         if not self._controls_heading:
             yaw_rad = self._view.estimate.yaw_ned_rad
@@ -239,12 +239,12 @@ class Path:
         return self._smoothing.follows(way)
 
     def situation(self) -> tuple[object, ...]:
-        """What commands may change between two ticks."""
+        """State that commands can change between two ticks."""
         return self.target_ned_m, self._way, self.cruise_m_s, self.climb_m_s, self.descent_m_s
 
     @property
     def reset_counts(self) -> list[int]:
-        """The estimator's reset counters at the last look."""
+        """The estimator's reset counters when they were last checked."""
         return self._resets.counts
 
     def write(self) -> None:

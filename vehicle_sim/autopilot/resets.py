@@ -1,10 +1,10 @@
-"""Resets of one vehicle's estimate, by which a flight task shifts its trajectory."""
+"""Resets of one vehicle's estimate; a flight task shifts its trajectory by each reset."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from vehicle_sim.autopilot.row import numbers
+from vehicle_sim.autopilot.row import float_view
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.state import FloatArray
 from vehicle_sim.vehicle_view import VehicleView
@@ -26,13 +26,13 @@ class EstimateResets:
 
     Args:
         view: the vehicle.
-        heading_rad: (1,) room for the estimated heading of the last tick.
+        heading_rad: (1,) array that stores the estimated heading of the last tick.
     """
 
     def __init__(self, view: VehicleView, heading_rad: FloatArray) -> None:
         self._view = view
         self._counts = self._counters()
-        self._heading_rad = numbers(heading_rad)
+        self._heading_rad = float_view(heading_rad)
 
     def _counters(self) -> list[int]:
         """Counters of horizontal velocity, vertical velocity, horizontal position, height, heading."""
@@ -41,7 +41,7 @@ class EstimateResets:
 
     @property
     def counts(self) -> list[int]:
-        """The counters at the last look."""
+        """The counters when they were last checked."""
         return self._counts
 
     def forget(self) -> None:

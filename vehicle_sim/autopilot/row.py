@@ -1,4 +1,4 @@
-"""Writes one vehicle's row of the shared setpoint arrays."""
+"""Writes the setpoints of one vehicle into its row of the shared arrays."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ NAN3: Vector = (math.nan, math.nan, math.nan)
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 
 
-def numbers(row: FloatArray) -> memoryview[float]:
-    """A view to read and write single numbers, several times as fast as NumPy."""
+def float_view(row: FloatArray) -> memoryview[float]:
+    """A memory view for single values; access is several times as fast as with NumPy."""
     return row.data.cast("B").cast("d")
 
 
-def _flags(row: BoolArray) -> memoryview[bool]:
+def _bool_view(row: BoolArray) -> memoryview[bool]:
     return row.data.cast("B").cast("?")
 
 
-def _integers(row: IntArray) -> memoryview[int]:
+def _int_view(row: IntArray) -> memoryview[int]:
     return row.data.cast("B").cast("q")
 
 
 class SetpointRow:
-    """The controllers' input of one vehicle."""
+    """Input of the controllers of one vehicle."""
 
     def __init__(self, view: VehicleView) -> None:
         self._all = view.simulation.setpoints
         self._simulation = view.simulation
         self._i = view.row
-        self._position = numbers(self._all.position_ned_m[self._i])
-        self._velocity = numbers(self._all.velocity_ned_m_s[self._i])
-        self._acceleration = numbers(self._all.acceleration_ned_m_s2[self._i])
-        # The same for single numbers of all vehicles; writes that happen every tick bypass NumPy.
+        self._position = float_view(self._all.position_ned_m[self._i])
+        self._velocity = float_view(self._all.velocity_ned_m_s[self._i])
+        self._acceleration = float_view(self._all.acceleration_ned_m_s2[self._i])
+        # Views of whole columns (all vehicles), for the values that are written every tick.
         every = self._all
-        self._level, self._in_air = _integers(every.level), _flags(every.in_air)
-        self._yaw, self._yaw_rate = numbers(every.yaw_ned_rad), numbers(every.yaw_rate_ned_rad_s)
-        self._ramping, self._landed = _flags(every.ramp_thrust), _flags(every.landed)
-        self._climb_limit, self._min_thrust = numbers(every.climb_limit_m_s), numbers(every.min_thrust)
+        self._level, self._in_air = _int_view(every.level), _bool_view(every.in_air)
+        self._yaw, self._yaw_rate = float_view(every.yaw_ned_rad), float_view(every.yaw_rate_ned_rad_s)
+        self._ramping, self._landed = _bool_view(every.ramp_thrust), _bool_view(every.landed)
+        self._climb_limit, self._min_thrust = float_view(every.climb_limit_m_s), float_view(every.min_thrust)
         self._tilt_limit, self._descent_limit = (
-            numbers(every.tilt_limit_rad),
-            numbers(every.descent_limit_m_s),
+            float_view(every.tilt_limit_rad),
+            float_view(every.descent_limit_m_s),
         )
 
     def trajectory(
@@ -62,14 +62,14 @@ class SetpointRow:
         """Writes position, velocity and acceleration; NaN: not controlled."""
         i = self._i
         self._level[i] = _TRAJECTORY
-        at, speed, push = self._position, self._velocity, self._acceleration
-        at[0], at[1], at[2] = position_ned_m
-        speed[0], speed[1], speed[2] = velocity_ned_m_s
-        push[0], push[1], push[2] = acceleration_ned_m_s2
+        position, velocity, acceleration = self._position, self._velocity, self._acceleration
+        position[0], position[1], position[2] = position_ned_m
+        velocity[0], velocity[1], velocity[2] = velocity_ned_m_s
+        acceleration[0], acceleration[1], acceleration[2] = acceleration_ned_m_s2
         self._yaw[i] = yaw_ned_rad
         self._yaw_rate[i] = yaw_rate_ned_rad_s
 
-    def asked(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    def last_trajectory(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
         """The last written position, velocity and acceleration; NaN: not controlled."""
         return tuple(self._position), tuple(self._velocity), tuple(self._acceleration)
 
@@ -79,8 +79,8 @@ class SetpointRow:
         return self._level[self._i] < _TRAJECTORY
 
     @property
-    def asked_down_m_s(self) -> float:
-        """The last written vertical velocity; NaN: not controlled."""
+    def setpoint_down_m_s(self) -> float:
+        """The last written vertical velocity (down is positive); NaN: not controlled."""
         return self._velocity[2]
 
     def attitude(
@@ -102,7 +102,7 @@ class SetpointRow:
 
     def override_level(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
                thrust: float) -> None:  # fmt: skip
-        """Overrides with an attitude, or body rates, until the next output of the outer controllers."""
+        """Overrides attitude or body rates until the next output of the outer controllers."""
         s, i = self._all, self._i
         s.thrust[i] = thrust
         if q_ned_frd is not None:
@@ -113,7 +113,7 @@ class SetpointRow:
             s.override_level[i] = ControlLevel.RATES
 
     def override_motors(self, thrust: float, torque_frd: Vector, signals: tuple[float, ...]) -> None:
-        """Overrides the motors with their signals, or by thrust and torque without any, for one step."""
+        """Overrides the motor signals for one step, or thrust and torque if there are no signals."""
         s, i = self._all, self._i
         if signals:
             s.motors[i, : len(signals)] = signals

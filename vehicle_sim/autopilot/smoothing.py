@@ -68,8 +68,8 @@ class Smoothing:
     Args:
         view: the vehicle.
         axes: (3, `trajectory.SIZE`) the axes.
-        settings: (`len(SETTINGS)`,) room for the parameters.
-        way: (`WAY_SIZE`,) room for the numbers of the way; NaN for a missing next waypoint.
+        settings: (`len(SETTINGS)`,) row that stores the parameters.
+        way: (`WAY_SIZE`,) row that stores the numbers of the way; NaN for a missing next waypoint.
         before_turn_m_s: (1,) the speed before a turn.
     """
 
@@ -88,7 +88,8 @@ class Smoothing:
         self._way_numbers = way
 
     def begin(self) -> None:
-        """Clears the speed before a turn: a flight task that starts across its way brakes first."""
+        """Clears the speed before a turn: a vehicle that does not move towards the target then brakes
+        first."""
         self._before_turn_m_s[0] = 0.0
 
     def fly(self, dt_s: float, way: Way, limits: SpeedLimits) -> None:
@@ -100,11 +101,11 @@ class Smoothing:
         )
 
     def follows(self, way: Way) -> bool:
-        """Whether this is the newest way."""
+        """Whether the trajectory follows this way."""
         return way is self._way
 
     def velocity_towards(self, way: Way, limits: SpeedLimits) -> Vector:
-        """Velocity along the way that the trajectory approaches, NED."""
+        """Velocity setpoint along the way, NED; the trajectory changes to it within its limits."""
         self._set_way(way)
         return _velocity_towards(
             self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, *limits
@@ -128,9 +129,9 @@ class Smoothing:
         """Plans a vertical speed (down is positive) with the limits of its direction."""
         plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
 
-    def vertical_speed(self, way_m: float, limits: SpeedLimits) -> float:
-        """Speed for a climb or descent of this length, never negative."""
-        return _vertical_speed(self._read_settings(), way_m, limits.climb_m_s, limits.descent_m_s)
+    def vertical_speed(self, to_go_m: float, limits: SpeedLimits) -> float:
+        """Speed for a climb (negative distance) or descent over this distance; never negative."""
+        return _vertical_speed(self._read_settings(), to_go_m, limits.climb_m_s, limits.descent_m_s)
 
     def _read_settings(self) -> Column:
         """Current parameter values."""
@@ -148,8 +149,8 @@ class Smoothing:
 
 @formula
 def _stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
-    """Time factor of the trajectory for a vehicle that lags; 1 for a vehicle ahead, or it would never
-    arrive."""
+    """Time factor of the trajectory, below 1 if the vehicle lags behind the trajectory; 1 if the vehicle is
+    ahead, because the trajectory would otherwise stop before its target."""
     behind_n, behind_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
     if behind_n * axes[_X, VELOCITY] + behind_e * axes[_Y, VELOCITY] < 0.0:
         return 1.0
@@ -297,7 +298,7 @@ def _velocity_towards(
     axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float, climb_m_s: float,
     descent_m_s: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Velocity along the way that the trajectory approaches, NED."""
+    """Velocity setpoint along the way, NED."""
     horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
     dd = way[TO + 2] - axes[_Z, POSITION]
     vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)

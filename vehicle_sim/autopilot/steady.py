@@ -1,10 +1,10 @@
-"""Ticks of all autopilots; a vehicle in steady flight flies them in compiled loops.
+"""Ticks of all autopilots; for vehicles in steady flight they run in compiled loops.
 
 Most ticks decide nothing: an armed vehicle in the air climbs, descends, flies a leg or follows a stream of
-trajectory setpoints, no failsafe acts, no command has arrived, and its item is not finished. Such ticks
-compute the same numbers as `Autopilot.update`, with the same formulas, for all these vehicles at once.
-Geofence and the checks of the commander run at their own rates. A tick that may decide something is flown by
-`Autopilot.update`.
+trajectory setpoints, no failsafe acts, no command has arrived, and its item is not finished. The compiled
+loops compute such ticks for all these vehicles at once, with the same formulas and results as
+`Autopilot.update`. Geofence and the checks of the commander run at their own rates. A tick that may decide
+something runs in `Autopilot.update`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.flight_numbers import ASKED_DOWN, DOWN, TILT, FlightNumbers
+from vehicle_sim.autopilot.flight_numbers import DOWN, SETPOINT_DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.land_detector import CONTACT, LANDED, MAYBE, detect
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.smoothing import FROM, ONWARD, TO, fly_level, fly_way, plan_vertical
@@ -42,7 +42,7 @@ from vehicle_sim.state import angles_of
     _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _TOWARDS_NORTH, _TOWARDS_EAST, _TOWARDS_LEAST,
     _ABOVE_AMSL, _ABOVE_DOWN, _ARRIVES_NORTH, _ARRIVES_EAST, _ARRIVES_WITHIN, _WAITS_SINCE, _WAITS_FOR,
 ) = range(15)  # fmt: skip
-"""Columns of the tasks: `SteadyTask`, then what it was computed from."""
+"""Columns of the tasks: `SteadyTask`, then home height and origin altitude from which it was computed."""
 _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE = 15, 16, 17
 (
     _ESTIMATES_HOVER, _ROLL_FAILURE, _PITCH_FAILURE, _TILT_MAX, _YAW_RATE_MAX, _LAND_ALT1, _LAND_ALT2,
@@ -62,7 +62,7 @@ class SteadyTicks:
 
     Args:
         simulation: the vehicles.
-        numbers: of their autopilots.
+        numbers: arrays of their autopilots.
     """
 
     def __init__(self, simulation: Simulation, numbers: FlightNumbers) -> None:
@@ -97,7 +97,7 @@ class SteadyTicks:
             self._fly(flies)
 
     def _begin(self, autopilot: Autopilot) -> None:
-        """Begins a steady flight if the vehicle's next ticks decide nothing."""
+        """Begins a steady flight if the vehicle's next tick needs no decision."""
         task = autopilot.begin_steady()
         if task is None:
             return
@@ -178,7 +178,7 @@ def _look(
     heading_good: Flags, resets: IntegerRows, heading_resets: Integers, level: Integers, thrust: Column,
     hover_thrust: Column, ready: Flags,
 ) -> None:  # fmt: skip
-    """Runs the land detectors; `ready` (N,): nothing needs a decision."""
+    """Runs the land detectors; sets `ready` (N,): whether no decision is needed."""
     for row in rows:
         r = int(row)
         down_m_s = (position[r, 2] - motion[r, DOWN]) / TICK_S
@@ -189,7 +189,7 @@ def _look(
         detect(
             detector[r], detector_limits[r], now_s, True, thrust[r], hover_thrust[r],
             limits[r, _ESTIMATES_HOVER] != 0.0, vn, ve, velocity[r, 2], down_m_s, valid_altitude[r],
-            rates[r, 0], rates[r, 1], height_m[r], True, motion[r, ASKED_DOWN],
+            rates[r, 0], rates[r, 1], height_m[r], True, motion[r, SETPOINT_DOWN],
         )  # fmt: skip
         ready[r] = (
             heading_good[r]
@@ -262,7 +262,7 @@ def _descend(
 
 @formula
 def _face(task: Column, axes: Rows, yaw: Column) -> None:
-    """Turns the target of the heading to the point that the nose points to."""
+    """Sets the heading target towards the point of the task."""
     north = task[_TOWARDS_NORTH] - axes[0, POSITION]
     east = task[_TOWARDS_EAST] - axes[1, POSITION]
     if math.hypot(north, east) > task[_TOWARDS_LEAST]:
@@ -273,8 +273,8 @@ def _face(task: Column, axes: Rows, yaw: Column) -> None:
 def _fly(
     rows: Integers, tasks: Rows, limits: Rows, axes: Blocks, settings: Rows, way: Rows, before_turn_m_s: Rows,
     yaw: Rows, seen_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows, range_m: Column,
-    asked_position: Rows, asked_velocity: Rows, asked_acceleration: Rows, asked_yaw: Column,
-    asked_yaw_rate: Column, tilt_limit: Column,
+    setpoint_position: Rows, setpoint_velocity: Rows, setpoint_acceleration: Rows, setpoint_yaw: Column,
+    setpoint_yaw_rate: Column, tilt_limit: Column,
 ) -> None:  # fmt: skip
     """Advances the trajectories by one tick, and writes the setpoints; those of a stream are already
     written."""
@@ -300,8 +300,8 @@ def _fly(
             )  # fmt: skip
         turn(yaw[r], TICK_S, limits[r, _YAW_RATE_MAX])
         for k in range(3):
-            asked_position[r, k] = axes[r, k, POSITION]
-            asked_velocity[r, k] = axes[r, k, VELOCITY]
-            asked_acceleration[r, k] = axes[r, k, ACCELERATION]
-        asked_yaw[r], asked_yaw_rate[r] = yaw[r, YAW], yaw[r, YAW_RATE]
-        motion[r, ASKED_DOWN] = axes[r, 2, VELOCITY]
+            setpoint_position[r, k] = axes[r, k, POSITION]
+            setpoint_velocity[r, k] = axes[r, k, VELOCITY]
+            setpoint_acceleration[r, k] = axes[r, k, ACCELERATION]
+        setpoint_yaw[r], setpoint_yaw_rate[r] = yaw[r, YAW], yaw[r, YAW_RATE]
+        motion[r, SETPOINT_DOWN] = axes[r, 2, VELOCITY]

@@ -1,5 +1,4 @@
-"""What a vehicle flies for a while without a decision: a climb, a descent, the leg of a mission, or streamed
-setpoints."""
+"""A motion that needs no decision for many ticks: a climb, a descent, the leg of a mission, or a stream."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ class Motion(IntEnum):
 
 
 class SteadyTask(NamedTuple):
-    """A motion, and what ends it; NED, SI units. A condition that cannot occur has its default."""
+    """A motion and its end conditions; NED, SI units. A condition that does not apply has its default."""
 
     motion: Motion
     cruise_m_s: float
@@ -31,7 +30,7 @@ class SteadyTask(NamedTuple):
     target_down_m: float = math.nan
     """Of a climb, or of a descent; NaN: the descent has no target height."""
     towards_north_m: float = 0.0
-    """Point that the nose turns to, while the trajectory is farther away than `towards_least_m`."""
+    """The nose points to this position while the trajectory is farther away than `towards_least_m`."""
     towards_east_m: float = 0.0
     towards_least_m: float = math.inf
     """Infinite: the heading does not change."""
@@ -44,7 +43,7 @@ class SteadyTask(NamedTuple):
     arrives_east_m: float = 0.0
     arrives_within_m: float = -1.0
     waits_since_s: float = math.inf
-    """The item ends `waits_for_s` after this time."""
+    """The mission item ends `waits_for_s` after this time."""
     waits_for_s: float = 0.0
 
 

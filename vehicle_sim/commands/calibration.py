@@ -1,7 +1,7 @@
 """PREFLIGHT_CALIBRATION as in PX4: its texts, replies and results.
 
-All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides asks for
-the sides, and fails if the vehicle is not turned.
+All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides requests
+each side of the vehicle, and fails if the vehicle is not turned.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vehicle_sim.commands.command import (
     CommandHost,
     Handler,
 )
-from vehicle_sim.commands.readings import Readings, Tell, sphere_centre
+from vehicle_sim.commands.readings import Readings, SendParameters, sphere_centre
 from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
 from vehicle_sim.frames import GRAVITY_M_S2
 
@@ -34,17 +34,17 @@ STILL = "[cal] hold vehicle still on a pending side"
 REST = "[cal] detected rest position, hold still..."
 MOTION = "[cal] detected motion, hold still..."
 PROGRESS_S = 0.1
-LIST_S = 0.05
+TEXT_INTERVAL_S = 0.05
 """Delay between two texts."""
 AFTER_A_SIDE_S = 0.136
 ACCEL_STILL_S, MAG_STILL_S, MAG_TOLERANCE = 1.3, 0.5, 3.0
 """Required duration of rest, and tolerance of motion."""
 ACCEL_SAMPLES, GYRO_SAMPLES, QUICK_SAMPLES = 750, 250, 7
-NOBODY_HOLDS_STILL_S = 90.0
+REST_TIMEOUT_S = 90.0
 FAILURES_ALLOWED = 4
 """Number of failed attempts (side already done, or none detected) before the calibration fails."""
 RUNNING_AFTER_S = 0.6
-"""A calibration counts as running for this long after its last text."""
+"""A calibration still counts as running for this time after its last text."""
 Action = Callable[[], None]
 FloatArray = NDArray[np.float64]
 Steps = Generator[float, None, None]
@@ -58,19 +58,19 @@ class CalibrationCommands:
 
     Args:
         host: the vehicle.
-        tell_parameters: sends parameters to every ground station, even if they did not change.
+        send_parameters: sends parameters to every ground station, even if they did not change.
     """
 
-    def __init__(self, host: CommandHost, tell_parameters: Tell) -> None:
+    def __init__(self, host: CommandHost, send_parameters: SendParameters) -> None:
         self._host = host
-        self._readings = Readings(host.view, tell_parameters)
+        self._readings = Readings(host.view, send_parameters)
         self._announcer = host.autopilot.announcer
-        self._now = ""
+        self._running_name = ""
         self._measuring = False
         self._cancelled_by: Command | None = None
         self._token = 0
         """Counter of calibrations; delayed actions of an earlier calibration are dropped."""
-        self._sums: dict[Side, FloatArray] = {}
+        self._means: dict[Side, FloatArray] = {}
         """Mean reading of each side [m/s²]."""
         self._fields: list[FloatArray] = []
         """Compass readings while the vehicle was turned [gauss]."""
@@ -103,7 +103,7 @@ class CalibrationCommands:
         if wanted[5] in (1, 2):
             return self._begin(self._airspeed)
         if wanted[6] == 1:
-            self._say("[cal] calibration failed: Disconnect battery and try again", CRITICAL)
+            self._text("[cal] calibration failed: Disconnect battery and try again", CRITICAL)
             return DENIED
         return None if wanted[0] or wanted[2] else UNSUPPORTED
 
@@ -116,7 +116,7 @@ class CalibrationCommands:
             return TEMPORARILY_REJECTED
         self._token += 1
         self._running = "mag quick"
-        self._say(f"Assuming vehicle is facing heading {heading_deg:.1f} degrees")
+        self._text(f"Assuming vehicle is facing heading {heading_deg:.1f} degrees")
         self._run(self._learn_mag_quickly(math.radians(heading_deg)))
         return ACCEPTED
 
@@ -125,17 +125,17 @@ class CalibrationCommands:
         readings = self._readings
         readings.store("CAL_MAG0_", "OFF", readings.mag() - readings.known_field(yaw_ned_rad))
         yield 0.05
-        self._say("Mag quick calibration finished")
+        self._text("Mag quick calibration finished")
         yield RUNNING_AFTER_S
         self._running = ""
 
     @property
     def _running(self) -> str:
-        return self._now
+        return self._running_name
 
     @_running.setter
     def _running(self, name: str) -> None:
-        self._now = name
+        self._running_name = name
         self._host.autopilot.commander.calibrating = bool(name)
 
     # --- the calibrations ------------------------------------------------------------------------------
@@ -147,23 +147,23 @@ class CalibrationCommands:
 
     def _start(self, name: str) -> None:
         self._running = name
-        self._say(f"[cal] calibration started: 2 {name}")
+        self._text(f"[cal] calibration started: 2 {name}")
 
     def _done(self, name: str) -> None:
-        self._say(f"[cal] calibration done: {name}")
-        self._at(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
+        self._text(f"[cal] calibration done: {name}")
+        self._after(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
 
     def _failed(self, name: str, why: str = "") -> None:
         if why:
-            self._say(f"[cal] {why}", CRITICAL)
+            self._text(f"[cal] {why}", CRITICAL)
         self._running = ""
-        self._say(f"[cal] calibration failed: {name}", CRITICAL)
+        self._text(f"[cal] calibration failed: {name}", CRITICAL)
 
     def _gyro(self) -> None:
         self._start("gyro")
-        self._at(LIST_S, lambda: self._progress(0))
+        self._after(TEXT_INTERVAL_S, lambda: self._progress(0))
         for step in range(1, 11):
-            self._at(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
+            self._after(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
         self._run(self._learn_gyro())
 
     def _learn_gyro(self) -> Steps:
@@ -176,15 +176,15 @@ class CalibrationCommands:
     def _mag(self) -> None:
         self._start("mag")
         self._fields.clear()
-        self._run(self._course("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._learn_mag))
+        self._run(self._calibrate_sides("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._learn_mag))
 
     def _rotate(self, _side: Side) -> Check:
         """Samples the field while the vehicle is turned on one side."""
-        self._say("[cal] Rotate vehicle")
+        self._text("[cal] Rotate vehicle")
         taken = yield from self._readings.turned_fields()
         self._fields += taken
         if not taken:
-            self._say("Failed: This calibration requires rotation.", CRITICAL)
+            self._text("Failed: This calibration requires rotation.", CRITICAL)
         return bool(taken)
 
     def _learn_mag(self) -> bool:
@@ -197,35 +197,37 @@ class CalibrationCommands:
 
     def _accelerometer(self) -> None:
         self._start("accel")
-        self._sums.clear()
-        self._run(self._course("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._learn_accelerometer))
+        self._means.clear()
+        self._run(
+            self._calibrate_sides("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._learn_accelerometer)
+        )
 
     def _measure_side(self, side: Side) -> Check:
         self._measuring = True
-        self._say(f"[cal] Hold still, measuring {side.value} side")
+        self._text(f"[cal] Hold still, measuring {side.value} side")
         mean = yield from self._readings.mean(self._readings.accel, ACCEL_SAMPLES)
         if not mean[side.axis] * side.sign > 0.0:
-            self._say(f"[cal] accel 0 invalid {'XYZ'[side.axis]}-axis, check rotation", EMERGENCY)
+            self._text(f"[cal] accel 0 invalid {'XYZ'[side.axis]}-axis, check rotation", EMERGENCY)
             return False
-        self._sums[side] = mean
+        self._means[side] = mean
         x, y, z = mean.tolist()
-        self._say(f"[cal] {side.value} side result: [{x:.3f} {y:.3f} {z:.3f}]")
-        yield LIST_S
-        self._progress(17 * len(self._sums))
-        yield LIST_S
+        self._text(f"[cal] {side.value} side result: [{x:.3f} {y:.3f} {z:.3f}]")
+        yield TEXT_INTERVAL_S
+        self._progress(17 * len(self._means))
+        yield TEXT_INTERVAL_S
         return True
 
     def _learn_accelerometer(self) -> bool:
-        found = offset_and_scale(self._sums)
+        found = offset_and_scale(self._means)
         if found is None:
             return False
-        self._readings.store("CAL_ACC0_", "OFF", found[0], tell=False)
+        self._readings.store("CAL_ACC0_", "OFF", found[0], send=False)
         self._readings.store("CAL_ACC0_", "SCALE", found[1])
         return True
 
     # --- sides -----------------------------------------------------------------------------------------
 
-    def _course(
+    def _calibrate_sides(
         self,
         name: str,
         still_s: float,
@@ -234,16 +236,16 @@ class CalibrationCommands:
         learn: Callable[[], bool] = lambda: True,
     ) -> Steps:
         """A complete calibration by sides."""
-        went_well = yield from self._each_side(still_s, tolerance, measure)
+        succeeded = yield from self._each_side(still_s, tolerance, measure)
         self._measuring = False
         command, self._cancelled_by = self._cancelled_by, None
         if command is not None:
             self._host.acknowledge(command, ACCEPTED)
-            self._say("[cal] calibration cancelled", CRITICAL)
+            self._text("[cal] calibration cancelled", CRITICAL)
             self._running = ""
-            yield LIST_S
-        elif went_well and learn():
-            yield LIST_S
+            yield TEXT_INTERVAL_S
+        elif succeeded and learn():
+            yield TEXT_INTERVAL_S
             self._done(name)
             return
         self._failed(name)
@@ -254,48 +256,49 @@ class CalibrationCommands:
         while len(done) < len(Side) and self._cancelled_by is None:
             self._measuring = False
             if failures > FAILURES_ALLOWED:
-                self._say("[cal] calibration failed: timeout: no motion", CRITICAL)
+                self._text("[cal] calibration failed: timeout: no motion", CRITICAL)
                 return False
-            yield LIST_S
-            self._say("[cal] pending: " + " ".join(side.value for side in Side if side not in done))
-            yield LIST_S
-            self._say(STILL)
+            yield TEXT_INTERVAL_S
+            self._text("[cal] pending: " + " ".join(side.value for side in Side if side not in done))
+            yield TEXT_INTERVAL_S
+            self._text(STILL)
             side = yield from self._wait_for_rest(RestDetector(still_s, tolerance))
             if side is None or side in done:
                 failures += 1
-                self._say(MOTION if side is None else f"[cal] {side.value} side already completed")
+                self._text(MOTION if side is None else f"[cal] {side.value} side already completed")
                 continue
             failures = 0
             for _ in range(2):
-                self._say(f"[cal] {side.value} orientation detected")
-                yield LIST_S
+                self._text(f"[cal] {side.value} orientation detected")
+                yield TEXT_INTERVAL_S
             if not (yield from measure(side)):
                 return False
             done.append(side)
             for _ in range(2):
-                self._say(f"[cal] {side.value} side done, rotate to a different side")
-                yield LIST_S
-            yield AFTER_A_SIDE_S - LIST_S
+                self._text(f"[cal] {side.value} side done, rotate to a different side")
+                yield TEXT_INTERVAL_S
+            yield AFTER_A_SIDE_S - TEXT_INTERVAL_S
         return self._cancelled_by is None
 
     def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
-        """The side that points down once the vehicle is at rest; None: at an angle, or never at rest."""
+        """The side that points down when the vehicle is at rest; None: held at an angle, or not at rest in
+        time."""
         simulation = self._host.view.simulation
         begun_s = simulation.time_s
-        while simulation.time_s - begun_s < NOBODY_HOLDS_STILL_S:
+        while simulation.time_s - begun_s < REST_TIMEOUT_S:
             yield 0.0
             x, y, z = self._readings.accel().tolist()
             rest = detector.feed((x, y, z), simulation.dt_s)
             if rest is Rest.BEGAN:
                 begun_s = simulation.time_s
-                self._say(REST)
+                self._text(REST)
             elif rest is Rest.BROKEN:
-                self._say(MOTION)
+                self._text(MOTION)
             elif rest is Rest.STILL:
                 if detector.side is None:
-                    self._say("ERROR: invalid orientation", CRITICAL)
+                    self._text("ERROR: invalid orientation", CRITICAL)
                 return detector.side
-        self._say("[cal] calibration failed: reading sensor", CRITICAL)
+        self._text("[cal] calibration failed: reading sensor", CRITICAL)
         return None
 
     # --- without sides --------------------------------------------------------------------------------
@@ -318,15 +321,15 @@ class CalibrationCommands:
     def _level(self) -> None:
         self._start("level")
         for step in range(6):
-            self._at(LIST_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
+            self._after(TEXT_INTERVAL_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
         self._run(self._learn_level())
 
     def _learn_level(self) -> Steps:
-        yield LIST_S
+        yield TEXT_INTERVAL_S
         wrong = yield from self._readings.learn_level()
         yield 0.03
         self._progress(100)
-        yield LIST_S
+        yield TEXT_INTERVAL_S
         if wrong:
             self._failed("level", wrong)
         else:
@@ -342,14 +345,16 @@ class CalibrationCommands:
 
     def _airspeed(self) -> None:
         self._start("airspeed")
-        self._at(LIST_S / 2, lambda: self._say("[cal] Ensure sensor is not measuring wind", CRITICAL))
+        self._after(
+            TEXT_INTERVAL_S / 2, lambda: self._text("[cal] Ensure sensor is not measuring wind", CRITICAL)
+        )
 
     # --- ends ------------------------------------------------------------------------------------------
 
     def _cancel(self, c: Command) -> int | None:
         running = self._running
         if running == "baro":
-            return None  # a running sampling cannot be cancelled
+            return None  # a barometer calibration cannot be cancelled
         if self._measuring:
             self._cancelled_by = c  # handled when the side has been measured
             return TEMPORARILY_REJECTED
@@ -361,16 +366,16 @@ class CalibrationCommands:
             self._announcer.both(INFO, "Calibration: Restoring RC input", "commander_calib_rc_on")
             return ACCEPTED
         self._host.acknowledge(c, ACCEPTED)
-        self._say("[cal] calibration cancelled", CRITICAL)
+        self._text("[cal] calibration cancelled", CRITICAL)
         return TEMPORARILY_REJECTED
 
-    def _say(self, text: str, severity: int = INFO) -> None:
+    def _text(self, text: str, severity: int = INFO) -> None:
         self._announcer.text(severity, text)
 
     def _progress(self, percent: int) -> None:
-        self._say(f"[cal] progress <{percent}>")
+        self._text(f"[cal] progress <{percent}>")
 
-    def _at(self, seconds: float, action: Action) -> None:
+    def _after(self, seconds: float, action: Action) -> None:
         token = self._token
 
         def run() -> None:
@@ -379,13 +384,13 @@ class CalibrationCommands:
 
         self._host.after(seconds, run)
 
-    def _run(self, course: Steps) -> None:
+    def _run(self, steps: Steps) -> None:
         token = self._token
 
         def go() -> None:
             if token != self._token:
                 return
-            wait_s = next(course, None)
+            wait_s = next(steps, None)
             if wait_s is not None:
                 self._host.after(wait_s, go)
 

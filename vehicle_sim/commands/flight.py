@@ -24,7 +24,7 @@ NO_ANSWER = frozenset(
     {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
      30002, 42600}
 )  # fmt: skip
-"""PX4 sends no acknowledgement for these: no module handles them, or the one that does sends none."""
+"""PX4 sends no acknowledgement for these: no module handles them, or their module does not acknowledge."""
 ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
 """Commands without effect here: actuator sets, aborted fixed-wing landing, log stream."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
@@ -39,8 +39,8 @@ SET_NAV_STATE = 100_001
 FORCE = 21196
 AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
 """MAV_MODE_FLAG."""
-FIRST_MOTOR, FIRST_SERVO, MOTORS, SERVOS, OWN_FUNCTIONS = 1, 33, 12, 8, 1000
-"""ACTUATOR_OUTPUT_FUNCTION; from 1000 on PX4's own numbers follow."""
+FIRST_MOTOR, FIRST_SERVO, MOTORS, SERVOS, PX4_FUNCTIONS = 1, 33, 12, 8, 1000
+"""ACTUATOR_OUTPUT_FUNCTION; numbers from 1000 on are PX4-specific."""
 LOAD, SAVE = 0, 1
 STORAGE_RESETS = {
     2: (("*",), ("LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "COM_FLIGHT_UUID")),
@@ -56,7 +56,7 @@ INT32_MAX = 0x7FFFFFFF
 REPOSITION_CHANGE_MODE = 1
 """The only flag of DO_REPOSITION that PX4 supports; it must be set."""
 REFUSAL_COMPONENT = 190
-"""PX4 reports a refused DO_SET_MODE only to this component, which ground stations have."""
+"""PX4 reports a refused DO_SET_MODE as a text only if this component id, used by ground stations, sent it."""
 
 
 class FlightCommands:
@@ -126,7 +126,11 @@ class FlightCommands:
         base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
         if not base & CUSTOM_FLAG:
             mode = _mode_of_flags(base)
-            return ACCEPTED if mode is None else self._switch(mode, told=c.sender[1] == REFUSAL_COMPONENT)
+            return (
+                ACCEPTED
+                if mode is None
+                else self._switch(mode, report_refusal=c.sender[1] == REFUSAL_COMPONENT)
+            )
         main = int(c.p2) if math.isfinite(c.p2) else 0
         sub = int(c.p3) if math.isfinite(c.p3) else 0
         try:
@@ -136,27 +140,26 @@ class FlightCommands:
             return TEMPORARILY_REJECTED
         if mode is None:
             return ACCEPTED
-        return self._switch(mode, told=c.sender[1] == REFUSAL_COMPONENT)
+        return self._switch(mode, report_refusal=c.sender[1] == REFUSAL_COMPONENT)
 
-    def _switch(self, mode: NavState, *, told: bool = True) -> int:
+    def _switch(self, mode: NavState, *, report_refusal: bool = True) -> int:
         if self._commander.set_mode(mode):
             return ACCEPTED
-        if told:
+        if report_refusal:
             self._commander.refusals.report(mode)
         return TEMPORARILY_REJECTED
 
     def _set_standard_mode(self, c: Command) -> int:
         mode = STANDARD_MODES.get(int(c.p1) if math.isfinite(c.p1) else 0)
-        return FAILED if mode is None else self._switch(mode, told=False)
+        return FAILED if mode is None else self._switch(mode, report_refusal=False)
 
     def _set_nav_state(self, c: Command) -> int:
-        """Handles SET_NAV_STATE; an unknown number, which PX4 accepts while disarmed, does not change the
-        mode."""
+        """Handles SET_NAV_STATE. While disarmed PX4 accepts an unknown number, but keeps the mode."""
         try:
             mode = NavState(int(c.p1) if math.isfinite(c.p1) else 0)
         except ValueError:
             return TEMPORARILY_REJECTED if self._commander.armed else ACCEPTED
-        return self._switch(mode, told=False)
+        return self._switch(mode, report_refusal=False)
 
     # --- flying ----------------------------------------------------------------------------------------
 
@@ -182,7 +185,7 @@ class FlightCommands:
 
     def _orbit(self, c: Command) -> int:
         self._navigator.orbit((c.p5, c.p6, c.p7), c.p1, c.p2, c.p3)
-        result = self._switch(NavState.ORBIT, told=False)
+        result = self._switch(NavState.ORBIT, report_refusal=False)
         if result != ACCEPTED:
             self._announcer.text(2, "Orbit refused")
         return result
@@ -195,7 +198,7 @@ class FlightCommands:
         flags = int(c.p2) if math.isfinite(c.p2) else 0
         if flags != REPOSITION_CHANGE_MODE:
             return UNSUPPORTED
-        outside = self._leaves_fence(c.p5, c.p6, c.p7)
+        outside = self._is_outside_fence(c.p5, c.p6, c.p7)
         was_holding = self._commander.active is NavState.HOLD
         result = self._switch(NavState.HOLD)
         if result != ACCEPTED or not self._commander.armed:
@@ -212,7 +215,7 @@ class FlightCommands:
 
     def _change_altitude(self, c: Command) -> int:
         """Holds at another altitude AMSL [m], above the position where the vehicle stops."""
-        outside = self._leaves_fence(math.nan, math.nan, c.p1)
+        outside = self._is_outside_fence(math.nan, math.nan, c.p1)
         result = self._switch(NavState.HOLD)
         if result != ACCEPTED or not self._commander.armed:
             return result
@@ -224,7 +227,7 @@ class FlightCommands:
             self._navigator.stop_at(c.p1)
         return result
 
-    def _leaves_fence(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
+    def _is_outside_fence(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
         estimate = self._host.view.estimate
         here = estimate.lat_deg, estimate.lon_deg
         lat, lon = (lat_deg, lon_deg) if is_position(lat_deg, lon_deg) else here
@@ -275,7 +278,7 @@ class FlightCommands:
         known = (
             FIRST_MOTOR <= which < FIRST_MOTOR + MOTORS
             or FIRST_SERVO <= which < FIRST_SERVO + SERVOS
-            or which >= OWN_FUNCTIONS
+            or which >= PX4_FUNCTIONS
         )
         return ACCEPTED if known else None
 
@@ -307,7 +310,7 @@ class FlightCommands:
         return None
 
     def _autotune(self, c: Command) -> int:
-        """PX4 accepts it on the ground; the tuning itself is not simulated."""
+        """DO_AUTOTUNE_ENABLE, which PX4 accepts on the ground; the tuning itself is not simulated."""
         if self._commander.armed:
             self._announcer.text(4, "Autotuning is not simulated")
             return UNSUPPORTED

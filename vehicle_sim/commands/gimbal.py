@@ -51,7 +51,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi_location(self, command: Command) -> int:
-        """Points at a location (ROI); needs no control."""
+        """Points at a location (ROI); the sender need not have control of the gimbal."""
         self._gimbal.look_at(command.p5, command.p6, command.p7)
         return ACCEPTED
 
@@ -64,8 +64,8 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
-        """The deprecated region-of-interest command: PX4 uses only its mode, and points at 0 N 0 E at sea
-        level."""
+        """The deprecated DO_SET_ROI: PX4 reads only its mode (param1); for a location it points at 0 N, 0 E,
+        sea level."""
         if _whole(command.p1) == 3:
             self._gimbal.look_at(0.0, 0.0, 0.0)
         if _whole(command.p1) == 0:
@@ -73,7 +73,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def mount(self, command: Command) -> int | None:
-        """The deprecated mount command; needs no control."""
+        """The deprecated DO_MOUNT_CONTROL; the sender need not have control of the gimbal."""
         if not self._gimbal.enabled:
             return None
         mode = _whole(command.p7)

@@ -30,30 +30,34 @@ samples as a fraction of the field strength."""
 FIX_2D, VERTICAL_ACCURACY_M = 2, 100.0
 """Minimum GPS fix type and accuracy for a barometer calibration."""
 FloatArray = NDArray[np.float64]
-Tell = Callable[[Iterable[str]], None]
+SendParameters = Callable[[Iterable[str]], None]
 
 
 class Readings:
     """The sensors of one vehicle, and their calibration parameters."""
 
-    def __init__(self, view: VehicleView, tell_parameters: Tell) -> None:
+    def __init__(self, view: VehicleView, send_parameters: SendParameters) -> None:
         self._view = view
-        self._tell_parameters = tell_parameters
+        self._send_parameters = send_parameters
 
     def accel(self) -> FloatArray:
         """(3,) specific force, raw [m/s², FRD]."""
-        read = self._view.simulation.sensors.accel_frd_m_s2[self._view.row]
-        return self._unturned(read) / self._triple("CAL_ACC0_", "SCALE") + self._triple("CAL_ACC0_", "OFF")
+        reading = self._view.simulation.sensors.accel_frd_m_s2[self._view.row]
+        return self._unrotated(reading) / self._triple("CAL_ACC0_", "SCALE") + self._triple(
+            "CAL_ACC0_", "OFF"
+        )
 
     def gyro(self) -> FloatArray:
         """(3,) raw [rad/s, FRD]."""
-        read = self._view.simulation.sensors.gyro_frd_rad_s[self._view.row]
-        return self._unturned(read) + self._triple("CAL_GYRO0_", "OFF")
+        reading = self._view.simulation.sensors.gyro_frd_rad_s[self._view.row]
+        return self._unrotated(reading) + self._triple("CAL_GYRO0_", "OFF")
 
     def mag(self) -> FloatArray:
         """(3,) raw [gauss, FRD]."""
-        read = self._view.simulation.sensors.mag_frd_gauss[self._view.row]
-        return self._unturned(read) / self._triple("CAL_MAG0_", "SCALE") + self._triple("CAL_MAG0_", "OFF")
+        reading = self._view.simulation.sensors.mag_frd_gauss[self._view.row]
+        return self._unrotated(reading) / self._triple("CAL_MAG0_", "SCALE") + self._triple(
+            "CAL_MAG0_", "OFF"
+        )
 
     def known_field(self, yaw_ned_rad: float) -> FloatArray:
         """(3,) expected compass reading with this heading, at the estimated roll and pitch [gauss]."""
@@ -85,21 +89,22 @@ class Readings:
             total += read()
         return total / samples
 
-    def store(self, prefix: str, what: str, values: FloatArray, *, tell: bool = True) -> None:
-        """Stores the result of three axes if it differs; `tell` sends the sensor's parameters."""
+    def store(self, prefix: str, what: str, values: FloatArray, *, send: bool = True) -> None:
+        """Stores the result of three axes if it differs; `send` sends the sensor's parameters."""
         names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
         if float(np.linalg.norm(values - self._triple(prefix, what))) > KEPT_WITHIN:
             for name, value in zip(names, values.tolist(), strict=True):
                 self._view.parameters.set(name, value)
-        if tell:
-            self.tell(prefix)
+        if send:
+            self.send(prefix)
 
-    def tell(self, prefix: str) -> None:
-        """Sends a sensor's parameters to every ground station, and sets its priority if it has none."""
+    def send(self, prefix: str) -> None:
+        """Sends a sensor's parameters to every ground station; first sets the priority of a sensor without
+        one."""
         store = self._view.parameters
         if store.get(f"{prefix}PRIO") < 0:
             store.set(f"{prefix}PRIO", PRIORITY)
-        self._tell_parameters([name for name in store.names if name.startswith(prefix)])
+        self._send_parameters([name for name in store.names if name.startswith(prefix)])
 
     def learn_level(self) -> Generator[float, None, str]:
         """Stores the mean attitude of half a second as level (SENS_BOARD_*_OFF); returns a problem, or ""."""
@@ -112,13 +117,15 @@ class Readings:
             pitches.append(view.estimate.pitch_rad)
         if max(max(angles) - min(angles) for angles in (rolls, pitches)) >= LEVEL_STILL_RAD:
             return "motion during calibration"
-        roll, pitch = self._without_board(math.fsum(rolls) / len(rolls), math.fsum(pitches) / len(pitches))
+        roll, pitch = self._angles_without_board(
+            math.fsum(rolls) / len(rolls), math.fsum(pitches) / len(pitches)
+        )
         for name, angle in (("roll", roll), ("pitch", pitch)):
             if abs(angle) > LEVEL_WITHIN_RAD:
                 return f"excess {name} angle"
         view.parameters.set("SENS_BOARD_X_OFF", math.degrees(roll))
         view.parameters.set("SENS_BOARD_Y_OFF", math.degrees(pitch))
-        self._tell_parameters(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF"))
+        self._send_parameters(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF"))
         return ""
 
     def learn_baro(self) -> Generator[float, None, bool]:
@@ -145,11 +152,11 @@ class Readings:
         parameter = self._view.parameter
         return math.radians(parameter("SENS_BOARD_X_OFF")), math.radians(parameter("SENS_BOARD_Y_OFF"))
 
-    def _unturned(self, read: FloatArray) -> FloatArray:
-        return board_matrix(*self._board_angles()).T @ read
+    def _unrotated(self, reading: FloatArray) -> FloatArray:
+        return board_matrix(*self._board_angles()).T @ reading
 
-    def _without_board(self, roll_rad: float, pitch_rad: float) -> tuple[float, float]:
-        """Roll and pitch as they would be estimated with no board rotation."""
+    def _angles_without_board(self, roll_rad: float, pitch_rad: float) -> tuple[float, float]:
+        """Roll and pitch that would be estimated without the board rotation."""
         matrix = board_matrix(*self._board_angles()) @ board_matrix(roll_rad, pitch_rad)
         return math.atan2(matrix[2, 1], matrix[2, 2]), math.asin(max(-1.0, min(1.0, -matrix[2, 0])))
 

@@ -45,7 +45,7 @@ class Side(Enum):
     @property
     def roll_pitch_rad(self) -> tuple[float, float]:
         """Attitude of a vehicle on this side."""
-        return _LIES[self]
+        return _ATTITUDES[self]
 
     @property
     def sign(self) -> float:
@@ -54,7 +54,7 @@ class Side(Enum):
 
 
 _QUARTER = 0.5 * math.pi
-_LIES = {
+_ATTITUDES = {
     Side.BACK: (0.0, _QUARTER), Side.FRONT: (0.0, -_QUARTER), Side.LEFT: (-_QUARTER, 0.0),
     Side.RIGHT: (_QUARTER, 0.0), Side.UP: (math.pi, 0.0), Side.DOWN: (0.0, 0.0),
 }  # fmt: skip

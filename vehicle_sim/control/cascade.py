@@ -114,7 +114,7 @@ class Cascade:
             self._override_motors(setpoints)
 
     def _override_motors(self, setpoints: Setpoints) -> None:
-        """Applies thrust and torque, or motor signals, for this step; then the vehicle's own follow again."""
+        """Applies overriding thrust and torque, or motor signals, for this step only."""
         rows = (setpoints.override_level == _THRUST_TORQUE) & self._groups.powered
         if any_of(rows):
             torque = np.nan_to_num(setpoints.torque_frd)
@@ -127,7 +127,7 @@ class Cascade:
             setpoints.override_level[rows] = _DISARMED
 
     def _override_rates(self, setpoints: Setpoints) -> None:
-        """Applies body rates at once that arrived between two outputs of the outer controllers."""
+        """Applies overriding body rates at once if they arrived between two runs of the outer controllers."""
         rows = (setpoints.override_level == _RATES) & self._groups.trajectory
         if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)

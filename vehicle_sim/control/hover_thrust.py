@@ -23,7 +23,7 @@ _NOISE_TIME_CONSTANT_S = 2.0
 _MIN_NOISE_M2_S4 = 1.0
 """Noise in PX4's vertical acceleration from rotor vibration (1.4 m/s² over two samples)."""
 _FAST_NOISE_FACTOR = 10.0
-"""Factor on the measurement noise at high speed, where drag looks like weight."""
+"""Factor on the measurement noise at high speed, where drag acts like additional weight."""
 
 
 class HoverThrust:

@@ -105,7 +105,8 @@ class PositionControl:
 
         Args:
             controlled: (N,) vehicles at level TRAJECTORY; the rows of the others are not changed.
-            reset_integral: (N,) vehicles whose velocity integral is cleared: just begun, or on the ground.
+            reset_integral: (N,) vehicles whose velocity integral is cleared: position control has just begun,
+                or the vehicle is on the ground.
             setpoints: the trajectory setpoints.
             estimate: estimated states of the vehicles.
             hover_thrust: (N,).

@@ -45,7 +45,7 @@ class RigidBodies:
         self.matrix = rotation_matrix(self.state.q_ned_frd)
         """(N, 3, 3) rotation matrices of `state.q_ned_frd`."""
         self.wind_ned_m_s = np.zeros((count, 3))
-        self.ground_ned_m = np.zeros(count)
+        self.ground_down_m = np.zeros(count)
         """(N,) down coordinate of the surface below each body; 0: flat ground at home's level."""
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
         """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input."""
@@ -70,7 +70,7 @@ class RigidBodies:
         """Places vehicle `i` level and at rest; a position below the surface is raised to the surface."""
         state = self.state
         state.position_ned_m[i] = position_ned_m
-        state.position_ned_m[i, 2] = min(float(position_ned_m[2]), float(self.ground_ned_m[i]))
+        state.position_ned_m[i, 2] = min(float(position_ned_m[2]), float(self.ground_down_m[i]))
         for rows in (
             state.velocity_ned_m_s,
             state.acceleration_ned_m_s2,
@@ -79,7 +79,7 @@ class RigidBodies:
         ):
             rows[i] = 0.0
         state.q_ned_frd[i] = quaternion_from_yaw(np.array([yaw_ned_rad]))[0]
-        state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_ned_m[i]
+        state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_down_m[i]
         self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
     def turn(self, i: int, q_ned_frd: FloatArray) -> None:
@@ -99,7 +99,7 @@ class RigidBodies:
         state = self.state
         _advance(
             self._dt_s, motor_signal, motor_health, self._lag, self._response, self._drag_per_s,
-            self.wind_ned_m_s, self.ground_ned_m, state.position_ned_m, state.velocity_ned_m_s,
+            self.wind_ned_m_s, self.ground_down_m, state.position_ned_m, state.velocity_ned_m_s,
             state.acceleration_ned_m_s2, state.q_ned_frd, self.matrix, state.rates_frd_rad_s,
             state.rotor_thrust, state.on_ground,
         )  # fmt: skip
@@ -108,7 +108,7 @@ class RigidBodies:
 @kernel
 def _advance(
     dt_s: float, motor_signal: Rows, motor_health: Rows, lag: Rows, response: Blocks,
-    drag_per_s: Rows, wind_ned_m_s: Rows, ground_ned_m: Column, position: Rows,
+    drag_per_s: Rows, wind_ned_m_s: Rows, ground_down_m: Column, position: Rows,
     velocity: Rows, acceleration: Rows, q: Rows, matrix: Blocks, rates: Rows,
     rotors: Rows, on_ground: Flags,
 ) -> None:  # fmt: skip
@@ -144,12 +144,12 @@ def _advance(
         # A descending vehicle is stopped even while it decelerates; a vehicle at rest stays while its weight
         # exceeds its lift.
         descent_m_s = velocity[i, 2]
-        held = position[i, 2] >= ground_ned_m[i] and (
+        held = position[i, 2] >= ground_down_m[i] and (
             descent_m_s > 0.0 or (acceleration[i, 2] >= 0.0 and descent_m_s >= 0.0)
         )
         on_ground[i] = held
         if held:
-            position[i, 2] = ground_ned_m[i]
+            position[i, 2] = ground_down_m[i]
             for k in range(3):
                 acceleration[i, k] = -velocity[i, k] / dt_s
                 velocity[i, k] = rates[i, k] = 0.0

@@ -121,7 +121,7 @@ class SetpointInputs:
         pitch, roll, lift, yaw = (round(each * STICK_RANGE) for each in axes)
         if autopilot.sticks.hear(pitch, roll, lift, yaw):
             autopilot.commander.checks.manual_control_at_s = autopilot.view.time_s
-            autopilot.commander.sticks_heard()
+            autopilot.commander.on_stick_input()
 
 
 def _limited(values: tuple[float, ...]) -> Vector:

@@ -18,6 +18,7 @@ ROOF_TOLERANCE_M = 0.15
 SLOPE_CRASH_M_S = 1.5
 """Speed relative to rising ground above which a vehicle crashes; PX4's own flat ground causes no crash."""
 REBOUND = 0.2
+"""Fraction of the speed kept after a collision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +39,11 @@ class Contact:
 
     def __init__(self, world: World, count: int) -> None:
         self._world = world
-        self._before_ned_m_s = np.zeros((count, 3))
-        self.broken = np.zeros(count, dtype=np.bool_)
-        """(N,) vehicles that have collided since their last start."""
+        self._velocity_before_step_ned_m_s = np.zeros((count, 3))
+        self.crashed = np.zeros(count, dtype=np.bool_)
+        """(N,) vehicles that have crashed since their last reset."""
 
-    def support_ned_m(self, position_ned_m: FloatArray) -> FloatArray:
+    def support_down_m(self, position_ned_m: FloatArray) -> FloatArray:
         """(N,) down coordinate of the surface below each vehicle: ground or roof."""
         north, east, down = position_ned_m[:, 0], position_ned_m[:, 1], position_ned_m[:, 2]
         support = -self._world.terrain.height_m(north, east)
@@ -55,9 +56,8 @@ class Contact:
         return support
 
     def store_velocity(self, velocity_ned_m_s: FloatArray) -> None:
-        """Stores the velocities before this step, because contact with the ground stops a vehicle in the
-        step."""
-        self._before_ned_m_s[:] = velocity_ned_m_s
+        """Stores the velocities before a step, because ground contact sets them to zero during the step."""
+        self._velocity_before_step_ned_m_s[:] = velocity_ned_m_s
 
     def collide(self, position_ned_m: FloatArray, velocity_ned_m_s: FloatArray) -> list[Collision]:
         """Stops vehicles that hit something (changes position and velocity in place); returns the new
@@ -77,12 +77,12 @@ class Contact:
             )
             for row in np.flatnonzero(hit):
                 self._push_out(int(row), number, position_ned_m, velocity_ned_m_s)
-                self._break(int(row), box.name, collisions)
+                self._crash(int(row), box.name, collisions)
         return collisions
 
     def reset(self, row: int) -> None:
-        """Resets the crash of a vehicle that starts again."""
-        self.broken[row] = False
+        """Clears the crash of a vehicle that is reset."""
+        self.crashed[row] = False
 
     def _slopes(self, position: FloatArray, velocity: FloatArray, collisions: list[Collision]) -> None:
         terrain = self._world.terrain
@@ -93,15 +93,15 @@ class Contact:
         if not below.any():
             return
         rise_north, rise_east = terrain.slope(north, east)
-        speed = self._before_ned_m_s
+        speed = self._velocity_before_step_ned_m_s
         closing = rise_north * speed[:, 0] + rise_east * speed[:, 1]
         for row in np.flatnonzero(below & (closing > SLOPE_CRASH_M_S)):
             velocity[row] = 0.0
-            self._break(int(row), "the ground", collisions)
+            self._crash(int(row), "the ground", collisions)
 
-    def _break(self, row: int, what: str, collisions: list[Collision]) -> None:
-        if not self.broken[row]:
-            self.broken[row] = True
+    def _crash(self, row: int, what: str, collisions: list[Collision]) -> None:
+        if not self.crashed[row]:
+            self.crashed[row] = True
             collisions.append(Collision(row, what))
 
     def _inside(self, number: int, position: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -116,13 +116,13 @@ class Contact:
         xs, ys = self._inside(number, position[row : row + 1])
         x, y = float(xs[0]), float(ys[0])
         underside = -box.base_alt_home_m + BODY_RADIUS_M
-        ways = {
+        overlaps = {
             "x": box.length_m / 2 + BODY_RADIUS_M - abs(x),
             "y": box.width_m / 2 + BODY_RADIUS_M - abs(y),
         }
         if box.base_alt_home_m > 0.0:
-            ways["down"] = underside - float(position[row, 2])
-        nearest = min(ways, key=ways.__getitem__)
+            overlaps["down"] = underside - float(position[row, 2])
+        nearest = min(overlaps, key=overlaps.__getitem__)
         if nearest == "down":
             position[row, 2] = underside
             velocity[row, 2] = abs(float(velocity[row, 2])) * REBOUND
@@ -131,7 +131,7 @@ class Contact:
         normal = (
             np.array([c, s]) * np.sign(x or 1.0) if nearest == "x" else np.array([-s, c]) * np.sign(y or 1.0)
         )
-        position[row, :2] += normal * ways[nearest]
+        position[row, :2] += normal * overlaps[nearest]
         inward = float(velocity[row, :2] @ normal)
         if inward < 0.0:
             velocity[row, :2] -= (1.0 + REBOUND) * inward * normal

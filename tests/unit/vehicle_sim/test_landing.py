@@ -20,7 +20,7 @@ LIMITS = LandingThresholds(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
 FLYING = Motion(
     armed=True, thrust=0.49, hover_thrust=0.49, hover_thrust_known=True, velocity_ned_m_s=(0.0, 0.0, 0.0),
     down_by_position_m_s=0.0, vertical_known=True, rates_frd_rad_s=(0.0, 0.0, 0.0), height_above_ground_m=0.5,
-    climb_rate_controlled=True, asked_down_m_s=0.7,
+    climb_rate_controlled=True, setpoint_down_m_s=0.7,
 )  # fmt: skip
 PRESSED = FLYING._replace(thrust=0.12)
 TICK_S = 0.02
@@ -65,8 +65,8 @@ def test_three_stages_of_a_third_each_and_three_times_that_where_the_ground_is_n
 @pytest.mark.parametrize(
     "change",
     [
-        {"asked_down_m_s": NAN},
-        {"asked_down_m_s": 0.2},
+        {"setpoint_down_m_s": NAN},
+        {"setpoint_down_m_s": 0.2},
         {"height_above_ground_m": 1.5},
         {"thrust": 0.36},
         {"velocity_ned_m_s": (0.0, 0.0, 0.3), "down_by_position_m_s": 0.3},
@@ -87,7 +87,7 @@ def test_low_thrust_is_more_where_the_hover_thrust_is_an_estimate() -> None:
 
 
 def test_without_a_controlled_climb_rate_no_descent_need_be_asked_for() -> None:
-    by_hand = FLYING._replace(thrust=0.08, climb_rate_controlled=False, asked_down_m_s=NAN)
+    by_hand = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
     assert flying().until_landed(by_hand) == pytest.approx(1.0, abs=0.1)
     assert not flying().see(by_hand._replace(thrust=0.12), 5.0).landed
 

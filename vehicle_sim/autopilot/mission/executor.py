@@ -36,11 +36,11 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ITEMS_PER_TICK = 20
-"""Most items per tick; items without a position are executed at once, and a loop of jumps must not block."""
+"""Maximum items per tick: items without a position are executed at once, and jumps may form a loop."""
 
 
 class Work(Enum):
-    """What the vehicle currently does for the item."""
+    """Phase of the current item."""
 
     NONE = "none"
     TAKEOFF = "takeoff"
@@ -72,7 +72,7 @@ class Mission:
         self.current = 0
         self.reached: int | None = None
         self.reached_count = 0
-        """Counter of reached items, so that each one can be reported at once."""
+        """Number of items reached so far; each increase is reported."""
         self.finished = False
         self.active = False
         self._work = Work.NONE
@@ -80,9 +80,9 @@ class Mission:
         self._jumps: dict[int, int] = {}
         self._revision = 0
         self._needs_takeoff = True
-        self._disarmed_since = False
-        self._judged: tuple[object, bool] = (None, False)
-        self._looked: tuple[object, ...] = ()
+        self._disarmed_after_start = False
+        self._validity: tuple[object, bool] = (None, False)
+        self._validity_inputs: tuple[object, ...] = ()
         """Inputs of the feasibility check at the last check."""
 
     # --- the plan --------------------------------------------------------------------------------------
@@ -93,24 +93,24 @@ class Mission:
 
     def valid(self, *, landed: bool) -> bool:
         """Whether there is a mission that can be flown; reports the reason once if not."""
-        looked = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
-        if looked == self._looked:
-            return self._judged[1]
-        self._looked = looked
+        inputs = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
+        if inputs == self._validity_inputs:
+            return self._validity[1]
+        self._validity_inputs = inputs
         key = (
             self._plans.revision(MISSION), self._plans.revision(FENCE), self._home.set_at_us,
             self._home.valid, self._fence.limits(),
         )  # fmt: skip
-        if self._judged[0] != key:
-            self._judged = (key, self._judge(landed))
-        return self._judged[1]
+        if self._validity[0] != key:
+            self._validity = (key, self._check_feasibility(landed))
+        return self._validity[1]
 
-    def _judge(self, landed: bool) -> bool:
+    def _check_feasibility(self, landed: bool) -> bool:
         if not self._items:
             return False
         findings = feasibility.check(
             self._items,
-            feasibility.Surroundings(
+            feasibility.FeasibilityInputs(
                 home_valid=self._home.valid,
                 home_alt_amsl_m=self._home.alt_amsl_m,
                 altitude_acceptance_m=self._view.parameter("NAV_MC_ALT_RAD"),
@@ -125,9 +125,9 @@ class Mission:
             self._announcer.event(finding.event, finding.argument_format, *finding.arguments)
         return not any(finding.rejects for finding in findings)
 
-    def notice(self, *, armed: bool) -> None:
+    def load_plan(self, *, armed: bool) -> None:
         """Loads a changed plan; called at each tick in any mode."""
-        self._disarmed_since = self._disarmed_since or not armed
+        self._disarmed_after_start = self._disarmed_after_start or not armed
         if self._revision != self._plans.revision(MISSION):
             self._revision = self._plans.revision(MISSION)
             self.current = self._plans.start_seq
@@ -161,10 +161,10 @@ class Mission:
 
     def enter(self) -> None:
         """Starts the mission, or continues it."""
-        if self._disarmed_since and self.current + 1 >= len(self._items):
+        if self._disarmed_after_start and self.current + 1 >= len(self._items):
             self.current, self.finished, self.reached = 0, False, None
             self._jumps.clear()
-        self.active, self._disarmed_since = True, False
+        self.active, self._disarmed_after_start = True, False
         self._work, self._needs_takeoff = Work.NONE, True
         self._path.cruise_m_s = math.nan
         self._leg.restart()
@@ -282,7 +282,7 @@ class Mission:
     def _turned(self, item: Item) -> bool:
         yaw = item.yaw_rad()
         timeout_s = self._view.parameter("MIS_YAW_TMT")
-        if math.isnan(yaw) or timeout_s > 0.0 or self.heading.looks_elsewhere:
+        if math.isnan(yaw) or timeout_s > 0.0 or self.heading.has_roi:
             return True
         off = abs(wrap_angle(yaw - self._view.estimate.yaw_ned_rad))
         return off < math.radians(self._view.parameter("MIS_YAW_ERR"))
@@ -320,7 +320,7 @@ class Mission:
 
     def _issue(self, item: Item) -> None:
         parameters = item.command_parameters(self._home.alt_amsl_m)
-        self.heading.notice(item, parameters)
+        self.heading.handle_item(item, parameters)
         self._commands.send(item.command, *parameters, repeated=item.command != RETURN)
 
     def _place(self, item: Item) -> Vector:
@@ -396,5 +396,5 @@ class Mission:
         return self._leg.steady_task(self.heading, arrived_at_s, item.seconds())
 
     def situation(self) -> tuple[object, ...]:
-        """What commands may change between two ticks."""
+        """State that commands can change between two ticks."""
         return self.current, self._work, self._arrived_at_s, self._leg.way, self.heading.item_yaw_rad

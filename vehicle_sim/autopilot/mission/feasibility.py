@@ -26,8 +26,8 @@ FAR_M = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
-    """Data that a mission is checked against."""
+class FeasibilityInputs:
+    """Home, fence and parameters that a mission is checked against."""
 
     home_valid: bool
     home_alt_amsl_m: float
@@ -37,14 +37,15 @@ class Surroundings:
     cylinder: Cylinder
     landed: bool
     required: int
-    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 both or none, 5 as 4, in the air landing only."""
+    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 both or none, 5 like 4, but in the air only a
+    landing."""
     fence_active: bool
     """GF_ACTION is not 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """An event about a mission, and whether it forbids flying it."""
+    """An event about a mission, and whether PX4 rejects the mission for it."""
 
     event: str
     argument_format: str = ""
@@ -52,34 +53,34 @@ class Finding:
     rejects: bool = True
 
 
-def check(items: Sequence[Item], around: Surroundings) -> tuple[Finding, ...]:
+def check(items: Sequence[Item], inputs: FeasibilityInputs) -> tuple[Finding, ...]:
     """All findings about a mission, in PX4's order."""
     findings: list[Finding] = []
     for seq, item in enumerate(items):
-        findings += _item(seq, item, around)
-    findings += _takeoff(items, around)
+        findings += _item(seq, item, inputs)
+    findings += _takeoff(items, inputs)
     findings += _vtol(items)
-    findings += _required(items, around)
-    findings += _fence(items, around)
+    findings += _required(items, inputs)
+    findings += _fence(items, inputs)
     return tuple(findings)
 
 
-def _item(seq: int, item: Item, around: Surroundings) -> list[Finding]:
+def _item(seq: int, item: Item, inputs: FeasibilityInputs) -> list[Finding]:
     if item.command not in SUPPORTED:
         return [Finding("navigator_mis_unsup_cmd", "HH", (seq + 1, item.command))]
-    if item.is_position and item.relative and not around.home_valid:
+    if item.is_position and item.relative and not inputs.home_valid:
         return [Finding("navigator_mis_no_home_rel_alt", "h", (seq + 1,))]
     return []
 
 
-def _takeoff(items: Sequence[Item], around: Surroundings) -> list[Finding]:
+def _takeoff(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
     findings: list[Finding] = []
     for seq, item in enumerate(items):
         if item.command not in (TAKEOFF, VTOL_TAKEOFF):
             continue
-        height_m = item.alt_m if item.relative else item.alt_m - around.home_alt_amsl_m
-        least_m = around.altitude_acceptance_m + 1.0
-        if around.home_valid and height_m < least_m:
+        height_m = item.alt_m if item.relative else item.alt_m - inputs.home_alt_amsl_m
+        least_m = inputs.altitude_acceptance_m + 1.0
+        if inputs.home_valid and height_m < least_m:
             findings.append(Finding("navigator_mis_takeoff_too_low", "f", (least_m,)))
         before = items[:seq]
         if any(each.is_position or each.command in (DELAY, JUMP, GATE) for each in before):
@@ -93,17 +94,17 @@ def _vtol(items: Sequence[Item]) -> list[Finding]:
     return []
 
 
-def _required(items: Sequence[Item], around: Surroundings) -> list[Finding]:
+def _required(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
     takeoff = any(item.command == TAKEOFF for item in items)
     landing = any(item.command == LAND for item in items)
-    match around.required:
+    match inputs.required:
         case 1 if not takeoff:
             return [Finding("navigator_mis_takeoff_missing")]
         case 2 if not landing:
             return [Finding("navigator_mis_land_missing")]
         case 3 if not (takeoff and landing):
             return [Finding("navigator_mis_takeoff_or_land_missing")]
-        case 5 if not around.landed:
+        case 5 if not inputs.landed:
             return [] if landing else [Finding("feasibility_mis_in_air_landing_req")]
         case 4 | 5 if takeoff != landing:
             name = "navigator_mis_add_land_or_rm_to" if takeoff else "navigator_mis_add_to_or_rm_land"
@@ -112,15 +113,15 @@ def _required(items: Sequence[Item], around: Surroundings) -> list[Finding]:
             return []
 
 
-def _fence(items: Sequence[Item], around: Surroundings) -> list[Finding]:
-    if not around.fence_active:
+def _fence(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
+    if not inputs.fence_active:
         return []
-    if not around.home_valid and max(around.cylinder.radius_m, around.cylinder.height_m) > 0.0:
+    if not inputs.home_valid and max(inputs.cylinder.radius_m, inputs.cylinder.height_m) > 0.0:
         return [Finding("navigator_mis_geofence_no_home")]
     for seq, item in enumerate(items):
         if not item.is_position or not math.isfinite(item.lat_deg):
             continue
-        alt = item.alt_amsl_m(around.home_alt_amsl_m)
-        if breaches(around.zones, around.cylinder, item.lat_deg, item.lon_deg, alt):
+        alt = item.alt_amsl_m(inputs.home_alt_amsl_m)
+        if breaches(inputs.zones, inputs.cylinder, item.lat_deg, item.lon_deg, alt):
             return [Finding("navigator_mis_geofence_violation", "h", (seq + 1,))]
     return []

@@ -22,37 +22,37 @@ class Heading:
     def __init__(self, view: VehicleView, path: Path, home: Home) -> None:
         self._view, self._path, self._home = view, path, home
         self.item_yaw_rad = math.nan
-        self._place: tuple[float, float] | None = None
+        self._roi_ne_m: tuple[float, float] | None = None
         """North and east of the region of interest."""
 
     def reset(self) -> None:
         """Clears the item's heading; as in PX4, a region of interest is kept."""
         self.item_yaw_rad = math.nan
 
-    def notice(self, item: Item, parameters: tuple[float, ...]) -> None:
-        """Handles items that change the heading."""
+    def handle_item(self, item: Item, parameters: tuple[float, ...]) -> None:
+        """Handles items that set or clear the region of interest."""
         if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_PLACE):
             self.look_at(parameters[4], parameters[5])
         elif item.command in (ROI_NONE, ROI_NEXT_WAYPOINT, ROI):
-            self._place = None
+            self._roi_ne_m = None
 
     def look_at(self, lat_deg: float, lon_deg: float) -> None:
         """Points the nose at a position."""
         if is_position(lat_deg, lon_deg):
             origin_lat, origin_lon, _ = self._view.origin
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
-            self._place = (float(n), float(e))
+            self._roi_ne_m = (float(n), float(e))
 
     @property
-    def looks_elsewhere(self) -> bool:
+    def has_roi(self) -> bool:
         """Whether a region of interest determines the heading."""
-        return self._place is not None
+        return self._roi_ne_m is not None
 
     def wanted(self, target_ned_m: Vector, acceptance_m: float) -> float:
-        """The current heading setpoint; unchanged if it is undefined."""
+        """The heading setpoint; if none is defined, the last one."""
         x, y, _ = self._path.position_ned_m
-        if self._place is not None:
-            return self._towards(self._place[0] - x, self._place[1] - y, 0.5)
+        if self._roi_ne_m is not None:
+            return self._towards(self._roi_ne_m[0] - x, self._roi_ne_m[1] - y, 0.5)
         if math.isfinite(self.item_yaw_rad):
             return self.item_yaw_rad
         mode = self._view.choice("MPC_YAW_MODE")
@@ -68,11 +68,14 @@ class Heading:
         return self._path.yaw_target_rad
 
     def steady_point(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
-        """The same as a point (north, east) that the nose turns to while it is farther away than a distance
-        (infinite: the heading does not change); None: no such point."""
+        """The heading setpoint as north and east [m] of a point, and a distance [m]; None: there is no point.
+
+        The nose points to the point while it is farther away than the distance; infinite: the heading does
+        not change.
+        """
         mode = self._view.choice("MPC_YAW_MODE")
-        if self._place is not None:
-            return (*self._place, 0.5)
+        if self._roi_ne_m is not None:
+            return (*self._roi_ne_m, 0.5)
         if math.isfinite(self.item_yaw_rad):
             return (0.0, 0.0, math.inf)
         if mode in (TOWARDS_WAYPOINT, YAW_FIRST):

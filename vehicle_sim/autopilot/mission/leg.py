@@ -32,7 +32,7 @@ class Leg:
         return self._way.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
-        """Sets a new target, from the previous one; without a next one the vehicle stops there."""
+        """Starts a leg from the last target to a new one; without a next target the vehicle stops there."""
         self._way = Way(self._way.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
         self._path.target_ned_m = target_ned_m
 
@@ -42,8 +42,8 @@ class Leg:
         self._way = Way(here, here, None, self._way.acceptance_m)
 
     def steady_task(self, heading: Heading, arrived_at_s: float | None, waits_s: float) -> SteadyTask | None:
-        """The leg until the vehicle arrives, or since it has arrived until the end of the wait; None: the
-        heading depends on the motion."""
+        """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
+        motion."""
         path, (north_m, east_m, _) = self._path, self.target_ned_m
         point = heading.steady_point(self.target_ned_m, self.acceptance_m)
         if point is None or not path.follows(self._way):

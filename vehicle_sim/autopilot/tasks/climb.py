@@ -55,7 +55,7 @@ class Climb:
         return down is not None and down < self._view.estimate.position_ned_m[2] - LEAST_CLIMB_M
 
     def begin(self, alt_amsl_m: float) -> None:
-        """Sets a vertical climb to an altitude; a mission uses it before its first item."""
+        """Sets a vertical climb to an altitude; also used by a mission before its first item."""
         north, east, _ = self._view.estimate.position_ned_m
         self._path.target_ned_m = (north, east, self._view.origin[2] - alt_amsl_m)
 
@@ -68,7 +68,8 @@ class Climb:
     def steady_task(
         self, *, ends_above_amsl_m: float = math.inf, altitude_radius_m: float = math.nan
     ) -> SteadyTask | None:
-        """The climb until an altitude AMSL, or until it is this near to its target; None: no target yet."""
+        """The climb until an altitude AMSL, or until its height error is within the radius; None: no target
+        yet."""
         task = self._path.steady_task(Motion.CLIMB)
         if task is None or math.isnan(task.target_down_m):
             return None

@@ -121,8 +121,8 @@ class DestinationChooser:
         n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
-    def report_unusable(self) -> None:
-        """Reports rally points that cannot be used, as PX4 does shortly after their upload."""
+    def report_unsupported(self) -> None:
+        """Reports rally points in an unsupported frame, as PX4 does shortly after their upload."""
         self._rally_points()
 
 

@@ -50,7 +50,7 @@ class Manual:
         self._ran_at_s = -math.inf
         self._resets = EstimateResets(view, np.zeros(1))
 
-    # --- asked by the take-off state and the land detector -------------------------------------------------
+    # --- for the take-off state ----------------------------------------------------------------------------
 
     def wants_to_climb(self) -> bool:
         """Whether the throttle would take off a vehicle on the ground."""
@@ -70,12 +70,12 @@ class Manual:
             self._fly(mode)
 
     def wait(self, mode: NavState) -> bool:
-        """Runs one tick of a stick mode whose sticks are lost: the vehicle stops until they return.
+        """Runs one tick of a stick mode without stick input: the vehicle stops until stick input returns.
 
         PX4 keeps the flight task and its speed setpoints while the vehicle stops.
 
         Returns:
-            False if this mode was not flown by stick, or if it is a mode below trajectory control.
+            False if this mode had no stick input before, or if it controls attitude or rates directly.
         """
         now_s = self._view.time_s
         if mode in DIRECT_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
@@ -98,7 +98,7 @@ class Manual:
         self._follow_resets()
 
     def _follow_resets(self) -> None:
-        """Moves the setpoints with a reset of the estimate, so that the vehicle does not fly the step."""
+        """Shifts the setpoints by a reset of the estimate, so that the vehicle does not follow the jump."""
         reset = self._resets.take()
         if reset is None:
             return
@@ -186,8 +186,11 @@ class Manual:
     # --- over the ground -----------------------------------------------------------------------------------
 
     def _horizontal(self, mode: NavState) -> tuple[float, float] | None:
-        """Acceleration from the stick minus a drag that equals it at full speed; at standstill the position
-        is held."""
+        """Integrates the stick's acceleration minus a drag (equal at full speed) to a velocity setpoint.
+
+        Returns:
+            Position (north, east) to hold at standstill; None: the velocity is controlled.
+        """
         parameter, estimate = self._view.parameter, self._view.estimate
         full = max(0.1, parameter("MPC_VEL_MANUAL"))
         fastest = min(full, parameter("MC_SLOW_DEF_HVEL")) if mode is NavState.POSITION_SLOW else full

@@ -133,8 +133,7 @@ class Orbit:
     def _fly_around(self, circle: Circle, outward: tuple[float, float], distance_m: float) -> None:
         north, east, _ = self._view.estimate.position_ned_m
         if not self._on_orbit:
-            # As on the approach, height stops at its current value, which is within the acceptance of the
-            # circle's.
+            # The current height is kept; it is within NAV_MC_ALT_RAD of the circle's height.
             self._on_orbit, self._speed_m_s = True, 0.0
             self._path.target_ned_m = (north, east, None)
         un, ue = outward

@@ -184,7 +184,7 @@ class ReturnHome:
     def _next_on_route(self) -> None:
         waypoint = self._route.pop(0)
         if not self._route:
-            # above the landing point, at the altitude of the way to it
+            # fly to above the landing point, at the current altitude of the trajectory
             waypoint = (waypoint[0], waypoint[1], self._path.position_ned_m[2])
         onward = self._route[0] if self._route else None
         self._leg.set(waypoint, onward, self._view.parameter("NAV_ACC_RAD"))
@@ -222,7 +222,7 @@ class ReturnHome:
             self._rally_due_s = self._view.time_s + RALLY_CHECK_DELAY_S
         if self._view.time_s >= self._rally_due_s:
             self._rally_due_s = math.inf
-            self._chooser.report_unusable()
+            self._chooser.report_unsupported()
 
     @property
     def checks_rally_points(self) -> bool:

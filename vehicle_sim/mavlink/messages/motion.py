@@ -181,8 +181,8 @@ class MotionMessages(Family):
         offboard = self._autopilot.offboard
         if self._autopilot.flies_attitude:
             thrust = offboard.reported_thrust
-            if offboard.no_attitude is not None:
-                q, rates = offboard.no_attitude, (NAN, NAN, NAN)
+            if offboard.invalid_attitude is not None:
+                q, rates = offboard.invalid_attitude, (NAN, NAN, NAN)
         return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def hil_state_quaternion(self) -> bytes:

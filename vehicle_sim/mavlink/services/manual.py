@@ -19,4 +19,4 @@ class ManualService:
         autopilot = self._context.autopilot
         if m.target == self._context.system_id and autopilot.sticks.hear(m.x, m.y, m.z, m.r):
             autopilot.commander.checks.manual_control_at_s = self._context.view.time_s
-            autopilot.commander.sticks_heard()
+            autopilot.commander.on_stick_input()
