@@ -215,7 +215,7 @@ class VehicleSim:
                 self._script.step()
         if tick_due or self._linked:
             for node in self._active_nodes:
-                if node.needs_every_step or (tick_due and (self._linked or node.waits)):
+                if node.needs_every_step or (tick_due and (self._linked or node.has_pending)):
                     node.step()
         for bridge in self._bridges.values():
             bridge.step()

@@ -365,7 +365,7 @@ class Autopilot:
         setpoint = self.offboard.setpoint
         if self.offboard.invalid:
             self.navigator.descend()
-        elif self.offboard.waits:
+        elif self.offboard.awaits_setpoint:
             self._hold_outputs()
         elif setpoint.kind is SetpointKind.ATTITUDE and setpoint.q_ned_frd is not None:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)

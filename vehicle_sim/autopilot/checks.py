@@ -65,8 +65,8 @@ class Checks:
         self._gcs_was_lost = False
         self._sticks_lost_at_s: float | None = None
         self.manual_control_at_s = -math.inf
-        self.gcs_heard_at_s = -math.inf
-        self.companion_heard_at_s = -math.inf
+        self.gcs_heartbeat_at_s = -math.inf
+        self.companion_heartbeat_at_s = -math.inf
         self._companion_was_lost = False
         self._was_emergency = False
         self._battery_levels: tuple[tuple[int, float], ...] = ()
@@ -148,11 +148,11 @@ class Checks:
 
     def gcs_alive(self) -> bool:
         """Whether a ground station was connected within COM_DL_LOSS_T."""
-        return self._view.time_s - self.gcs_heard_at_s < GCS_SILENT_S + self._view.choice("COM_DL_LOSS_T")
+        return self._view.time_s - self.gcs_heartbeat_at_s < GCS_SILENT_S + self._view.choice("COM_DL_LOSS_T")
 
     def gcs_lost(self) -> bool:
         """Whether the connection to a ground station was lost."""
-        return math.isfinite(self.gcs_heard_at_s) and not self.gcs_alive()
+        return math.isfinite(self.gcs_heartbeat_at_s) and not self.gcs_alive()
 
     def watch_links(self, *, armed: bool) -> None:
         """Reports loss and recovery of sensors, battery, sticks and the ground station."""
@@ -178,9 +178,9 @@ class Checks:
         self._was_emergency = emergency
 
     def _watch_companion(self) -> None:
-        heard_at_s = self.companion_heard_at_s
+        heartbeat_at_s = self.companion_heartbeat_at_s
         limit_s = COMPANION_SILENT_S + self._view.choice("COM_OBC_LOSS_T")
-        lost = math.isfinite(heard_at_s) and self._view.time_s - heard_at_s >= limit_s
+        lost = math.isfinite(heartbeat_at_s) and self._view.time_s - heartbeat_at_s >= limit_s
         if lost == self._companion_was_lost:
             return
         self._companion_was_lost = lost
@@ -245,5 +245,5 @@ class Checks:
         for event, text in BATTERY_TEXTS.items():
             if event in new - old:
                 self._announcer.text(0, text + "\t")
-        if "check_rc_dl_no_dllink" in new - old and not math.isfinite(self.gcs_heard_at_s):
+        if "check_rc_dl_no_dllink" in new - old and not math.isfinite(self.gcs_heartbeat_at_s):
             self._announcer.text(4, "Preflight Fail: No connection to the ground control station\t")

@@ -15,7 +15,7 @@ EXPIRES_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Goto:
-    """One message; NaN: the parameter's value."""
+    """One message; NaN: the heading is not changed, or the speed of the parameters is used."""
 
     position_ned_m: Vector
     heading_ned_rad: float = math.nan
@@ -40,7 +40,7 @@ class GotoControl:
 
     @property
     def active(self) -> bool:
-        """Whether a message is flown."""
+        """Whether the vehicle flies to a goal."""
         return self._goal is not None
 
     def fly(self) -> None:

@@ -183,7 +183,7 @@ class Offboard:
         return self.setpoint.kind if self._flagged is None else self._flagged
 
     @property
-    def waits(self) -> bool:
+    def awaits_setpoint(self) -> bool:
         """Whether no setpoint of the level that OffboardControlMode selects was received yet: the last
         outputs stay in effect."""
         return self._flagged is not None and self.setpoint.kind is SetpointKind.NONE

@@ -31,28 +31,29 @@ class Sticks:
     def __init__(self, view: VehicleView) -> None:
         self._view = view
         self.raw = Deflection()
-        self.heard_at_s = -math.inf
+        self.received_at_s = -math.inf
         self.moved = False
         """A stick moved faster than COM_RC_STICK_OV; cleared by the code that handles it."""
 
-    def hear(self, x: int, y: int, z: int, r: int) -> bool:
-        """Handles one MANUAL_CONTROL; False if sticks are disabled or an axis is missing."""
+    def receive(self, x: int, y: int, z: int, r: int) -> bool:
+        """Handles one stick input (ranges of MANUAL_CONTROL); False: sticks are disabled or an axis is
+        missing."""
         if self._view.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or INVALID in (x, y, z, r):
             return False
         new = Deflection(_unit(x / FULL), _unit(y / FULL), _unit(r / FULL), _unit(2.0 * z / FULL - 1.0))
         now_s = self._view.time_s
-        since_s = now_s - self.heard_at_s
+        since_s = now_s - self.received_at_s
         if self.valid and since_s > 0.0:
             fastest = 0.01 * self._view.parameter("COM_RC_STICK_OV")
             changes = (new.forward - self.raw.forward, new.right - self.raw.right, new.yaw - self.raw.yaw)
             self.moved = self.moved or any(abs(change) / since_s > fastest for change in changes)
-        self.raw, self.heard_at_s = new, now_s
+        self.raw, self.received_at_s = new, now_s
         return True
 
     @property
     def valid(self) -> bool:
         """Whether stick input was received within COM_RC_LOSS_T."""
-        return self._view.time_s - self.heard_at_s < max(0.0, self._view.parameter("COM_RC_LOSS_T"))
+        return self._view.time_s - self.received_at_s < max(0.0, self._view.parameter("COM_RC_LOSS_T"))
 
     def takes_over(self, *, offboard: bool) -> bool:
         """Whether the pilot has moved a stick, and COM_RC_OVERRIDE allows it to end the automatic mode."""

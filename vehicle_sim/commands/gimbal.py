@@ -52,24 +52,24 @@ class GimbalCommands:
 
     def roi_location(self, command: Command) -> int:
         """Points at a location (ROI); the sender need not have control of the gimbal."""
-        self._gimbal.look_at(command.p5, command.p6, command.p7)
+        self._gimbal.point_at(command.p5, command.p6, command.p7)
         return ACCEPTED
 
     def roi_none_or_next(self, command: Command) -> int:
         """Clears the ROI, or points at the next waypoint."""
         if command.number == ROI_NONE:
-            self._gimbal.look_nowhere()
+            self._gimbal.clear_roi()
         else:
-            self._gimbal.look_ahead(command.p6, command.p5, command.p7)
+            self._gimbal.point_at_next_waypoint(command.p6, command.p5, command.p7)
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
         """The deprecated DO_SET_ROI: PX4 reads only its mode (param1); for a location it points at 0 N, 0 E,
         sea level."""
         if _whole(command.p1) == 3:
-            self._gimbal.look_at(0.0, 0.0, 0.0)
+            self._gimbal.point_at(0.0, 0.0, 0.0)
         if _whole(command.p1) == 0:
-            self._gimbal.look_nowhere()
+            self._gimbal.clear_roi()
         return ACCEPTED
 
     def mount(self, command: Command) -> int | None:
@@ -84,7 +84,7 @@ class GimbalCommands:
         elif mode == MOUNT_MAVLINK:
             self._gimbal.set_mount(command.p1, command.p2, command.p3)
         elif mode == MOUNT_GPS:
-            self._gimbal.look_at(command.p5, command.p6, command.p4)
+            self._gimbal.point_at(command.p5, command.p6, command.p4)
         return ACCEPTED
 
 

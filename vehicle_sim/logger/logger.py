@@ -28,7 +28,7 @@ STOPS_AFTER_US: Final = 1_000_000
 FILE_NAME_DELAY_US: Final = 45_000
 """Delay between the event that starts a log and the time in its file name."""
 TICK_US: Final = 20_000
-"""Period of the autopilot, so that both share the values read in a step."""
+"""Period of the log's state topics: that of the autopilot, so that values read in a step are shared."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
 """SDLOG_MODE; AUX1 requires a remote control, which a simulated vehicle does not have."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
@@ -38,7 +38,7 @@ LEAST_FREE_BYTES: Final = 50 << 20
 """With less free space no log is started, and a running log ends."""
 LARGEST_BYTES: Final = 1 << 30
 """Maximum size of a log, so that a vehicle left running does not fill the disk."""
-LOOKS_EVERY_US: Final = 5_000_000
+CHECK_EVERY_US: Final = 5_000_000
 DEFAULT_PROFILE: Final = 1
 
 
@@ -54,8 +54,8 @@ class Logger:
         autopilot: the autopilot to log.
         states: its state topics.
         files: the vehicle's files, which receive the log.
-        recorders: sample the array topics; None if this vehicle never logs.
-        room: returns the free bytes of a folder's disk.
+        recorders: sample the array topics; None: this vehicle never logs.
+        free_space: returns the free bytes on a folder's disk.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class Logger:
         states: States,
         files: VehicleFiles,
         recorders: Recorders | None,
-        room: Callable[[Path], int] = free_bytes,
+        free_space: Callable[[Path], int] = free_bytes,
     ) -> None:
         self.row = autopilot.view.row
         self.path: str | None = None
         """Path of the log being written, or of the last one."""
         self.written_bytes = 0
         self.began_us = 0
-        self._autopilot, self._states, self._files, self._room = autopilot, states, files, room
+        self._autopilot, self._states, self._files, self._free_space = autopilot, states, files, free_space
         self._view = autopilot.view
         self._announcer: Announcer = autopilot.announcer
         self._recorders = recorders
@@ -82,12 +82,12 @@ class Logger:
         self._armed = False
         self._by_hand = False
         self._stop_at_us: int | None = None
-        self._tell_at_us: int | None = None
-        self._look_at_us = 0
+        self._announce_at_us: int | None = None
+        self._check_at_us = 0
         self._tick_at_us = 0
         if recorders is not None:
-            self._announcer.add_listener(self._note)
-            self._view.parameters.add_listener(self._changed)
+            self._announcer.add_listener(self._log_message)
+            self._view.parameters.add_listener(self._log_parameter)
 
     @property
     def available(self) -> bool:
@@ -111,7 +111,7 @@ class Logger:
                 return
             self._begun = True
             self._autopilot.commander.checks.logging = False
-            self._make_room()
+            self._delete_old_logs()
             if self.mode in FROM_BOOT:
                 self._start(now_us)
         armed = self._autopilot.commander.armed
@@ -120,8 +120,8 @@ class Logger:
             self._arming(armed, now_us)
         if self._stop_at_us is not None and now_us >= self._stop_at_us:
             self.stop()
-        if self._tell_at_us is not None and now_us >= self._tell_at_us:
-            self._tell_at_us = None
+        if self._announce_at_us is not None and now_us >= self._announce_at_us:
+            self._announce_at_us = None
             self._announcer.text(6, f"[logger] ./{self.path}\t")
         if self._file is not None and now_us >= self._tick_at_us:
             self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
@@ -177,17 +177,17 @@ class Logger:
         data = self._states.due(now_us)
         if data:
             self._pending.append(data)
-        if now_us >= self._look_at_us:
-            self._look_at_us = now_us + LOOKS_EVERY_US
-            self._look()
+        if now_us >= self._check_at_us:
+            self._check_at_us = now_us + CHECK_EVERY_US
+            self._check_size()
 
-    def _look(self) -> None:
+    def _check_size(self) -> None:
         if self.written_bytes >= LARGEST_BYTES:
             self.stop()
             self._announcer.text(4, "[logger] the log ends: it has grown to 1 GiB\t")
             return
         try:
-            free = self._room(self._files.root)
+            free = self._free_space(self._files.root)
         except OSError as error:
             self.stop()
             self._failed("the log ends", error)
@@ -200,7 +200,7 @@ class Logger:
         if self._recorders is None or self.mode == DISABLED:
             return
         try:
-            free = self._room(self._files.root)
+            free = self._free_space(self._files.root)
             if free < LEAST_FREE_BYTES:
                 self._full(free)
                 return
@@ -212,7 +212,7 @@ class Logger:
         self.path, self.written_bytes, self.began_us = path, 0, now_us
         profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
         recorder = self._recorders.of(profile)
-        self._look_at_us = now_us + LOOKS_EVERY_US
+        self._check_at_us = now_us + CHECK_EVERY_US
         self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._info_messages()]
         layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
         self._pending += [_formats(tuple(layouts)), _parameters(self._view.parameters)]
@@ -228,7 +228,7 @@ class Logger:
             "logger_open_file_time", "HBBBBB", when.year, when.month, when.day, when.hour, when.minute,
             when.second,
         )  # fmt: skip
-        self._tell_at_us = now_us + FILE_NAME_DELAY_US
+        self._announce_at_us = now_us + FILE_NAME_DELAY_US
 
     def _name(self) -> tuple[str, datetime]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
@@ -256,7 +256,7 @@ class Logger:
             ulog.info("time_ref_utc", offset_s, "int32_t"),
         ]
 
-    def _make_room(self) -> None:
+    def _delete_old_logs(self) -> None:
         """Deletes the oldest days beyond SDLOG_DIRS_MAX."""
         most = self._view.optional_choice("SDLOG_DIRS_MAX", 0)
         if most <= 0 or self.mode == DISABLED:
@@ -268,7 +268,7 @@ class Logger:
         except OSError:
             return  # no log yet
 
-    def _note(self, item: StatusText | Event) -> None:
+    def _log_message(self, item: StatusText | Event) -> None:
         if self._file is None:
             return
         if isinstance(item, Event):
@@ -276,7 +276,7 @@ class Logger:
         else:
             self._pending.append(ulog.logged(item.severity, self._view.time_boot_us(), item.text))
 
-    def _changed(self, name: str, value: ParameterValue) -> None:
+    def _log_parameter(self, name: str, value: ParameterValue) -> None:
         if self._file is not None:
             integer = self._view.parameters.type_of(name) == "INT32"
             self._pending.append(ulog.parameter(name, value, integer=integer))
@@ -296,7 +296,7 @@ class Logger:
 
     def _close(self) -> None:
         file, self._file, recorder, self._recorder = self._file, None, self._recorder, None
-        self._tell_at_us = None
+        self._announce_at_us = None
         self._autopilot.commander.checks.logging = False
         if recorder is not None:
             recorder.discard(self)

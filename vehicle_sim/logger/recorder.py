@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.simulation import Simulation
-from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Pace, Source
+from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Period, Source
 
 BLOCK_MS = 400
 """Duration of the samples that are collected before they are written."""
@@ -43,12 +43,12 @@ class _Column:
 class _Group:
     """Topics that are sampled together."""
 
-    def __init__(self, simulation: Simulation, pace: Pace, topics: Sequence[ArrayTopic]) -> None:
+    def __init__(self, simulation: Simulation, period: Period, topics: Sequence[ArrayTopic]) -> None:
         self._simulation = simulation
-        self._pace = pace
+        self._period = period
         self.due_us = 0
         """Time of the first sample."""
-        self._seen = -1
+        self._sample_count = -1
         self._used = 0
         self._plans: list[tuple[ArrayTopic, NDArray[Any], list[_Column]]] = []
         self._columns: list[_Column] = []
@@ -67,21 +67,21 @@ class _Group:
                 own.append(column)
             self._columns += own
             self._plans.append((topic, template, own))
-        self._length = max(1, BLOCK_MS // pace) if isinstance(pace, int) else 4
+        self._length = max(1, BLOCK_MS // period) if isinstance(period, int) else 4
         self._values = np.zeros((self._length, simulation.count, width))
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
     def sample(self, now_us: int) -> bool:
-        """Takes a sample; a topic at a sensor's rate only if the sensor has measured. True if the buffer is
-        full."""
-        pace = self._pace
-        if isinstance(pace, str):
-            count = getattr(self._simulation.sensors, pace)
-            if count == self._seen:
+        """Takes a sample; a topic with the rate of a sensor only if there is a new measurement. True: the
+        buffer is full."""
+        period = self._period
+        if isinstance(period, str):
+            count = getattr(self._simulation.sensors, period)
+            if count == self._sample_count:
                 return False
-            self._seen = count
+            self._sample_count = count
         else:
-            self.due_us = (now_us // (pace * 1000) + 1) * pace * 1000
+            self.due_us = (now_us // (period * 1000) + 1) * period * 1000
         k = self._used
         row, simulation = self._values[k], self._simulation
         for column in self._columns:
@@ -127,11 +127,11 @@ class Recorder:
     """Samples all vehicles that use one logging profile."""
 
     def __init__(self, simulation: Simulation, profile: int) -> None:
-        self.topics = tuple(topic for topic in ARRAY_TOPICS if topic.pace(profile) is not None)
-        by_pace: dict[Pace, list[ArrayTopic]] = {}
+        self.topics = tuple(topic for topic in ARRAY_TOPICS if topic.period(profile) is not None)
+        by_period: dict[Period, list[ArrayTopic]] = {}
         for topic in self.topics:
-            by_pace.setdefault(topic.pace(profile) or 0, []).append(topic)
-        self._groups = [_Group(simulation, pace, topics) for pace, topics in by_pace.items()]
+            by_period.setdefault(topic.period(profile) or 0, []).append(topic)
+        self._groups = [_Group(simulation, period, topics) for period, topics in by_period.items()]
         self._sinks: list[Sink] = []
 
     def add(self, sink: Sink) -> None:

@@ -18,7 +18,7 @@ GCS_SILENT_S = 2.5
 
 
 class Context:
-    """One vehicle's MAVLink identity."""
+    """Data and replies that all MAVLink services of one vehicle share."""
 
     def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self.autopilot = autopilot
@@ -31,7 +31,7 @@ class Context:
         self.gcs_silent_s = GCS_SILENT_S
         """In simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
-        self.heard: set[tuple[int, int]] = set()
+        self.known_senders: set[tuple[int, int]] = set()
         """(system id, component id) of all senders so far."""
         self._ack_listeners: list[AckListener] = []
 
@@ -42,7 +42,7 @@ class Context:
 
     def gcs_connected(self, link: Link) -> bool:
         """Whether a ground station is connected on a link; status texts are sent only then."""
-        return self.view.time_s - link.gcs_heard_at_s < self.gcs_silent_s
+        return self.view.time_s - link.gcs_heartbeat_at_s < self.gcs_silent_s
 
     def is_for_me(self, message: Message) -> bool:
         """Whether target system and component address this autopilot."""
@@ -63,10 +63,11 @@ class Context:
         self._ack_listeners.append(listener)
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Acknowledges a command on all transports; over MAVLink only if the sender is known there."""
+        """Acknowledges a command on all transports; a ROS 2 command over MAVLink only if the sender is known
+        there."""
         for listener in self._ack_listeners:
             listener(command, result, progress)
-        if command.link != ROS2 or command.sender in self.heard:
+        if command.link != ROS2 or command.sender in self.known_senders:
             self.send_ack(command, result, progress=progress)
 
     def send_ack(self, command: Command, result: int, *, progress: int = 0) -> None:
@@ -86,7 +87,7 @@ class Context:
         self._timers.append((self.view.time_s + seconds, action))
 
     @property
-    def waits(self) -> bool:
+    def has_pending(self) -> bool:
         """Whether an action is pending."""
         return bool(self._later or self._timers or self._woken)
 

@@ -12,7 +12,7 @@ from vehicle_sim.mavlink.rates import PROFILES, RESTORED
 
 NEVER_US = 1 << 62
 OUTBOX_LIMIT_BYTES = 4_000_000
-"""Most queued bytes; if nobody reads, the oldest are dropped, as in a full UDP buffer."""
+"""Maximum of queued bytes; above it the whole queue is dropped, similar to a full UDP buffer."""
 
 
 class Link:
@@ -23,7 +23,7 @@ class Link:
         self.profile = profile
         self.system_id = system_id
         self.parser = FrameParser()
-        self.gcs_heard_at_s = -math.inf
+        self.gcs_heartbeat_at_s = -math.inf
         self.ports: tuple[int, int | None] | None = None
         """Own and remote port; remote None: TCP. None: the link has no socket."""
         self.sent_frames = 0

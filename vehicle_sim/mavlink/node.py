@@ -56,16 +56,16 @@ class Node:
         self._camera: CameraService | None = None
         requests = RequestService(self.context, self._time.send_ping, files)
         gimbal = GimbalCommands(self.context)
-        calibration = CalibrationCommands(self.context, self.params.tell)
+        calibration = CalibrationCommands(self.context, self.params.send_as_changed)
         self.failures = FailureCommands(self.context)
         ModesMonitor(self.context)
         self._shell = ShellService(self.context)
         self._own_commands = OwnCommandService(self.context, gimbal.commands)
-        meanings = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
-        self.commands = {number: do for each in meanings for number, do in each.commands.items()}
+        groups = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
+        self.commands = {number: do for each in groups for number, do in each.commands.items()}
         """Handlers of commands from any source."""
         self.mavlink_commands = frozenset(requests.commands)
-        """Handlers of commands that exist only in MAVLink."""
+        """Numbers of the commands that exist only in MAVLink."""
         commands = CommandService(self.context, self.commands)
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
@@ -87,7 +87,7 @@ class Node:
         self._rate_at_us = RATE_EVERY_US
         self._idle_until_us = 0
         """Until this time no stream is due and no service has work, unless a message arrives."""
-        self._rated: dict[str, tuple[int, int]] = {}
+        self._counted_bytes: dict[str, tuple[int, int]] = {}
 
     @property
     def system_id(self) -> int:
@@ -99,8 +99,8 @@ class Node:
         self._camera = service = CameraService(self.context, camera)
 
         def send_heartbeats(link: Link) -> None:
-            """The camera's follows the vehicle's: MAVSDK never connects to a vehicle if the first heartbeat
-            that it receives is another component's."""
+            """Sends the camera's heartbeat after the vehicle's: MAVSDK never connects to a vehicle if the
+            first heartbeat that it receives is that of another component."""
             self._send(link, HEARTBEAT)
             service.send_heartbeat(link)
 
@@ -114,7 +114,7 @@ class Node:
         """Adds a link, and starts its streams."""
         now_us = self.context.view.time_boot_us()
         self._idle_until_us = 0
-        self._rated.pop(link.name, None)
+        self._counted_bytes.pop(link.name, None)
         for msg_id in list(link.streamed()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
         self._ranging.begin(link, now_us)
@@ -129,7 +129,7 @@ class Node:
         """Handles bytes received on a link; invalid bytes are skipped."""
         self._idle_until_us = 0
         for message in link.feed(data):
-            self.context.heard.add(message.sender)
+            self.context.known_senders.add(message.sender)
             handler = self._handlers.get(message.name)
             if handler is not None:
                 handler(link, message)
@@ -141,23 +141,23 @@ class Node:
 
     @property
     def needs_every_step(self) -> bool:
-        """Whether it must be updated after each simulation step; without links it is updated only after each
+        """Whether `step` must be called after each simulation step; otherwise it is called only after each
         tick of the autopilot."""
         context = self.context
-        return bool(context.links) or context.waits or self._camera is not None
+        return bool(context.links) or context.has_pending or self._camera is not None
 
     @property
-    def waits(self) -> bool:
+    def has_pending(self) -> bool:
         """Whether an action or a report is pending."""
-        return self.context.waits or self._mission.waits
+        return self.context.has_pending or self._mission.has_pending
 
     def step(self) -> None:
         """Called after each simulation step: runs pending actions, then sends the streams that are due."""
         context = self.context
         now_us = context.view.time_boot_us()
-        if now_us < self._idle_until_us and not context.waits and not self._mission.waits:
+        if now_us < self._idle_until_us and not context.has_pending and not self._mission.has_pending:
             return
-        busy = self._serve()
+        busy = self._step_services()
         streamers = self._streamers
         next_us = self._rate_at_us
         for link in context.links:
@@ -170,7 +170,7 @@ class Node:
                         self._send(link, msg_id)
             next_us = min(next_us, link.next_due_us)
         if now_us >= self._rate_at_us:
-            self._rate(now_us)
+            self._update_rates(now_us)
         self._idle_until_us = 0 if busy else next_us
 
     def _send(self, link: Link, msg_id: int) -> None:
@@ -178,9 +178,9 @@ class Node:
         if built is not None:
             link.send_payload(*built)
 
-    def _serve(self) -> bool:
-        """Continues running transfers of the services; True if there are any."""
-        if self.context.waits:
+    def _step_services(self) -> bool:
+        """Runs pending actions, and continues the transfers of the services; True if there are any."""
+        if self.context.has_pending:
             self.context.run_due()
         busy = False
         for service in (self._ftp, self._logs, self._shell, self.params, self._mission):
@@ -192,21 +192,21 @@ class Node:
             busy = True
         return busy
 
-    def _rate(self, now_us: int) -> None:
+    def _update_rates(self, now_us: int) -> None:
         for link in self.context.links:
-            sent, received = self._rated.get(link.name, (0, 0))
+            sent, received = self._counted_bytes.get(link.name, (0, 0))
             link.tx_rate, link.rx_rate = link.sent_bytes - sent, link.received_bytes - received
-            self._rated[link.name] = (link.sent_bytes, link.received_bytes)
+            self._counted_bytes[link.name] = (link.sent_bytes, link.received_bytes)
         self._rate_at_us = now_us + RATE_EVERY_US
 
     def _heartbeat(self, link: Link, message: Message) -> None:
         if message.type == MAV_TYPE_GCS:
-            if not math.isfinite(link.gcs_heard_at_s):
-                self._texts.greet(link)
+            if not math.isfinite(link.gcs_heartbeat_at_s):
+                self._texts.start_event_sequence(link)
             now_s = self.context.view.time_s
-            link.gcs_heard_at_s = self.context.autopilot.commander.checks.gcs_heard_at_s = now_s
+            link.gcs_heartbeat_at_s = self.context.autopilot.commander.checks.gcs_heartbeat_at_s = now_s
         elif message.type == MAV_TYPE_ONBOARD_CONTROLLER and message.system_id == self.system_id:
-            self.context.autopilot.commander.checks.companion_heard_at_s = self.context.view.time_s
+            self.context.autopilot.commander.checks.companion_heartbeat_at_s = self.context.view.time_s
 
     def _forward(self, link: Link, message: Message) -> None:
         if message.system_id == self.system_id and message.component_id == 1:

@@ -12,7 +12,7 @@ log = logging.getLogger(__name__)
 
 RECEIVE_BYTES = 65536
 DATAGRAMS_PER_STEP = 200
-"""Most datagrams per step, so that a flood does not stop the simulation."""
+"""Maximum of datagrams per step, so that a flood does not stop the simulation."""
 DATAGRAM_LIMIT = 1400
 TCP_BACKLOG_LIMIT = 1_000_000
 """A client with more unread bytes than this is disconnected."""
@@ -130,7 +130,7 @@ class TcpServer:
         self._backlog = bytearray()
         self._first_bytes: bytes | None = b""
         """First bytes of the client, while it may be a web browser; None: it is not a web browser."""
-        self._told_of_web_client = False
+        self._reported_web_client = False
 
     @property
     def connected(self) -> bool:
@@ -164,7 +164,7 @@ class TcpServer:
         return self._screened(b"".join(chunks))
 
     def _screened(self, data: bytes) -> bytes:
-        """Returns `data`, or nothing while the client is or may be a web browser."""
+        """Returns the client's data; nothing if the client is a web browser, or while it may be one."""
         if self._first_bytes is None:
             return data
         first = self._first_bytes + data
@@ -176,11 +176,11 @@ class TcpServer:
             self._first_bytes = None
             return first
         self._drop()
-        if not self._told_of_web_client:
-            self._told_of_web_client = True
+        if not self._reported_web_client:
+            self._reported_web_client = True
             log.warning(
-                "TCP port %d: a web browser connected; the vehicle closed the connection and read nothing of "
-                "it. Close the page that does so. (Further ones are closed without a word.)",
+                "TCP port %d: a web browser connected; the vehicle closed the connection, ignoring its data. "
+                "Close the web page that connects. (Further connections are closed without a message.)",
                 self.port,
             )
         return b""

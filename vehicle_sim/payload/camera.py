@@ -74,7 +74,7 @@ class Camera:
         self.used_bytes = 0
         self.interval_s = 0.0
         """Interval of the running series; 0: no series."""
-        self._left = 0
+        self._remaining = 0
         self._next_at_s = math.inf
 
     # --- settings --------------------------------------------------------------------------------------
@@ -120,21 +120,21 @@ class Camera:
     def start(self, interval_s: float, count: int) -> None:
         """Starts a series with a picture now; count 0: until it is stopped."""
         self.interval_s = 0.0 if count == 1 else max(SHORTEST_INTERVAL_S, interval_s)
-        self._left = count if count > 0 else MAX_PICTURES
+        self._remaining = count if count > 0 else MAX_PICTURES
         self._next_at_s = self._view.time_s
 
     def stop(self) -> None:
         """Ends the series."""
-        self._next_at_s, self.interval_s, self._left = math.inf, 0.0, 0
+        self._next_at_s, self.interval_s, self._remaining = math.inf, 0.0, 0
 
     def step(self) -> Capture | None:
         """Takes the picture that is due; None: none is due."""
         if self._view.time_s < self._next_at_s - 1e-9:
             return None
-        self._left -= 1
+        self._remaining -= 1
         self._next_at_s += self.interval_s
         capture = self._take()
-        if self._left <= 0 or len(self.captures) >= MAX_PICTURES:
+        if self._remaining <= 0 or len(self.captures) >= MAX_PICTURES:
             self.stop()
         return capture
 

@@ -62,16 +62,16 @@ class Gimbal:
         self._waypoint = waypoint
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self.primary = (0, 0)
-        self.wanted = Angles()
+        self.setpoint = Angles()
         self.actual = Angles()
         self.rates_rad_s = Angles()
         """Rates of the device's Euler angles."""
-        self._wanted_rates: tuple[float, float] | None = None
+        self._rate_setpoints: tuple[float, float] | None = None
         self._servo_inputs: tuple[float, ...] | None = None
         """Inputs from which the servo angles were computed, if the vehicle's attitude is not one of them."""
         self._roi: GlobalPosition | None = None
-        self._ahead: Angles | None = None
-        """Offsets relative to the direction of the next waypoint; None: not pointed at it."""
+        self._waypoint_offsets: Angles | None = None
+        """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at it."""
 
     @property
     def enabled(self) -> bool:
@@ -98,7 +98,7 @@ class Gimbal:
     def configure(self, system: int, component: int, sender: tuple[int, int], own: tuple[int, int]) -> None:
         """DO_GIMBAL_MANAGER_CONFIGURE of the primary control: -1 keep, -2 self, -3 release, 0 nobody.
 
-        As in PX4, -2 means the autopilot itself, and -3 works only for the owner.
+        As in PX4, -2 gives control to the autopilot, and -3 works only for the component in control.
         """
         if system == -1:
             return
@@ -124,21 +124,21 @@ class Gimbal:
     ) -> None:
         """Sets angles if both are given, otherwise rates; NaN yaw, or no values, keeps the previous
         setpoint."""
-        self._take_flags(flags)
+        self._apply_flags(flags)
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
             return
         if math.isfinite(pitch_rad) and math.isfinite(yaw_rad):
-            self._want(quaternion_of(0.0, pitch_rad, yaw_rad))
+            self._set_angles(quaternion_of(0.0, pitch_rad, yaw_rad))
         elif math.isfinite(pitch_rate_rad_s) or math.isfinite(yaw_rate_rad_s):
-            self._want_rates(pitch_rate_rad_s, yaw_rate_rad_s)
+            self._set_rates(pitch_rate_rad_s, yaw_rate_rad_s)
 
     def set_attitude(self, flags: int, q: Quaternion, rates_rad_s: tuple[float, float, float]) -> None:
         """GIMBAL_MANAGER_SET_ATTITUDE."""
-        self._take_flags(flags)
+        self._apply_flags(flags)
         if all(math.isfinite(each) for each in q) and any(q):
-            self._want(q)
+            self._set_angles(q)
         elif any(math.isfinite(each) for each in rates_rad_s[1:]):
-            self._want_rates(rates_rad_s[1], rates_rad_s[2])
+            self._set_rates(rates_rad_s[1], rates_rad_s[2])
 
     def set_manual(self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float) -> None:
         """GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles of up to one radian, rates as fractions of MNT_RATE_*."""
@@ -154,34 +154,36 @@ class Gimbal:
     def set_mount(self, pitch_deg: float, roll_deg: float, yaw_deg: float) -> None:
         """DO_MOUNT_CONTROL by angles."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
-        self._forget()
+        self._clear_targets()
         if all(math.isfinite(each) for each in (roll_deg, pitch_deg, yaw_deg)):
-            self._want(quaternion_of(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)))
+            self._set_angles(
+                quaternion_of(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+            )
 
     def centre(self) -> None:
         """Points straight ahead and level."""
-        self._forget()
-        self.wanted = Angles()
+        self._clear_targets()
+        self.setpoint = Angles()
 
-    def look_at(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+    def point_at(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Points at a global position, and follows it."""
         if not (math.isfinite(lat_deg) and math.isfinite(lon_deg) and math.isfinite(alt_amsl_m)):
             return
-        self._forget()
+        self._clear_targets()
         self._roi = (lat_deg, lon_deg, alt_amsl_m)
         self.flags |= Flag.YAW_LOCK
 
-    def look_nowhere(self) -> None:
-        """Clears the region of interest; returns to neutral, and keeps the yaw lock."""
+    def clear_roi(self) -> None:
+        """Clears the region of interest: returns to neutral, and keeps the yaw lock."""
         self.centre()
 
-    def look_ahead(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
+    def point_at_next_waypoint(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
         """Points at the next waypoint with offsets; without a waypoint neutral and locked."""
         self.centre()
         offsets = (
             math.radians(each) if math.isfinite(each) else 0.0 for each in (roll_deg, pitch_deg, yaw_deg)
         )
-        self._ahead = Angles(*offsets)
+        self._waypoint_offsets = Angles(*offsets)
         self.flags |= Flag.YAW_LOCK
 
     def mount_default(self, *, centred: bool) -> None:
@@ -192,7 +194,7 @@ class Gimbal:
             self.centre()
 
     @property
-    def looking_at(self) -> GlobalPosition | None:
+    def roi(self) -> GlobalPosition | None:
         """The region of interest."""
         return self._roi
 
@@ -200,50 +202,61 @@ class Gimbal:
 
     def update(self, dt_s: float) -> None:
         """Advances the simulation by `dt_s`."""
-        if self._wanted_rates is not None:
+        if self._rate_setpoints is not None:
             pitch_limit = math.radians(90.0)
-            pitch = self.wanted.pitch_rad + self._wanted_rates[0] * dt_s
-            self.wanted.pitch_rad = max(-pitch_limit, min(pitch_limit, pitch))
-            self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + self._wanted_rates[1] * dt_s)
+            pitch = self.setpoint.pitch_rad + self._rate_setpoints[0] * dt_s
+            self.setpoint.pitch_rad = max(-pitch_limit, min(pitch_limit, pitch))
+            self.setpoint.yaw_rad = wrap_angle(self.setpoint.yaw_rad + self._rate_setpoints[1] * dt_s)
         elif self._roi is not None:
-            self._aim(self._roi)
-        elif self._ahead is not None:
-            self._aim_ahead(self._ahead)
+            self._aim_at(self._roi)
+        elif self._waypoint_offsets is not None:
+            self._aim_at_waypoint(self._waypoint_offsets)
         if self.has_device:
             self._turn_device(dt_s)
         else:
             self._set_servos()
 
     def _turn_device(self, dt_s: float) -> None:
-        goal_yaw_frd = self.wanted.yaw_rad
+        goal_yaw_frd = self.setpoint.yaw_rad
         if self.yaw_locked:
             goal_yaw_frd = wrap_angle(goal_yaw_frd - self._view.estimate.yaw_ned_rad)
         actual, rates = self.actual, self.rates_rad_s
-        rates.roll_rad = _rate(wrap_angle(self.wanted.roll_rad - actual.roll_rad))
-        rates.pitch_rad = _rate(self.wanted.pitch_rad - actual.pitch_rad)
+        rates.roll_rad = _rate(wrap_angle(self.setpoint.roll_rad - actual.roll_rad))
+        rates.pitch_rad = _rate(self.setpoint.pitch_rad - actual.pitch_rad)
         rates.yaw_rad = _rate(wrap_angle(goal_yaw_frd - actual.yaw_rad))
         actual.roll_rad = wrap_angle(actual.roll_rad + rates.roll_rad * dt_s)
         actual.pitch_rad += rates.pitch_rad * dt_s
         actual.yaw_rad = wrap_angle(actual.yaw_rad + rates.yaw_rad * dt_s)
 
     def _set_servos(self) -> None:
-        how, wanted = self._view.choice("MNT_DO_STAB"), self.wanted
+        stabilisation, setpoint = self._view.choice("MNT_DO_STAB"), self.setpoint
         landed = bool(self._view.simulation.setpoints.landed[self._view.row])
         key = None
-        if how not in (STABILISE_ALL, STABILISE_YAW) and self._wanted_rates is None:
-            key = (wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad, landed, self._view.parameter_changes)
+        if stabilisation not in (STABILISE_ALL, STABILISE_YAW) and self._rate_setpoints is None:
+            key = (
+                setpoint.roll_rad,
+                setpoint.pitch_rad,
+                setpoint.yaw_rad,
+                landed,
+                self._view.parameter_changes,
+            )
             if key == self._servo_inputs:
                 return
         self._servo_inputs = key
         estimate = self._view.estimate
         vehicle = (estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad)
         absolute = [
-            self._roi is not None or self._ahead is not None or bool(self.flags & flag) for flag in LOCKS
+            self._roi is not None or self._waypoint_offsets is not None or bool(self.flags & flag)
+            for flag in LOCKS
         ]
-        stabilised = (how == STABILISE_ALL, how == STABILISE_ALL, how in (STABILISE_ALL, STABILISE_YAW))
+        stabilised = (
+            stabilisation == STABILISE_ALL,
+            stabilisation == STABILISE_ALL,
+            stabilisation in (STABILISE_ALL, STABILISE_YAW),
+        )
         angles = [
             wrap_angle(angle - vehicle[k]) if stabilised[k] and absolute[k] else wrap_angle(angle)
-            for k, angle in enumerate((wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad))
+            for k, angle in enumerate((setpoint.roll_rad, setpoint.pitch_rad, setpoint.yaw_rad))
         ]
         roll, pitch, yaw = (
             max(-limit, min(limit, angle))
@@ -254,9 +267,9 @@ class Gimbal:
                 math.radians(self._view.parameter(f"MNT_LND_P_{end}")) for end in ("MIN", "MAX")
             )
             pitch = max(lowest, min(highest, pitch))
-        if self._wanted_rates is not None:
-            wanted.pitch_rad += pitch - angles[1]
-            wanted.yaw_rad += yaw - angles[2]
+        if self._rate_setpoints is not None:
+            setpoint.pitch_rad += pitch - angles[1]
+            setpoint.yaw_rad += yaw - angles[2]
         self.actual, self.rates_rad_s = Angles(roll, pitch, yaw), Angles()
 
     def _half_ranges_rad(self) -> tuple[float, float, float]:
@@ -285,54 +298,53 @@ class Gimbal:
         yaw = self.yaw_ned_rad if self.yaw_locked and self.has_device else self.actual.yaw_rad
         return quaternion_of(self.actual.roll_rad, self.actual.pitch_rad, yaw)
 
-    def _take_flags(self, flags: int) -> None:
-        self._forget()
-        if flags & (
-            Flag.RETRACT | Flag.NEUTRAL
-        ):  # as in PX4 the locks are kept; a device returns to its own neutral position
-            self.wanted = Angles()
+    def _apply_flags(self, flags: int) -> None:
+        self._clear_targets()
+        if flags & (Flag.RETRACT | Flag.NEUTRAL):
+            # As in PX4 the locks are kept; only a separate device loses its yaw lock.
+            self.setpoint = Angles()
             if self.has_device:
                 self.flags &= ~Flag.YAW_LOCK
             return
         locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
         heading = self._view.estimate.yaw_ned_rad
         if self.has_device and lock != locked:
-            self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + (heading if lock else -heading))
+            self.setpoint.yaw_rad = wrap_angle(self.setpoint.yaw_rad + (heading if lock else -heading))
         self.flags = Flag(flags & 0x1F)
 
-    def _forget(self) -> None:
-        self._wanted_rates = None
-        self._roi = self._ahead = None
+    def _clear_targets(self) -> None:
+        self._rate_setpoints = None
+        self._roi = self._waypoint_offsets = None
 
-    def _want(self, q: Quaternion) -> None:
+    def _set_angles(self, q: Quaternion) -> None:
         norm = math.sqrt(sum(each * each for each in q))
         if math.isfinite(norm) and norm > 1e-6:
             w, x, y, z = q
-            self.wanted = Angles(*angles_of((w / norm, x / norm, y / norm, z / norm)))
+            self.setpoint = Angles(*angles_of((w / norm, x / norm, y / norm, z / norm)))
 
-    def _want_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
-        self._wanted_rates = (_possible(pitch_rate_rad_s), _possible(yaw_rate_rad_s))
+    def _set_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
+        self._rate_setpoints = (_limited(pitch_rate_rad_s), _limited(yaw_rate_rad_s))
 
-    def _aim_ahead(self, offsets: Angles) -> None:
+    def _aim_at_waypoint(self, offsets: Angles) -> None:
         place = self._waypoint()
         if place is None:
             return
-        self._aim(place)
-        self.wanted.roll_rad += offsets.roll_rad
-        self.wanted.pitch_rad += offsets.pitch_rad
-        self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + offsets.yaw_rad)
+        self._aim_at(place)
+        self.setpoint.roll_rad += offsets.roll_rad
+        self.setpoint.pitch_rad += offsets.pitch_rad
+        self.setpoint.yaw_rad = wrap_angle(self.setpoint.yaw_rad + offsets.yaw_rad)
 
-    def _aim(self, place: GlobalPosition) -> None:
+    def _aim_at(self, place: GlobalPosition) -> None:
         estimate = self._view.estimate
         if not math.isfinite(estimate.lat_deg):
             return
         n, e = to_local(place[0], place[1], estimate.lat_deg, estimate.lon_deg)  # type: ignore[arg-type]
         north, east = float(n), float(e)
         up = place[2] - estimate.alt_amsl_m
-        self.wanted = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
+        self.setpoint = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
 
 
-def _possible(rate_rad_s: float) -> float:
+def _limited(rate_rad_s: float) -> float:
     if not math.isfinite(rate_rad_s):
         return 0.0
     return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, rate_rad_s))

@@ -65,9 +65,9 @@ class Painter:
         what = hits.what[seen]
         surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[seen]), 0.0)
         for number in range(len(self._world.boxes)):
-            met = what == number
-            if met.any():
-                surface[met] = self._box(number, points[met])
+            on_box = what == number
+            if on_box.any():
+                surface[on_box] = self._box(number, points[on_box])
         clear = np.exp(-hits.distance_m[seen] / HAZE_M)[:, None]
         colour[seen] = clear * surface + (1.0 - clear) * haze[seen]
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8).reshape(HEIGHT, WIDTH, 3)

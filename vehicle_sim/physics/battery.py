@@ -42,7 +42,7 @@ class Batteries:
         self._charge = np.ones(count)
         """(N,) 0..1, true charge; `state.remaining` is the autopilot's estimate of it."""
         self._empty = np.zeros(count, dtype=np.bool_)
-        """(N,) the battery shows the voltage of an empty one, whatever its charge."""
+        """(N,) the battery has the voltage of an empty one, independent of its charge."""
         self._set_manually = np.zeros(count, dtype=np.bool_)
         """(N,) the charge was set by a command, and may be below the minimum."""
         self._estimate_gain = dt_s / (dt_s + ESTIMATE_LAG_S)
@@ -51,8 +51,8 @@ class Batteries:
         self._empty_v = np.zeros(count)
         self._span_v = np.zeros(count)
         self._was_armed = np.zeros(count, dtype=np.bool_)
-        self._shown = self._charge
-        """(N,) charge that the voltage shows."""
+        self._voltage_charge = self._charge
+        """(N,) charge that corresponds to the voltage: 0 for a battery set to empty."""
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIM_BAT_* and BAT1_* of vehicle `i`."""
@@ -73,7 +73,7 @@ class Batteries:
         self._set_manually[i] = False
 
     def set_empty(self, i: int, empty: bool) -> None:
-        """Makes the battery of vehicle `i` show the voltage of an empty one, or its own again."""
+        """Sets the battery of vehicle `i` to the voltage of an empty battery, or back to normal."""
         self._empty[i] = empty
         self._update_voltage()
 
@@ -105,9 +105,9 @@ class Batteries:
                 self._set_manually[disarmed] = False
         self._was_armed[:] = armed
         self._update_voltage()
-        remaining += self._estimate_gain * (self._shown - remaining)
+        remaining += self._estimate_gain * (self._voltage_charge - remaining)
 
     def _update_voltage(self) -> None:
-        self._shown = np.where(self._empty, 0.0, self._charge)
-        np.multiply(self._shown, self._span_v, out=self.state.voltage_v)
+        self._voltage_charge = np.where(self._empty, 0.0, self._charge)
+        np.multiply(self._voltage_charge, self._span_v, out=self.state.voltage_v)
         self.state.voltage_v += self._empty_v

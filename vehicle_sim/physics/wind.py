@@ -62,7 +62,7 @@ class Wind:
     def step(self) -> FloatArray:
         """The wind (N, 3) one step later.
 
-        It must be called without gusts too, so that gusts of one vehicle do not change the noise of others.
+        Call it also without gusts, so that gusts of one vehicle do not change the noise of others.
         """
         noise = self._noise.sample()
         if self._gusty:

@@ -36,7 +36,7 @@ CONNECTED_AFTER_S: Final = {True: 6.4, False: 1.3}
 CYCLE_US: Final = 10_000
 """Period of the commander, which processes one command per cycle."""
 COMMANDS_KEPT: Final = 4
-"""Of a burst, PX4 keeps the last commands and drops older ones silently."""
+"""Length of PX4's command queue; in a burst PX4 drops the oldest commands silently."""
 Values = Mapping[str, Any]
 
 
@@ -56,8 +56,8 @@ class Port(Protocol):
         ...
 
 
-class AckingHost(CommandHost, Protocol):
-    """A host that reports the acknowledgements of commands from any source."""
+class AcknowledgingHost(CommandHost, Protocol):
+    """A command host that reports all acknowledgements, also of commands from MAVLink."""
 
     def add_ack_listener(self, listener: Callable[[Command, int, int], None]) -> None:
         """Calls `listener(command, result, progress)` for each acknowledgement."""
@@ -78,7 +78,7 @@ class Bridge:
 
     def __init__(
         self,
-        host: AckingHost,
+        host: AcknowledgingHost,
         states: States,
         handlers: Mapping[int, Handler],
         silent: frozenset[int],
@@ -119,7 +119,7 @@ class Bridge:
 
     @property
     def connected(self) -> bool:
-        """Whether the vehicle has booted so far that it sends and receives messages."""
+        """Whether the vehicle sends and receives messages; false in the first seconds after boot."""
         return self._view.time_boot_us() >= self._connected_at_us
 
     def step(self) -> None:

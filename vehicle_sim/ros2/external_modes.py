@@ -23,10 +23,10 @@ MODE_SOURCE, EXECUTOR_SOURCE = 0, 1
 """ConfigOverrides.source_type."""
 LAND_COMPLETED_EVERY_US: Final = 50_000
 CONTROLLERS: Final = {f"flag_control_{each.name}_enabled": each.name for each in fields(Controllers)}
-"""Controller by its field of `config_control_setpoints`."""
+"""Name of each controller, by the field of `config_control_setpoints`."""
 Values = Mapping[str, Any]
 Publish = Callable[[str, str, Values], None]
-"""`publish(topic, type, fields)` adds the time."""
+"""`publish(topic, type, fields)`: publishes a message with the current time."""
 
 
 class ExternalModeTopics:

@@ -65,7 +65,7 @@ class MessageType:
 
     @cached_property
     def index(self) -> Mapping[str, int]:
-        """Index of each field's first value among the values of `pack`."""
+        """Index of each field's first value in the argument of `pack`."""
         index: dict[str, int] = {}
         at = 0
         for field in self.flat:
@@ -106,7 +106,7 @@ class MessageType:
         return "".join(out)
 
     def blank(self) -> list[Any]:
-        """Values of `pack` that are all zero."""
+        """Argument of `pack` with all values zero."""
         values: list[Any] = []
         for field in self.flat:
             values += [b""] if field.type == "char" else [0] * (field.length or 1)

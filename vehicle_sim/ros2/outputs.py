@@ -22,7 +22,7 @@ LOITER = {
     "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
     "cruising_throttle": math.nan,
 }  # fmt: skip
-"""Fields of a setpoint that no mission item has changed."""
+"""Default field values of a position setpoint, not changed by a mission item."""
 Publish = Callable[[str, bytes], None]
 
 

@@ -1,4 +1,4 @@
-"""Setpoints and sticks from ROS 2: conversion of their messages into commands to the autopilot."""
+"""Setpoints and sticks from ROS 2: converts their messages to inputs of the autopilot."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class SetpointInputs:
         if not all(abs(each) <= 1.0 for each in axes):
             return
         pitch, roll, lift, yaw = (round(each * STICK_RANGE) for each in axes)
-        if autopilot.sticks.hear(pitch, roll, lift, yaw):
+        if autopilot.sticks.receive(pitch, roll, lift, yaw):
             autopilot.commander.checks.manual_control_at_s = autopilot.view.time_s
             autopilot.commander.on_stick_input()
 

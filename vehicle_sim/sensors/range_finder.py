@@ -26,5 +26,5 @@ class RangeFinder:
 
     def measured_m(self, distance_m: FloatArray) -> FloatArray:
         """Measured distances (N,) from true distances (N,); NaN out of range."""
-        said = np.where(self._forced_m >= 0.0, self._forced_m, distance_m)
-        return np.where((said >= self._lowest_m) & (said <= self._highest_m), said, np.nan)
+        measured = np.where(self._forced_m >= 0.0, self._forced_m, distance_m)
+        return np.where((measured >= self._lowest_m) & (measured <= self._highest_m), measured, np.nan)

@@ -1,9 +1,9 @@
 """IMU, magnetometer, barometer and GPS of N vehicles; all sensor noise of the simulator.
 
-Rates and noise are those measured on PX4's SIH, disarmed and armed: an IMU with ten times the noise once
-motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and
-0.06 to 0.16 m/s, barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white
-and each vehicle's own (`noise.py`).
+Rates and noise (one sigma) are those measured on PX4's SIH, disarmed and armed: the IMU has ten times the
+noise while motors run; GPS at 8 Hz: 0.2 m horizontally, 0.5 m vertically, 0.06 to 0.16 m/s; barometer at
+20 Hz: 0.09 m; magnetometer at 50 Hz: 0.012 to 0.018 gauss. The noise is white, and independent for each
+vehicle (`noise.py`).
 """
 
 from __future__ import annotations
@@ -178,11 +178,11 @@ class SensorSuite:
         self._gps_sigma[rows] = strength * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
-        """Blocks the antenna of vehicle `i`: its receiver reports, but has no fix."""
+        """Enables or disables the GPS antenna of vehicle `i`; a receiver without antenna has no fix."""
         self._gps_enabled[i] = enabled
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Makes the receiver of vehicle `i` repeat its last fix, or measure again."""
+        """Makes the GPS receiver of vehicle `i` repeat its last fix (`stuck`), or ends that."""
         self.faults.stuck[Driver.GPS][i] = stuck
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
@@ -190,7 +190,7 @@ class SensorSuite:
         self.faults.gps_offset_ned_m[i] = offset_ned_m
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
-        """Stops or starts a driver of vehicle `i`; without it the sensor sends nothing."""
+        """Starts or stops a driver of vehicle `i`; a sensor without a running driver sends nothing."""
         self._driver_runs[driver][i] = running
 
     def driver_runs(self, i: int, driver: Driver) -> bool:
@@ -270,8 +270,8 @@ class SensorSuite:
         np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=measured)
         velocity = truth.velocity_ned_m_s + noise[:, 3:] + self.faults.gps_offset_ned_m_s
         velocity = np.where(self._gps_enabled[:, None], velocity, 0.0)
-        told = measured | (fresh & ~self._gps_enabled)
-        np.copyto(state.gps_velocity_ned_m_s, velocity, where=told[:, None])
+        reported = measured | (fresh & ~self._gps_enabled)
+        np.copyto(state.gps_velocity_ned_m_s, velocity, where=reported[:, None])
         for values, with_fix, without in (
             (state.gps_satellites, self._satellites, np.where(self._gps_enabled, self._satellites, 0)),
             (state.gps_fix_type, 3, 0),
@@ -288,8 +288,8 @@ class SensorSuite:
 @kernel
 def _measure_motion(
     acceleration: Rows, true_rates: Rows, matrix: Blocks, armed: Flags, strength: Column, sigma_rest: Column,
-    sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows, turned: Flags,
-    board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
+    sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows,
+    board_rotated: Flags, board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
 ) -> None:  # fmt: skip
     """The IMU's sample: noise, calibration, rotation of the board, then faults."""
     for i in range(gyro.shape[0]):
@@ -301,9 +301,9 @@ def _measure_motion(
             if armed[i]:
                 rate_sigma, force_sigma = sigma_armed[k], sigma_armed[3 + k]
             gyro[i, k] = true_rates[i, k] + white[i, k] * (rate_sigma * strength[i]) - gyro_offset[i, k]
-            felt = force[k] + white[i, 3 + k] * (force_sigma * strength[i])
-            accel[i, k] = (felt - accel_offset[i, k]) * accel_scale[i, k]
-        if turned[i]:
+            specific_force = force[k] + white[i, 3 + k] * (force_sigma * strength[i])
+            accel[i, k] = (specific_force - accel_offset[i, k]) * accel_scale[i, k]
+        if board_rotated[i]:
             gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(board[i], gyro[i, 0], gyro[i, 1], gyro[i, 2])
             accel[i, 0], accel[i, 1], accel[i, 2] = rotated(board[i], accel[i, 0], accel[i, 1], accel[i, 2])
         for k in range(3):
@@ -314,14 +314,14 @@ def _measure_motion(
 @kernel
 def _measure_field(
     fresh: Flags, stuck: Flags, field_ned: Column, matrix: Blocks, offset: Rows, white: Rows, sigma: Rows,
-    calibration: Rows, scale: Rows, turned: Flags, board: Blocks, field: Rows,
+    calibration: Rows, scale: Rows, board_rotated: Flags, board: Blocks, field: Rows,
 ) -> None:  # fmt: skip
     for i in range(field.shape[0]):
         if not fresh[i] or stuck[i]:
             continue
-        seen = rotated_back(matrix[i], field_ned[0], field_ned[1], field_ned[2])
+        field_frd = rotated_back(matrix[i], field_ned[0], field_ned[1], field_ned[2])
         for k in range(3):
-            measured = seen[k] + offset[i, k] + white[i, k] * sigma[i, k]
+            measured = field_frd[k] + offset[i, k] + white[i, k] * sigma[i, k]
             field[i, k] = (measured - calibration[i, k]) * scale[i, k]
-        if turned[i]:
+        if board_rotated[i]:
             field[i, 0], field[i, 1], field[i, 2] = rotated(board[i], field[i, 0], field[i, 1], field[i, 2])

@@ -32,8 +32,8 @@ _NAMES = (
     "uuv_pos_control uxrce_dds_client ver vtol_att_control work_item_example work_queue wqueue_test"
 )
 BUILT_IN: tuple[str, ...] = tuple(_NAMES.split())
-"""The modules that `help` lists on PX4 v1.16 in simulation; a module without
-an entry below answers that it is not simulated."""
+"""The modules that `help` lists on PX4 v1.16 in simulation; a module without an entry in `Shell.commands`
+answers that it is not simulated."""
 
 
 class Shell:

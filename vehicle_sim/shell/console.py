@@ -29,7 +29,7 @@ class Usage(Exception):
 
 Words = list[str]
 Output = str | Iterator[tuple[str, float]]
-"""Output of a command; or parts, each with the seconds to wait after it."""
+"""Output of a command as a text, or as parts, each with the time to wait after it [s]."""
 Run = Callable[[Words], Output]
 
 
@@ -63,7 +63,8 @@ class Console:
     Args:
         commands: the simulated commands, by name.
         builtin: names of all modules of the build; those not in `commands` report that they are not
-        simulated. now_s: returns the simulated time.
+            simulated.
+        now_s: returns the simulated time.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class Console:
         self._lines: list[str] = []
         self._running: Iterator[tuple[str, float]] | None = None
         self._name = ""
-        self._go_on_at_s = math.inf
+        self._resume_at_s = math.inf
 
     @property
     def busy(self) -> bool:
@@ -100,7 +101,7 @@ class Console:
     def step(self) -> str:
         """New output of the running command."""
         shown = ""
-        while self._running is not None and self._now_s() >= self._go_on_at_s:
+        while self._running is not None and self._now_s() >= self._resume_at_s:
             shown += self._advance()
             while self._lines and not self.busy:
                 shown += self._process(self._lines.pop(0))
@@ -127,7 +128,7 @@ class Console:
             return failed.output + self._failed(name, failed.code)
         if isinstance(output, str):
             return output + PROMPT
-        self._running, self._name, self._go_on_at_s = output, name, self._now_s()
+        self._running, self._name, self._resume_at_s = output, name, self._now_s()
         return self._advance()
 
     def _advance(self) -> str:
@@ -140,7 +141,7 @@ class Console:
         except CommandFailed as failed:
             self._running = None
             return failed.output + self._failed(self._name, failed.code)
-        self._go_on_at_s = self._now_s() + wait_s
+        self._resume_at_s = self._now_s() + wait_s
         return text
 
     @staticmethod

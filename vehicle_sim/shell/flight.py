@@ -87,7 +87,7 @@ class CommanderCommand:
 
     def _disarm(self, words: Words) -> str:
         if not self._commander.disarm(Reason.INTERNAL_COMMAND, force="-f" in words):
-            raise CommandFailed(error("commander", "not disarmed: the vehicle flies; -f forces it"))
+            raise CommandFailed(error("commander", "not disarmed: the vehicle is flying; -f forces it"))
         return ""
 
     def _takeoff(self, words: Words) -> str:
@@ -139,7 +139,7 @@ class GimbalCommand:
         if words[0] == "primary-control" and len(words) == 3:
             return self._primary(words[1:])
         if words[0] == "test" and len(words) >= 3 and len(words) % 2 == 1:
-            return self._look(words[1:])
+            return self._test_angles(words[1:])
         raise Usage(f"unknown: {' '.join(words)}")
 
     def _status(self) -> str:
@@ -168,7 +168,7 @@ class GimbalCommand:
         self._gimbal.configure(system, component, self._own, self._own)
         return info("gimbal", f"Control set to: {system}/{component}")
 
-    def _look(self, words: Words) -> str:
+    def _test_angles(self, words: Words) -> str:
         try:
             angles = {axis: float(text) for axis, text in zip(words[::2], words[1::2], strict=True)}
         except ValueError:
@@ -203,5 +203,5 @@ class FailureCommand:
         numbers = (float(UNITS[words[0]]), float(KINDS[words[1]]), float(instance))
         result = self._inject(Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._own, "shell"))
         if result != ACCEPTED:
-            raise CommandFailed(error("failure", f"{words[0]} cannot be made to be {words[1]} here"))
+            raise CommandFailed(error("failure", f"failure {words[1]} of {words[0]} is not supported"))
         return ""

@@ -13,11 +13,11 @@ from vehicle_sim.topics.layout import Field, Layout
 from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
 
-FULL_RATE = 0b11
-"""Logging profiles (default and replay) that define the publication rates of the topics."""
+PROFILES = 0b11
+"""Logging profiles (default and replay) whose periods are used as the periods of publication."""
 GPS_PERIOD_US = 125_000
 STEP_US = 4_000
-"""Period of topics that no log has."""
+"""Period of topics that are in no log."""
 MAX_SAMPLES = 10_000
 
 
@@ -52,7 +52,7 @@ class ListenerCommand:
         if rest and not rest[0].startswith("-"):
             rest = ["-n", *rest]
         if len(rest) % 2:
-            raise Usage(f"{rest[-1]} stands alone")
+            raise Usage(f"{rest[-1]} needs a value")
         for option, text in zip(rest[::2], rest[1::2], strict=True):
             try:
                 if option == "-n":
@@ -84,8 +84,8 @@ class ListenerCommand:
         now_us = self._view.time_boot_us()
         array: ArrayTopic | None = self._arrays.get(name)
         if array is not None:
-            pace = array.pace(FULL_RATE)
-            period_us = pace * 1000 if isinstance(pace, int) else GPS_PERIOD_US if pace else STEP_US
+            period = array.period(PROFILES)
+            period_us = period * 1000 if isinstance(period, int) else GPS_PERIOD_US if period else STEP_US
             values = current(array, self._view.simulation, self._view.row)
             time_us = now_us // period_us * period_us
             if array.sampled:

@@ -48,7 +48,7 @@ class MavlinkCommand:
     def __init__(
         self, links: Sequence[Link], name_of: Callable[[int], str], gcs_connected: Callable[[Link], bool]
     ) -> None:
-        self._links, self._name_of, self._hears_gcs = links, name_of, gcs_connected
+        self._links, self._name_of, self._gcs_connected = links, name_of, gcs_connected
         self.command = Command(self.run, "status [streams]")
 
     def run(self, words: Words) -> str:
@@ -60,20 +60,20 @@ class MavlinkCommand:
         raise Usage
 
     def _status(self, n: int, link: Link) -> str:
-        heard = "\tGCS heartbeat valid\n" if self._hears_gcs(link) else ""
+        gcs_line = "\tGCS heartbeat valid\n" if self._gcs_connected(link) else ""
         ports, mode = link.ports, MODES.get(link.name, "Normal")
         if ports is None:
-            way = ""
+            transport = ""
         elif ports[1] is None:
-            way = f"\ttransport protocol: TCP ({ports[0]})\n"
+            transport = f"\ttransport protocol: TCP ({ports[0]})\n"
         else:
-            way = f"\ttransport protocol: UDP ({ports[0]}, remote port: {ports[1]})\n"
+            transport = f"\ttransport protocol: UDP ({ports[0]}, remote port: {ports[1]})\n"
         return (
-            f"\ninstance #{n}:\n{heard}\tmavlink chan: #{n}\n\ttype:\t\tGENERIC LINK OR RADIO\n"
+            f"\ninstance #{n}:\n{gcs_line}\tmavlink chan: #{n}\n\ttype:\t\tGENERIC LINK OR RADIO\n"
             f"\tflow control: OFF\n\trates:\n\t  tx: {link.tx_rate:.1f} B/s\n\t  txerr: 0.0 B/s\n"
             f"\t  tx rate mult: 1.000\n\t  tx rate max: {RATE_MAX_B_S} B/s\n\t  rx: {link.rx_rate:.1f} B/s\n"
             f"\t  rx loss: 0.0%\n\tFTP enabled: YES, TX enabled: YES\n\tmode: {mode}\n"
-            f"\tForwarding: On\n\tMAVLink version: 2\n{way}\tBroadcast enabled: NO\n"
+            f"\tForwarding: On\n\tMAVLink version: 2\n{transport}\tBroadcast enabled: NO\n"
         )
 
     def _streams(self, n: int, link: Link) -> str:

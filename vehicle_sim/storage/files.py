@@ -25,8 +25,9 @@ class VehicleFiles:
     """One vehicle's files.
 
     Args:
-        folder: kept over restarts; None: a temporary folder, created at the first write, deleted with the
-        object. built_in: read-only files by path; their content is created at the first read.
+        folder: folder on the host, kept over restarts; None: a temporary folder, created at first use and
+            deleted with the object.
+        built_in: read-only files by path; their content is created at the first read.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class VehicleFiles:
         """Size of a file, or the size that PX4 reports for a directory.
 
         Raises:
-            FileNotFoundError: it does not exist.
+            FileNotFoundError: there is no such file or directory.
         """
         name = _normal(path)
         if name in self._built_in:
@@ -94,7 +95,7 @@ class VehicleFiles:
         """Up to `size` bytes from `offset`; empty at the end.
 
         Raises:
-            OSError: not a file, or not there.
+            OSError: there is no such file.
         """
         name = _normal(path)
         if name in self._built_in:
@@ -117,7 +118,7 @@ class VehicleFiles:
         """Writes `data` at `offset` of an existing file.
 
         Raises:
-            OSError: it does not exist, or read-only.
+            OSError: the file does not exist, or is read-only.
         """
         with self._writable(path).open("r+b") as file:
             file.seek(offset)
@@ -127,7 +128,7 @@ class VehicleFiles:
         """Truncates a file, or extends it with zeros.
 
         Raises:
-            OSError: it does not exist, or read-only.
+            OSError: the file does not exist, or is read-only.
         """
         os.truncate(self._writable(path), size)
 
@@ -135,7 +136,7 @@ class VehicleFiles:
         """Deletes a file.
 
         Raises:
-            OSError: it does not exist, a directory, or read-only.
+            OSError: the file does not exist, is a directory, or is read-only.
         """
         self._writable(path).unlink()
 
@@ -143,7 +144,7 @@ class VehicleFiles:
         """Moves a file or directory.
 
         Raises:
-            OSError: it does not exist, or one of the paths is read-only.
+            OSError: the old path does not exist, or one of the paths is read-only.
         """
         self._writable(old).rename(self._writable(new))
 
@@ -159,7 +160,7 @@ class VehicleFiles:
         """Path on the host of a file that the vehicle writes (its log); creates the directory.
 
         Raises:
-            OSError: read-only, or the disk reports an error.
+            OSError: the path is read-only, or the disk reports an error.
         """
         real = self._writable(path)
         real.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ DEFAULT, REPLAY, HIGH_RATE = 1 << 0, 1 << 1, 1 << 4
 """Bits of SDLOG_PROFILE."""
 GPS_SAMPLES = "gps_count"
 """Instead of a period: the topic is published with each GPS sample."""
-Pace = int | str
+Period = int | str
 """Period in milliseconds, or `GPS_SAMPLES`."""
 GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 11468804
 """Device ids of the simulated sensors."""
@@ -36,17 +36,17 @@ class ArrayTopic:
     """One topic of all vehicles."""
 
     layout: Layout
-    paces: Mapping[int, Pace]
+    periods: Mapping[int, Period]
     """Period for each bit of the profile; of several selected bits the shortest period applies."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
     """Source of each field; a key with several names assigns the columns of one array."""
     sampled: bool = False
-    """Whether it has a sample timestamp, which here equals its timestamp."""
+    """Whether the topic has a field `timestamp_sample`, which here equals `timestamp`."""
 
-    def pace(self, profile: int) -> Pace | None:
+    def period(self, profile: int) -> Period | None:
         """Period in a profile; None: not logged."""
-        selected = [pace for bit, pace in self.paces.items() if profile & bit]
-        named = [pace for pace in selected if isinstance(pace, str)]
+        selected = [period for bit, period in self.periods.items() if profile & bit]
+        named = [period for period in selected if isinstance(period, str)]
         return named[0] if named else min(selected, default=None)
 
 
@@ -172,9 +172,9 @@ _GPS_SOURCES: dict[str, Source | float] = {
 def _topics() -> list[ArrayTopic]:
     topics: list[ArrayTopic] = []
 
-    def add(name: str, declaration: str, paces: dict[int, Pace], **sources: Source | float) -> None:
+    def add(name: str, declaration: str, periods: dict[int, Period], **sources: Source | float) -> None:
         layout = Layout(name, declaration, len(topics))
-        topics.append(ArrayTopic(layout, paces, sources, "timestamp_sample" in declaration))
+        topics.append(ArrayTopic(layout, periods, sources, "timestamp_sample" in declaration))
 
     add("vehicle_attitude", _ATTITUDE, {DEFAULT: 50, REPLAY: 4, HIGH_RATE: 4},
         q=lambda s: s.estimate.q_ned_frd)  # fmt: skip

@@ -232,7 +232,7 @@ class States:
         add("manual_control_setpoint", 0, self._sticks, "uint64_t timestamp_sample;float roll;float pitch;"
             "float yaw;float throttle;float flaps;float aux1;float aux2;float aux3;float aux4;float aux5;"
             "float aux6;uint16_t buttons;bool valid;uint8_t data_source;bool sticks_moving",
-            lambda: sticks.heard_at_s // 0.2 if sticks.valid else None)  # fmt: skip
+            lambda: sticks.received_at_s // 0.2 if sticks.valid else None)  # fmt: skip
         return topics
 
     def _vehicle_status(self) -> Values:
@@ -367,7 +367,7 @@ class States:
     def _sticks(self) -> Values:
         sticks = self._autopilot.sticks
         return {
-            "timestamp_sample": max(0, int(sticks.heard_at_s * 1e6)) if sticks.valid else 0,
+            "timestamp_sample": max(0, int(sticks.received_at_s * 1e6)) if sticks.valid else 0,
             "roll": sticks.raw.right, "pitch": sticks.raw.forward, "yaw": sticks.raw.yaw,
             "throttle": sticks.raw.throttle, "valid": sticks.valid, "data_source": 2 if sticks.valid else 0,
             "sticks_moving": sticks.moved,

@@ -8,7 +8,7 @@
     walls: [{name: fence, from_ne_m: [5, -5], to_ne_m: [5, 5], height_m: 2}]
     lidars: {forward: true, around: true, range_m: 20}
 
-Metres; north and east from home, heights above home; boxes may have `yaw_ned_deg`, and all
+Metres; north and east from home, heights above home. Boxes may have `yaw_ned_deg`; boxes and walls may have
 `base_alt_home_m`.
 """
 

@@ -35,7 +35,7 @@ class Lidar:
         self._around_frd = np.stack([np.cos(angles), np.sin(angles), np.zeros(SECTORS)], axis=1)
         self._down_frd = np.array([[0.0, 0.0, 1.0]])
         self._forward_frd = np.array([[1.0, 0.0, 0.0]])
-        self._kept: dict[str, tuple[int, FloatArray]] = {}
+        self._cache: dict[str, tuple[int, FloatArray]] = {}
 
     def down_m(self, step: int, matrix: FloatArray) -> FloatArray:
         """(N,) distance along the body's down axis; inf if there is nothing."""
@@ -59,14 +59,14 @@ class Lidar:
     ) -> FloatArray:
         """Distances (N, R) along rays (R, 3) in FRD from every vehicle."""
         slot = step // SAMPLE_EVERY_STEPS
-        kept = self._kept.get(name)
-        if kept is not None and kept[0] == slot:
-            return kept[1]
+        cached = self._cache.get(name)
+        if cached is not None and cached[0] == slot:
+            return cached[1]
         count, rays = matrix.shape[0], rays_frd.shape[0]
         direction = np.einsum("nij,rj->nri", matrix, rays_frd).reshape(-1, 3)
         origin = np.repeat(self._truth.position_ned_m, rays, axis=0)
         # Rays over terrain are computed in steps, up to the largest distance that the message can contain.
         reach = min(range_m, 655.0)
         distance = self._caster.cast(origin, direction, reach).distance_m.reshape(count, rays)
-        self._kept[name] = slot, distance
+        self._cache[name] = slot, distance
         return distance

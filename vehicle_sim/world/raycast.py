@@ -44,9 +44,9 @@ class RayCaster:
         distance = self._ground(origin_ned_m, direction_ned, np.broadcast_to(range_m, origin_ned_m.shape[:1]))
         what = np.where(np.isfinite(distance), GROUND, NOTHING).astype(np.int64)
         for number in range(len(self.world.boxes)):
-            met = self._box(number, origin_ned_m, direction_ned)
-            nearer = met < distance
-            distance = np.where(nearer, met, distance)
+            box_distance = self._box(number, origin_ned_m, direction_ned)
+            nearer = box_distance < distance
+            distance = np.where(nearer, box_distance, distance)
             what[nearer] = number
         beyond = distance > range_m
         distance[beyond] = np.inf
@@ -85,17 +85,17 @@ class RayCaster:
         """Steps that grow with the distance, then bisection between the last point above and the first
         below."""
         distance = np.full(origin.shape[0], np.inf)
-        flying = np.flatnonzero(range_m > 0.0)
-        before = np.zeros(flying.shape)
+        open_rays = np.flatnonzero(range_m > 0.0)
+        before = np.zeros(open_rays.shape)
         for step in range(1, MARCH_STEPS + 1):
-            if not flying.size:
+            if not open_rays.size:
                 break
-            at = range_m[flying] * (step / MARCH_STEPS) ** 1.5
-            below = self._below(origin[flying], direction[flying], at)
+            at = range_m[open_rays] * (step / MARCH_STEPS) ** 1.5
+            below = self._below(origin[open_rays], direction[open_rays], at)
             if below.any():
-                rows = flying[below]
+                rows = open_rays[below]
                 distance[rows] = self._between(origin[rows], direction[rows], before[below], at[below])
-            flying, before = flying[~below], at[~below]
+            open_rays, before = open_rays[~below], at[~below]
         return distance
 
     def _between(

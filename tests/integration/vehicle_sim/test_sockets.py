@@ -93,7 +93,7 @@ def test_faster_than_real_time_a_ground_station_may_be_silent_for_longer(
     server.run(speed, 0.02)
     context = server.fleet.nodes[0].context
     link = context.links[0]
-    link.gcs_heard_at_s = context.view.time_s
+    link.gcs_heartbeat_at_s = context.view.time_s
     assert context.gcs_connected(link)
     server.run(speed, 3.2)
     assert context.gcs_connected(link) is hears

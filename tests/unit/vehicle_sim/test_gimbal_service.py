@@ -154,7 +154,7 @@ def test_rates_turn_until_angles_stop_them_and_angles_alone_with_nan_change_noth
     assert moved == pytest.approx(-20, abs=0.5)
     s.command(1000, NAN, NAN, NAN, NAN)
     s.run(1)
-    held = math.degrees(gimbal.wanted.pitch_rad)
+    held = math.degrees(gimbal.setpoint.pitch_rad)
     s.command(1000, -50, NAN, NAN, NAN)
     s.run(1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(held, abs=0.3)
@@ -171,7 +171,7 @@ def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45, abs=3)
     s.command(197)
     s.run(2)
-    assert gimbal.looking_at is None
+    assert gimbal.roi is None
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(0, abs=0.5)
 
 

@@ -263,7 +263,7 @@ def test_a_disk_that_fills_up_ends_the_log_and_nothing_else():
 def test_too_little_room_is_told_before_and_during_a_log():
     station = Station(log=True, parameters={"SDLOG_MODE": 0})
     logger, room = station.sim.loggers[0], [10 << 20]
-    logger._room = lambda path: room[0]
+    logger._free_space = lambda path: room[0]
     station.run(2)
     assert not logger.start_by_hand()
     station.run(0.1)

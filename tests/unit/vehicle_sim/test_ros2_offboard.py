@@ -139,7 +139,7 @@ def test_setpoints_do_not_move_a_disarmed_vehicle_and_an_old_one_is_not_flown_la
     vehicle.command(400, 1.0)
     vehicle.stream(2.0, 10.0, flags("position"))
     assert status(vehicle)[0] == OFFBOARD_MODE
-    assert vehicle.sim.autopilots[0].offboard.waits
+    assert vehicle.sim.autopilots[0].offboard.awaits_setpoint
     assert vehicle.position_ned_m[2] == pytest.approx(0.0, abs=0.2)
 
 

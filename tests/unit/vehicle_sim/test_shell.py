@@ -166,7 +166,7 @@ def test_the_commander_arms_takes_off_and_lands_from_here(ready):
     status = ready.ask("commander status")
     assert "Armed" in status
     assert "landed: no" in status
-    assert "the vehicle flies; -f forces it" in ready.ask("commander disarm")
+    assert "the vehicle is flying; -f forces it" in ready.ask("commander disarm")
     assert ready.ask("commander mode auto:land") == ""
     station.run_until(lambda: not station.armed, 30)
     assert "no such mode" in ready.ask("commander mode hover")
@@ -218,8 +218,8 @@ def test_failures_are_injected_where_the_vehicle_allows_it():
     terminal = Terminal(parameters={"SYS_FAILURE_EN": 1})
     assert terminal.ask("failure battery off") == ""
     assert terminal.station.sim.simulation.battery.voltage_v[0] == pytest.approx(14.4)
-    assert "cannot be made to be slow" in terminal.ask("failure motor slow")
-    assert "cannot be made to be slow" in terminal.ask("failure gps slow")
+    assert "failure slow of motor is not supported" in terminal.ask("failure motor slow")
+    assert "failure slow of gps is not supported" in terminal.ask("failure gps slow")
     terminal.ask("param set SYS_FAILURE_EN 0")
     assert "SYS_FAILURE_EN" in terminal.ask("failure gps off")
 

@@ -218,8 +218,8 @@ def test_moving_a_stick_in_hold_takes_over_and_resting_ones_do_not(pilot):
 
 
 def test_sticks_of_other_vehicles_and_disabled_ones_are_not_heard(pilot):
-    before_s = pilot.sim.autopilots[0].sticks.heard_at_s
+    before_s = pilot.sim.autopilots[0].sticks.received_at_s
     pilot.send("MANUAL_CONTROL", target=99, x=0, y=0, z=500, r=0)
     pilot.sim.autopilots[0].view.parameters.set("COM_RC_IN_MODE", 4)
     pilot.send("MANUAL_CONTROL", target=pilot.system_id, x=0, y=0, z=500, r=0)
-    assert pilot.sim.autopilots[0].sticks.heard_at_s == before_s
+    assert pilot.sim.autopilots[0].sticks.received_at_s == before_s

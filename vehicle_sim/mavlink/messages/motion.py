@@ -19,7 +19,7 @@ _TARGET_LOCAL = packer("POSITION_TARGET_LOCAL_NED")
 _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
 _SERVO = packer("SERVO_OUTPUT_RAW")
 
-_NOWHERE = (NAN, NAN, NAN)
+_NO_SETPOINT = (NAN, NAN, NAN)
 _MOTORS_AT_REST = (0.0, 0.0, 100.0)
 """PX4's acceleration setpoint on the ground: downwards [m/s²], so that the motors do not turn."""
 UNUSED_OUTPUT_US = 900
@@ -36,7 +36,7 @@ class MotionMessages(Family):
     def __init__(self, autopilot: Autopilot) -> None:
         super().__init__(autopilot)
         self._functions: list[int] = []
-        self._functions_at = -1
+        self._functions_revision = -1
 
     def attitude(self) -> bytes:
         b = self._view.estimate
@@ -148,7 +148,7 @@ class MotionMessages(Family):
         a = row.acceleration_ned_m_s2[i].tolist()
         disarmed = int(self._view.simulation.setpoints.level[i]) == ControlLevel.DISARMED
         if disarmed or not any(each == each for each in (*p, *v, *a)):
-            return _NOWHERE, _NOWHERE, _MOTORS_AT_REST, heading, 0.0
+            return _NO_SETPOINT, _NO_SETPOINT, _MOTORS_AT_REST, heading, 0.0
         yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
         # PX4's position controller replaces a missing yaw by the current heading, and a missing yaw rate by
         # zero.
@@ -226,8 +226,8 @@ class MotionMessages(Family):
         return values
 
     def _output_functions(self) -> list[int]:
-        if self._functions_at != self._view.parameter_changes:
-            self._functions_at = self._view.parameter_changes
+        if self._functions_revision != self._view.parameter_changes:
+            self._functions_revision = self._view.parameter_changes
             self._functions = [int(self._view.parameter(name)) for name in FUNCTION_NAMES]
         return self._functions
 

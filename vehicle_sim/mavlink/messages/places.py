@@ -112,8 +112,8 @@ class PlaceMessages(Family):
         seconds = 0
         if self._autopilot.commander.armed and self._autopilot.home.valid:
             view = self._view
-            way_s = self._autopilot.navigator.return_s
-            seconds = int(way_s * view.parameter("RTL_TIME_FACTOR") + view.choice("RTL_TIME_MARGIN"))
+            return_s = self._autopilot.navigator.return_s
+            seconds = int(return_s * view.parameter("RTL_TIME_FACTOR") + view.choice("RTL_TIME_MARGIN"))
         return pack(
             "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,
             commanded_action=-1,

@@ -132,11 +132,11 @@ class SensorMessages(Family):
 
     def estimator_status(self) -> bytes:
         e, i, b = self._view.simulation.estimate, self._view.row, self._view.estimate
-        armed = self._autopilot.commander.armed and not self._autopilot.commander.landed
+        in_air = self._autopilot.commander.armed and not self._autopilot.commander.landed
         fusion = self._view.simulation.fusion
         predicted = b.valid_position or fusion.gnss_pos[i] or fusion.gnss_vel[i]
         flags = 0b1000001 | (0b100100 if b.valid_altitude else 0) | (0b11010 if b.valid_position else 0)
-        flags |= (768 if predicted else 0) | (0 if armed else 128)
+        flags |= (768 if predicted else 0) | (0 if in_air else 128)
         flags |= GPS_GLITCH if e.gps_rejected[i] else 0
         flags |= ACCEL_ERROR if fusion.bad_acc_vertical[i] else 0
         return pack(

@@ -61,7 +61,7 @@ class CameraService:
             531: self._set_zoom,
             2000: self._start,
             2001: self._stop,
-            2002: lambda m, link: self._again(m.param1, link),
+            2002: lambda m, link: self._resend_capture(m.param1, link),
         }
         self._messages: dict[str, Callable[[], dict[str, Any]]] = {
             "CAMERA_INFORMATION": self._information,
@@ -73,7 +73,7 @@ class CameraService:
         self._by_id = {BY_NAME[name].id: name for name in self._messages}
         context.autopilot.own_commands.add_listener(self._from_autopilot)
 
-    # --- arrival ---------------------------------------------------------------------------------------
+    # --- received messages -----------------------------------------------------------------------------
 
     def receive(self, link: Link, m: Message) -> None:
         """Handles a message that may be for the camera."""
@@ -128,7 +128,7 @@ class CameraService:
     def _request(self, m: Message | _OwnParameters, link: Link | None) -> int:
         number = _whole(m.param1)
         if number == BY_NAME["CAMERA_IMAGE_CAPTURED"].id:
-            return self._again(m.param2, link)
+            return self._resend_capture(m.param2, link)
         name = self._by_id.get(number)
         return DENIED if name is None else self._send(name, link)
 
@@ -137,7 +137,7 @@ class CameraService:
             link.send_from(CAMERA_COMPONENT, name, **self._messages[name]())
         return ACCEPTED
 
-    def _again(self, index: float, link: Link | None) -> int:
+    def _resend_capture(self, index: float, link: Link | None) -> int:
         number = _whole(index)
         if not 0 <= number < len(self._camera.captures) or link is None:
             return DENIED

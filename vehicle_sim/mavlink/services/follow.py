@@ -1,4 +1,4 @@
-"""Passes FOLLOW_TARGET to the flight task; the message has no target, so every vehicle uses it."""
+"""Passes FOLLOW_TARGET to the flight task; the message has no target system id, so every vehicle uses it."""
 
 from __future__ import annotations
 

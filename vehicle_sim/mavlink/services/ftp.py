@@ -87,7 +87,7 @@ class FtpService:
         self._files = files
         self._sessions: dict[str, _Session] = {}
         self.handlers = {"FILE_TRANSFER_PROTOCOL": self.request}
-        self._work: dict[int, Callable[[_Session, _Request], bytes]] = {
+        self._operations: dict[int, Callable[[_Session, _Request], bytes]] = {
             NONE: lambda session, request: b"",
             TERMINATE: self._terminate,
             RESET: self._reset,
@@ -138,12 +138,12 @@ class FtpService:
             if opcode == BURST:
                 self._begin_burst(session, message, answer_sequence, offset)
                 return
-            work = self._work.get(opcode)
-            if work is None:
+            operation = self._operations.get(opcode)
+            if operation is None:
                 raise Refusal(UNKNOWN_OPCODE)
             if number != SESSION and opcode in (TERMINATE, READ):
                 raise Refusal(INVALID_SESSION)
-            data, kind = work(session, request), ACK
+            data, kind = operation(session, request), ACK
             if opcode in OPENING:
                 number = SESSION
         except Refusal as refusal:
@@ -216,21 +216,21 @@ class FtpService:
         return struct.pack("<I", session.size)
 
     @staticmethod
-    def _need_free(session: _Session) -> None:
+    def _require_no_open_file(session: _Session) -> None:
         if session.path is not None:
             raise Refusal(NO_SESSIONS)
 
     def _open_to_read(self, session: _Session, request: _Request) -> bytes:
-        self._need_free(session)
+        self._require_no_open_file(session)
         return self._open(session, request.text, writable=False)
 
     def _create(self, session: _Session, request: _Request) -> bytes:
-        self._need_free(session)
+        self._require_no_open_file(session)
         self._files.create(request.text)
         return self._open(session, request.text, writable=True)
 
     def _open_to_write(self, session: _Session, request: _Request) -> bytes:
-        self._need_free(session)
+        self._require_no_open_file(session)
         try:
             self._files.write(request.text, 0, b"")
         except FileNotFoundError:
@@ -285,7 +285,7 @@ class FtpService:
         try:
             content = self._files.read(request.text, 0, self._files.size(request.text))
         except FileNotFoundError:
-            raise Refusal(FAIL_ERRNO) from None  # with the errno of the previous error
+            raise Refusal(FAIL_ERRNO) from None  # as in PX4, the reply has the errno of the previous error
         return struct.pack("<I", crc32(content))
 
     # --- bursts ----------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Download of onboard logs by messages: listing, data in parts of 90 bytes, and deletion.
+"""Download of onboard logs by LOG_* messages: listing, data in parts of 90 bytes, and deletion.
 
 As in PX4, log numbers start at the oldest log, an invalid request gets no reply, and a new request replaces
 the previous one. The numbers are those of the last listing until a new listing is requested.
@@ -16,7 +16,7 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.storage.files import VehicleFiles
 
 PART_BYTES = 90
-ENTRIES_A_STEP = 2
+ENTRIES_PER_STEP = 2
 PARTS_PER_STEP = 20
 """5,000 parts per second, 450 kB/s."""
 ALL = 0xFFFF
@@ -36,7 +36,7 @@ class _Listing:
 
     next: int
     last: int
-    number: int
+    count: int
 
 
 @dataclass(slots=True)
@@ -74,11 +74,11 @@ class LogService:
         if not self._context.is_for_me(message):
             return
         self._logs = self._find()
-        number = len(self._logs)
-        last = number if message.end == ALL else message.end
+        count = len(self._logs)
+        last = count if message.end == ALL else message.end
         self._transfers.pop(link.name, None)
-        if message.start < number:
-            self._listings[link.name] = _Listing(message.start, last, number)
+        if message.start < count:
+            self._listings[link.name] = _Listing(message.start, last, count)
 
     def request_data(self, link: Link, message: Message) -> None:
         """Sends part of a log."""
@@ -146,13 +146,13 @@ class LogService:
         listing, logs = self._listings.get(link.name), self._logs or []
         if listing is None:
             return
-        for _ in range(ENTRIES_A_STEP):
+        for _ in range(ENTRIES_PER_STEP):
             if listing.next > min(listing.last, len(logs) - 1):
                 self._listings.pop(link.name, None)
                 return
             log = logs[listing.next]
             link.send(
-                "LOG_ENTRY", id=listing.next, num_logs=listing.number, last_log_num=listing.last,
+                "LOG_ENTRY", id=listing.next, num_logs=listing.count, last_log_num=listing.last,
                 time_utc=log.time_utc_s, size=self._size(log.path),
             )  # fmt: skip
             listing.next += 1

@@ -17,6 +17,6 @@ class ManualService:
     def manual(self, link: Link, m: Message) -> None:
         """Updates the sticks, and notifies the arming checks."""
         autopilot = self._context.autopilot
-        if m.target == self._context.system_id and autopilot.sticks.hear(m.x, m.y, m.z, m.r):
+        if m.target == self._context.system_id and autopilot.sticks.receive(m.x, m.y, m.z, m.r):
             autopilot.commander.checks.manual_control_at_s = self._context.view.time_s
             autopilot.commander.on_stick_input()

@@ -49,7 +49,7 @@ class _Transfer:
     """The next item, which is expected or requested."""
     items: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
     as_int: bool = False
-    """Request MISSION_ITEM_INT; the form used last, initially floats as in PX4."""
+    """Whether items are requested as MISSION_ITEM_INT: as the partner sent last; at first not, as in PX4."""
     received_s: float = 0.0
     requested_s: float = 0.0
 
@@ -66,9 +66,9 @@ class MissionService:
         self._plans: dict[int, list[dict[str, Any]]] = {kind: [] for kind in CAPACITY}
         self._ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
         self._flight = context.autopilot.navigator.mission
-        self._told_reached = 0
+        self._reported_reached_count = 0
         self._reached_again_s = self._reached_until_s = 0.0
-        self._exchanges: dict[str, _Transfer] = {}
+        self._transfers: dict[str, _Transfer] = {}
         self.handlers = {
             "MISSION_REQUEST_LIST": self.request_list,
             "MISSION_REQUEST_INT": self.request_item,
@@ -82,9 +82,9 @@ class MissionService:
         }
 
     def _transfer(self, link: Link) -> _Transfer:
-        transfer = self._exchanges.get(link.name)
+        transfer = self._transfers.get(link.name)
         if transfer is None or transfer.link is not link:
-            transfer = self._exchanges[link.name] = _Transfer(link)
+            transfer = self._transfers[link.name] = _Transfer(link)
         return transfer
 
     def _report(self, text: str, event: str) -> None:
@@ -102,8 +102,8 @@ class MissionService:
     def _send_reached(self) -> None:
         """Sends MISSION_ITEM_REACHED at once, then once per second for a while."""
         flight, now_s = self._flight, self._context.view.time_s
-        if self._told_reached != flight.reached_count:
-            self._told_reached = flight.reached_count
+        if self._reported_reached_count != flight.reached_count:
+            self._reported_reached_count = flight.reached_count
             if flight.reached is None:
                 return
             self._reached_until_s = now_s + REACHED_FOR_S
@@ -131,7 +131,7 @@ class MissionService:
         )  # fmt: skip
 
     def request_item(self, link: Link, message: Message) -> None:
-        """Sends one stored item, in the requested form."""
+        """Sends one stored item, as MISSION_ITEM or MISSION_ITEM_INT as requested."""
         if not self._context.is_for_me(message):
             return
         transfer = self._transfer(link)
@@ -175,7 +175,7 @@ class MissionService:
             if message.sender == transfer.partner:
                 self._report(BUSY, "mavlink_mission_ignore_mis_count")
             return
-        others = [each for each in self._exchanges.values() if each is not transfer]
+        others = [each for each in self._transfers.values() if each is not transfer]
         if any(other.state is _State.RECEIVING for other in others):
             self._ack(link, message.sender, ERROR, kind)
             return
@@ -189,7 +189,7 @@ class MissionService:
             return
         transfer.state, transfer.partner, transfer.kind = _State.RECEIVING, message.sender, kind
         transfer.count, transfer.seq, transfer.items = message.count, 0, []
-        self._ask(transfer)
+        self._request_next(transfer)
 
     def item(self, link: Link, message: Message) -> None:
         """Stores the next item of an upload; any other item is ignored, and the expected one is requested
@@ -221,7 +221,7 @@ class MissionService:
         transfer.items.append(fields)
         transfer.seq += 1
         if transfer.seq < transfer.count:
-            self._ask(transfer)
+            self._request_next(transfer)
             return
         self._store(transfer.kind, transfer.items)
         transfer.end()
@@ -254,14 +254,14 @@ class MissionService:
             self._report("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
 
     def acknowledged(self, link: Link, message: Message) -> None:
-        """Handles MISSION_ACK: a download ends, an upload is cancelled, or the requested form is not
-        supported."""
+        """Handles MISSION_ACK: a download ends, an upload is cancelled, or the partner does not support the
+        requested message (MISSION_ITEM or MISSION_ITEM_INT)."""
         transfer = self._transfer(link)
         if not self._context.is_for_me(message) or message.sender != transfer.partner:
             return
         if transfer.state is _State.RECEIVING and message.type == items.UNSUPPORTED:
             transfer.as_int = not transfer.as_int
-            self._ask(transfer)
+            self._request_next(transfer)
             return
         if transfer.state is _State.SENDING or message.type == items.CANCELLED:
             transfer.end()
@@ -269,10 +269,10 @@ class MissionService:
     # --- time ------------------------------------------------------------------------------------------
 
     @property
-    def waits(self) -> bool:
+    def has_pending(self) -> bool:
         """Whether a reached item must be reported."""
         flight = self._flight
-        if self._told_reached != flight.reached_count:
+        if self._reported_reached_count != flight.reached_count:
             return True
         again_s, until_s = self._reached_again_s, self._reached_until_s
         return flight.reached is not None and again_s <= self._context.view.time_s <= until_s
@@ -280,14 +280,16 @@ class MissionService:
     @property
     def busy(self) -> bool:
         """Whether a request or report is pending."""
-        return self.waits or any(transfer.state is not _State.IDLE for transfer in self._exchanges.values())
+        return self.has_pending or any(
+            transfer.state is not _State.IDLE for transfer in self._transfers.values()
+        )
 
     def step(self) -> None:
-        """Repeats requests, or gives up."""
-        for transfer in self._exchanges.values():
+        """Repeats requests, and ends transfers after a timeout."""
+        for transfer in self._transfers.values():
             if transfer.state is not _State.IDLE:
                 self._update(transfer)
-        if self.waits:
+        if self.has_pending:
             self._send_reached()
 
     def _update(self, transfer: _Transfer) -> None:
@@ -298,9 +300,9 @@ class MissionService:
             transfer.end()
             self._report("Operation timeout", "mavlink_mission_op_timeout")
         elif transfer.state is _State.RECEIVING and now_s - transfer.requested_s >= RETRY_S:
-            self._ask(transfer)
+            self._request_next(transfer)
 
-    def _ask(self, transfer: _Transfer) -> None:
+    def _request_next(self, transfer: _Transfer) -> None:
         transfer.requested_s = self._context.view.time_s
         transfer.link.send(
             "MISSION_REQUEST_INT" if transfer.as_int else "MISSION_REQUEST",

@@ -61,8 +61,8 @@ def result_of(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
 
 
 def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
-    """Whether it is a fence or rally item in a mission, or a polygon with too few vertices; refused without a
-    text."""
+    """Whether an item is a fence or rally item in a mission, or has too few polygon vertices; PX4 refuses it
+    without a text."""
     command = item["command"]
     if kind == MISSION:
         return command in _FENCE_ITEMS or command == _RALLY_POINT

@@ -5,12 +5,12 @@ from __future__ import annotations
 from vehicle_sim.mavlink.context import Context
 
 EVERY_S = 3.33
-"""PX4 streams it at 0.3 Hz after the first external mode was registered."""
+"""PX4 streams the message at 0.3 Hz after the first external mode was registered."""
 SEQUENCES = 256
 
 
 class ModesMonitor:
-    """Sends the monitor at the first change, and from then on periodically."""
+    """Sends the message at the first change, and from then on periodically."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

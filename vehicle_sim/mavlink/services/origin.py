@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
 
-LOOK_EVERY_S = 1.0
+CHECK_EVERY_S = 1.0
 LOWEST_M, HIGHEST_M = -12_000.0, 100_000.0
 
 
@@ -21,9 +21,9 @@ class OriginService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._asked = False
+        self._requested = False
         self.handlers = {"SET_GPS_GLOBAL_ORIGIN": self.set}
-        context.after(LOOK_EVERY_S, self._check_changed)
+        context.after(CHECK_EVERY_S, self._check_changed)
 
     def set(self, link: Link, m: Message) -> None:
         """Handles SET_GPS_GLOBAL_ORIGIN (1e-7 degrees and millimetres)."""
@@ -33,19 +33,19 @@ class OriginService:
         possible = abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and LOWEST_M < alt_amsl_m < HIGHEST_M
         if possible and not self._context.autopilot.commander.armed:
             self._move(lat_deg, lon_deg, alt_amsl_m)
-        self._asked = True
+        self._requested = True
         self._context.later(lambda: self._send(link))
 
     def _move(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        view, keeper = self._context.view, self._context.autopilot.commander.home
+        view, home = self._context.view, self._context.autopilot.commander.home
         view.simulation.set_origin(view.row, lat_deg, lon_deg, alt_amsl_m)
-        keeper.origin_moved()
+        home.origin_moved()
 
     def _check_changed(self) -> None:
-        if self._asked:
+        if self._requested:
             return
         if not math.isfinite(self._context.view.origin[0]):
-            self._context.after(LOOK_EVERY_S, self._check_changed)
+            self._context.after(CHECK_EVERY_S, self._check_changed)
             return
         for link in self._context.links:
             self._send(link)

@@ -1,4 +1,4 @@
-"""Sends the autopilot's commands to its own components, and executes those for the gimbal."""
+"""Sends the autopilot's commands to the vehicle's own components, and executes those for the gimbal."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ FIRST_REPEAT_S = 1.0
 REPEAT_S = 0.51
 """Measured interval of repetitions; a command without acknowledgement is sent four times."""
 SELF = -2.0
+"""param1 of DO_GIMBAL_MANAGER_CONFIGURE: the sender takes control."""
 PARACHUTE_COMPONENT = 161
 
 
@@ -33,21 +34,21 @@ class OwnCommandService:
         if handler is not None:
             p1, p2, p3, p4, p5, p6, p7 = parameters
             handler(Command(command.number, p1, p2, p3, p4, p5, p6, p7, self._context.own, ""))
-        self._out(command.number, parameters, 0)
+        self._broadcast(command.number, parameters, 0)
         if command.repeated:
             generation = self._generations.get(command.number, 0) + 1
             self._generations[command.number] = generation
             for repeat in range(REPEATS):
                 self._context.after(
                     FIRST_REPEAT_S + repeat * REPEAT_S,
-                    lambda n=repeat + 1: self._again(command.number, parameters, n, generation),
+                    lambda n=repeat + 1: self._repeat(command.number, parameters, n, generation),
                 )
 
-    def _again(self, number: int, parameters: list[float], confirmation: int, generation: int) -> None:
+    def _repeat(self, number: int, parameters: list[float], confirmation: int, generation: int) -> None:
         if self._generations[number] == generation:
-            self._out(number, parameters, confirmation)
+            self._broadcast(number, parameters, confirmation)
 
-    def _out(self, number: int, parameters: list[float], confirmation: int) -> None:
+    def _broadcast(self, number: int, parameters: list[float], confirmation: int) -> None:
         fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
         self._context.broadcast(
             "COMMAND_LONG", target_system=self._context.system_id,

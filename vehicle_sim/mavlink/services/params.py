@@ -20,12 +20,12 @@ UINT32, INT32, REAL32 = 5, 6, 9
 """MAV_PARAM_TYPE."""
 BURST_PER_STEP = 5
 """With 250 steps per second, 930 values take 0.8 s."""
-TELL_AFTER_S = 0.01
-TELL_AT_BOOT_S = 1.0
+SEND_DELAY_S = 0.01
+SEND_AT_BOOT_S = 1.0
 SAVE_AFTER_S, SAVE_EVERY_S = 0.3, 2.0
 """Delay of PX4's saving after a change, and minimum interval of saving; until then a value is unsaved."""
 SAME = 1.19e-7
-"""A smaller difference of a float counts as unchanged; so does any comparison with NaN."""
+"""A smaller difference counts as unchanged; a NaN, stored or new, also counts as unchanged."""
 
 
 class ParamService:
@@ -38,13 +38,13 @@ class ParamService:
         self._unsaved: set[str] = set()
         self._save_at_s = math.inf
         self._saved_at_s = -math.inf
-        self._tell_at_s = math.inf
+        self._send_at_s = math.inf
         self._limits = ParameterLimits(self._parameters, context.autopilot.announcer)
-        self._parameters.add_listener(self._note)
+        self._parameters.add_listener(self._on_change)
         if self._parameters.set_at_boot:
             self._unsaved.update(self._parameters.set_at_boot)
-            self._tell_at_s = TELL_AT_BOOT_S
-            self._save_at_s = TELL_AT_BOOT_S + SAVE_AFTER_S
+            self._send_at_s = SEND_AT_BOOT_S
+            self._save_at_s = SEND_AT_BOOT_S + SAVE_AFTER_S
         self.handlers = {
             "PARAM_REQUEST_LIST": self.request_list,
             "PARAM_REQUEST_READ": self.request_read,
@@ -81,16 +81,16 @@ class ParamService:
             return
         raw = struct.pack("<f", message.param_value)
         value: ParameterValue = struct.unpack("<i", raw)[0] if integer else message.param_value
-        self._mark(name)
-        told_at_s = self._tell_at_s
+        self._mark_unsaved(name)
+        planned_at_s = self._send_at_s
         changed = abs(value - self._parameters.get(name)) > SAME
         self._parameters.set(name, value)
         if not changed:
-            self._tell_at_s = told_at_s
+            self._send_at_s = planned_at_s
         self._send(link, name)
         self._limits.apply()
 
-    def _note(self, name: str, _value: ParameterValue) -> None:
+    def _on_change(self, name: str, _value: ParameterValue) -> None:
         why = self._context.view.simulation.reload_parameters(self._context.view.row)
         if why is not None:
             self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
@@ -99,21 +99,21 @@ class ParamService:
         if self._parameters.change is Change.RESET:
             self._unsaved.discard(name)
         else:
-            self._mark(name)
-        self._tell_at_s = min(self._tell_at_s, self._context.view.time_s + TELL_AFTER_S)
+            self._mark_unsaved(name)
+        self._send_at_s = min(self._send_at_s, self._context.view.time_s + SEND_DELAY_S)
 
-    def _mark(self, name: str) -> None:
+    def _mark_unsaved(self, name: str) -> None:
         self._unsaved.add(name)
         self._context.wake()
         now_s = self._context.view.time_s
         if self._save_at_s == math.inf:
             self._save_at_s = max(now_s + SAVE_AFTER_S, self._saved_at_s + SAVE_EVERY_S)
 
-    def tell(self, names: Iterable[str]) -> None:
-        """Sends values on every link as after a change, even if they did not change."""
+    def send_as_changed(self, names: Iterable[str]) -> None:
+        """Sends values on every link as if they had changed."""
         for name in names:
-            self._mark(name)
-        self._tell_at_s = min(self._tell_at_s, self._context.view.time_s + TELL_AFTER_S)
+            self._mark_unsaved(name)
+        self._send_at_s = min(self._send_at_s, self._context.view.time_s + SEND_DELAY_S)
 
     @property
     def unsaved(self) -> frozenset[str]:
@@ -128,8 +128,8 @@ class ParamService:
     def step(self) -> None:
         """Sends due values: after a change all unsaved values on every link, and parts of requested lists."""
         now_s = self._context.view.time_s
-        if now_s >= self._tell_at_s:
-            self._tell_at_s = math.inf
+        if now_s >= self._send_at_s:
+            self._send_at_s = math.inf
             for name in sorted(self._unsaved, key=self._parameters.index_of):
                 for link in self._context.links:
                     self._send(link, name)

@@ -74,17 +74,17 @@ class RequestService:
             REQUEST_MESSAGE: self.request,
             SET_INTERVAL: self.set_interval,
             GET_INTERVAL: self.get_interval,
-            REQUEST_CAPABILITIES: lambda c: self._one("AUTOPILOT_VERSION", c),
-            REQUEST_PROTOCOL_VERSION: lambda c: self._one("PROTOCOL_VERSION", c),
-            REQUEST_FLIGHT_INFORMATION: lambda c: self._one("FLIGHT_INFORMATION", c),
+            REQUEST_CAPABILITIES: lambda c: self._send_message("AUTOPILOT_VERSION", c),
+            REQUEST_PROTOCOL_VERSION: lambda c: self._send_message("PROTOCOL_VERSION", c),
+            REQUEST_FLIGHT_INFORMATION: lambda c: self._send_message("FLIGHT_INFORMATION", c),
             REQUEST_CAMERA_INFORMATION: lambda c: None,
-            REQUEST_STORAGE_INFORMATION: lambda c: self._one("STORAGE_INFORMATION", c),
+            REQUEST_STORAGE_INFORMATION: lambda c: self._send_message("STORAGE_INFORMATION", c),
         }
 
     def _link(self, command: Command) -> Link:
         return next(link for link in self._context.links if link.name == command.link)
 
-    def _one(self, name: str, command: Command) -> int:
+    def _send_message(self, name: str, command: Command) -> int:
         self._senders[BY_NAME[name].id](self._link(command), command)
         return ACCEPTED
 

@@ -20,7 +20,7 @@ REPLY, RESPOND = 1, 2
 """SERIAL_CONTROL_FLAG."""
 PART_BYTES = 70
 MAX_WAITING_BYTES = 200_000
-"""Most bytes of output that wait to be sent; more is discarded."""
+"""Maximum of output bytes that wait to be sent; more is discarded."""
 
 
 class Terminal(Protocol):

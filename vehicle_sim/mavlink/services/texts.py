@@ -60,8 +60,8 @@ class TextService:
         sequence = self._context.autopilot.announcer.sequence
         link.send("CURRENT_EVENT_SEQUENCE", sequence=sequence, flags=flags)
 
-    def greet(self, link: Link) -> None:
-        """Called when the first ground station connects on a link; resets the event sequence."""
+    def start_event_sequence(self, link: Link) -> None:
+        """Called when a ground station connects on a link for the first time: its event sequence is reset."""
         self.current_sequence(link, RESET)
 
 

@@ -37,8 +37,8 @@ class VisionService:
         )
 
     def odometry(self, link: Link, m: Message) -> None:
-        """Handles ODOMETRY: pose in LOCAL_NED or LOCAL_FRD, velocity in that or the body frame; ignores
-        others."""
+        """Handles ODOMETRY: pose in LOCAL_NED or LOCAL_FRD, velocity in the same frame or in BODY_FRD; other
+        frames are ignored."""
         if m.frame_id not in (LOCAL_NED, LOCAL_FRD):
             return
         q = np.array([m.q], dtype=float)
