@@ -100,11 +100,11 @@ class VehicleSim:
         self._bridges: dict[int, Bridge] = {}
         """ROS 2 side of the vehicles that have one, by row."""
         self.nodes: list[Node] = []
-        for row, (autopilot, own) in enumerate(zip(self.autopilots, self.files, strict=True)):
+        for row, (autopilot, vehicle_files) in enumerate(zip(self.autopilots, self.files, strict=True)):
             states = States(autopilot, first_instance + row + 1)
             self._states.append(states)
-            self.loggers.append(Logger(autopilot, states, own, recorders))
-            node = Node(autopilot, first_instance + row + 1, own, self.loggers[-1])
+            self.loggers.append(Logger(autopilot, states, vehicle_files, recorders))
+            node = Node(autopilot, first_instance + row + 1, vehicle_files, self.loggers[-1])
             shell = Shell(
                 node.context, lambda params=node.params: params.unsaved, node.failures.inject,
                 self.loggers[-1], states,
@@ -112,7 +112,9 @@ class VehicleSim:
             node.open_console(shell.console)
             self.nodes.append(node)
             if camera:
-                self.nodes[-1].add_camera(Camera(autopilot.view, autopilot.gimbal, autopilot.home, own))
+                self.nodes[-1].add_camera(
+                    Camera(autopilot.view, autopilot.gimbal, autopilot.home, vehicle_files)
+                )
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         self._linked = camera

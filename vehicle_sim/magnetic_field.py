@@ -12,9 +12,9 @@ DECLINATION_RAD = math.radians(2.96)
 
 def field_ned_gauss(declination_rad: float = DECLINATION_RAD) -> tuple[float, float, float]:
     """The field in NED, with this declination."""
-    level = STRENGTH_GAUSS * math.cos(INCLINATION_RAD)
+    horizontal_gauss = STRENGTH_GAUSS * math.cos(INCLINATION_RAD)
     return (
-        level * math.cos(declination_rad),
-        level * math.sin(declination_rad),
+        horizontal_gauss * math.cos(declination_rad),
+        horizontal_gauss * math.sin(declination_rad),
         STRENGTH_GAUSS * math.sin(INCLINATION_RAD),
     )

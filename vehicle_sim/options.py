@@ -20,7 +20,7 @@ from vehicle_sim.yaml_fields import FileProblem
 LAST_DOMAIN = 101
 """Higher domains would use the ephemeral ports of the operating system."""
 EPILOG = """\
-Each vehicle N (from 0) has MAVLink system id N+1 and talks MAVLink 2 on
+Each vehicle N (from 0) has MAVLink system id N+1 and uses MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
   UDP 14580+N  to an onboard computer or MAVSDK at port 14540+N
   TCP 5760+N   to one client that connects

@@ -74,8 +74,8 @@ class UnknownParameterError(KeyError):
 
 
 @dataclass(frozen=True, slots=True)
-class Default:
-    """A parameter with its value at boot."""
+class BootParameter:
+    """A parameter, and its value at boot."""
 
     name: str
     type: ParameterType
@@ -84,13 +84,13 @@ class Default:
 
 
 @lru_cache(maxsize=4)
-def load_defaults(path: Path = DATA_FILE) -> tuple[Default, ...]:
+def load_boot_parameters(path: Path = DATA_FILE) -> tuple[BootParameter, ...]:
     """The values at boot, in the order of PX4's list."""
     entries: dict[str, tuple[str, ParameterValue]] = json.loads(path.read_text(encoding="utf-8"))
-    defaults: list[Default] = []
+    defaults: list[BootParameter] = []
     for index, (name, (kind, value)) in enumerate(entries.items()):
         kind_name: ParameterType = "INT32" if kind == "int32" else "FLOAT"
-        defaults.append(Default(name, kind_name, coerce(name, kind_name, value), index))
+        defaults.append(BootParameter(name, kind_name, coerce(name, kind_name, value), index))
     return tuple(defaults)
 
 
@@ -128,7 +128,7 @@ class Parameters:
     def __init__(
         self, overrides: Mapping[str, ParameterValue] | None = None, *, storage: Path | None = None
     ) -> None:
-        defaults = load_defaults()
+        defaults = load_boot_parameters()
         self._names = tuple(default.name for default in defaults)
         self._by_name = {default.name: default for default in defaults}
         self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
@@ -184,15 +184,15 @@ class Parameters:
         PX4 stores NaN too; a NaN gain would remain in every integrator even after it was corrected.
         """
         value = float(self.get(name))
-        return value if math.isfinite(value) else float(self._default(name).value)
+        return value if math.isfinite(value) else float(self._boot_parameter(name).value)
 
     def type_of(self, name: str) -> ParameterType:
         """INT32 or FLOAT."""
-        return self._default(name).type
+        return self._boot_parameter(name).type
 
     def index_of(self, name: str) -> int:
         """Position in PX4's list."""
-        return self._default(name).index
+        return self._boot_parameter(name).index
 
     def name_at(self, index: int) -> str | None:
         """The name at a list position, None outside of it."""
@@ -200,7 +200,7 @@ class Parameters:
 
     def default_of(self, name: str) -> ParameterValue:
         """The value at boot with reset parameters."""
-        return self._default(name).value
+        return self._boot_parameter(name).value
 
     def set(self, name: str, value: ParameterValue) -> ParameterValue:
         """Stores a value and notifies the listeners if it changed; returns the stored value.
@@ -209,7 +209,7 @@ class Parameters:
             UnknownParameterError: no such name.
             ValueError: a value outside the type's range.
         """
-        stored = coerce(name, self._default(name).type, value)
+        stored = coerce(name, self._boot_parameter(name).type, value)
         if not _same(stored, self._values[name]):
             self._values[name] = stored
             self._save()
@@ -220,7 +220,7 @@ class Parameters:
     def reset(self, name: str) -> None:
         """Resets a parameter to its default, which differs from the boot value if PX4 or its start script
         sets the parameter at boot."""
-        self._change(name, _reset_value(name, self._default(name).value), Change.RESET)
+        self._change(name, _reset_value(name, self._boot_parameter(name).value), Change.RESET)
 
     def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
         """Resets all parameters that match a pattern of `only` and none of `keep`."""
@@ -265,7 +265,7 @@ class Parameters:
                 content += struct.pack("<i" if self._by_name[name].type == "INT32" else "<f", value)
         return zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
-    def _default(self, name: str) -> Default:
+    def _boot_parameter(self, name: str) -> BootParameter:
         try:
             return self._by_name[name]
         except KeyError:
@@ -284,7 +284,7 @@ class Parameters:
             self.mode_hashes[slot] = int(coerce(_hash_name(slot), "INT32", stored.get(_hash_name(slot), 0)))
         for name, value in stored.items():
             # A stored 0 means that the parameter was reset; at boot PX4 sets sensor ids and airframe again.
-            if name in self._by_name and (value or not _is_found_at_boot(name)):
+            if name in self._by_name and (value or not _is_detected_at_boot(name)):
                 number = float(value) if isinstance(value, str) else value
                 self._values[name] = coerce(name, self._by_name[name].type, number)
 
@@ -314,10 +314,10 @@ def _reset_value(name: str, boot_value: ParameterValue) -> ParameterValue:
     """The default: the boot value, except for parameters that PX4 or its start script sets at boot."""
     if name.startswith("CAL_") and name.endswith("_PRIO"):
         return NO_PRIORITY
-    return 0 if _is_found_at_boot(name) else _DEFAULTS.get(name, boot_value)
+    return 0 if _is_detected_at_boot(name) else _DEFAULTS.get(name, boot_value)
 
 
-def _is_found_at_boot(name: str) -> bool:
+def _is_detected_at_boot(name: str) -> bool:
     return name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID"))
 
 

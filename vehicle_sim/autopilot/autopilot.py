@@ -97,7 +97,7 @@ class Autopilot:
         if self.commander.update_steady():
             if self.commander.active is NavState.OFFBOARD:
                 self._publish_level()
-                self._motion[ASKED_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
+                self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
                 self._steer_offboard()
             self.gimbal.update(TICK_S)
             self.decided = False

@@ -40,8 +40,8 @@ class Cause(IntEnum):
 class Clear(Enum):
     """When an action ends."""
 
-    WHEN_GONE = "its reason is gone"
-    ON_MODE_CHANGE = "its reason is gone and somebody chose a mode"
+    WHEN_GONE = "when the failure condition is gone"
+    ON_MODE_CHANGE = "after the failure condition is gone, when the operator changes the mode"
     NEVER = "never"
 
 

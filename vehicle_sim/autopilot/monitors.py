@@ -147,10 +147,11 @@ class Monitors:
         (nx, ny, _), (ex, ey, _), (dx, dy, _) = matrix.tolist()
         vn, ve, vd = estimate.velocity_ned_m_s
         forward, right = forward - dx * vd, right - dy * vd
-        level = nx * ey - ny * ex
-        if abs(level) < MIN_TILT_COSINE:
+        tilt_cosine = nx * ey - ny * ex
+        if abs(tilt_cosine) < MIN_TILT_COSINE:
             return self._wind_ned or (0.0, 0.0)
-        return vn - (forward * ey - right * ex) / level, ve - (right * nx - forward * ny) / level
+        wind_n = vn - (forward * ey - right * ex) / tilt_cosine
+        return wind_n, ve - (right * nx - forward * ny) / tilt_cosine
 
 
 def _air_speed(drag_m_s2: float, momentum_per_s: float, ballistic_kg_m2: float) -> float:

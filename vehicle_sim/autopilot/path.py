@@ -67,8 +67,8 @@ class Path:
         if reset is None:
             return
         position, velocity = self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s
-        position_reset = (reset.level_position, reset.level_position, reset.height)
-        velocity_reset = (reset.level_velocity, reset.level_velocity, reset.vertical_velocity)
+        position_reset = (reset.horizontal_position, reset.horizontal_position, reset.height)
+        velocity_reset = (reset.horizontal_velocity, reset.horizontal_velocity, reset.vertical_velocity)
         for k, axis in enumerate((self.x, self.y, self.z)):
             if position_reset[k]:
                 axis.position_m = position[k]

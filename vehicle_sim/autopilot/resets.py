@@ -13,9 +13,9 @@ from vehicle_sim.vehicle_view import VehicleView
 class Reset(NamedTuple):
     """The parts that were reset since the last call."""
 
-    level_velocity: bool
+    horizontal_velocity: bool
     vertical_velocity: bool
-    level_position: bool
+    horizontal_position: bool
     height: bool
     heading_rad: float
     """Change of the heading; 0 without a reset."""

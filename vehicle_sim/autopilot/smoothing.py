@@ -34,8 +34,8 @@ SETTINGS = (
     "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",
 )  # fmt: skip
 (
-    _CRUISE, _SPEED_MAX, _UP_SPEED, _DOWN_SPEED, _LEVEL_ACCELERATION, _UP_ACCELERATION, _DOWN_ACCELERATION,
-    _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
+    _CRUISE, _SPEED_MAX, _UP_SPEED, _DOWN_SPEED, _HORIZONTAL_ACCELERATION, _UP_ACCELERATION,
+    _DOWN_ACCELERATION, _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
 ) = range(11)  # fmt: skip
 """Columns of the settings."""
 FROM, TO, ONWARD, ACCEPTANCE, WAY_SIZE = 0, 3, 6, 9, 10
@@ -177,21 +177,21 @@ def _corner_speed(axes: Rows, settings: Column, way: Column) -> float:
     lengths = math.hypot(an, ae) * math.hypot(bn, be)
     cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
     half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
-    sideways = settings[_TRAJECTORY_P] * settings[_LEVEL_ACCELERATION]
+    sideways = settings[_TRAJECTORY_P] * settings[_HORIZONTAL_ACCELERATION]
     return math.sqrt(sideways * way[ACCEPTANCE] * math.tan(half))
 
 
 @formula
 def _level_speed(axes: Rows, settings: Column, way: Column, cruise_m_s: float) -> float:
     cruise = min(cruise_m_s if math.isfinite(cruise_m_s) else settings[_CRUISE], settings[_SPEED_MAX])
-    jerk, acceleration = settings[_JERK], settings[_LEVEL_ACCELERATION]
+    jerk, acceleration = settings[_JERK], settings[_HORIZONTAL_ACCELERATION]
     tn, te, td = way[TO], way[TO + 1], way[TO + 2]
     nn, ne, nd = way[ONWARD], way[ONWARD + 1], way[ONWARD + 2]
     at_target = 0.0
     if not math.isnan(nn):
         onward_m = math.hypot(nn - tn, ne - te)
-        level = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
-        if onward_m > 0.001 and onward_m >= way[ACCEPTANCE] and level:
+        same_height = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
+        if onward_m > 0.001 and onward_m >= way[ACCEPTANCE] and same_height:
             exit_speed = max_speed_for_distance(jerk, acceleration, onward_m, 0.0)
             at_target = min(min(_corner_speed(axes, settings, way), exit_speed), cruise)
     left_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
@@ -247,8 +247,8 @@ def _level(
 
 @formula
 def _plan_level(axes: Rows, settings: Column, north_m_s: float, east_m_s: float) -> None:
-    plan(axes[_X], north_m_s, settings[_LEVEL_ACCELERATION], settings[_JERK])
-    plan(axes[_Y], east_m_s, settings[_LEVEL_ACCELERATION], settings[_JERK])
+    plan(axes[_X], north_m_s, settings[_HORIZONTAL_ACCELERATION], settings[_JERK])
+    plan(axes[_Y], east_m_s, settings[_HORIZONTAL_ACCELERATION], settings[_JERK])
 
 
 @kernel
@@ -307,9 +307,9 @@ def _velocity_towards(
         return 0.0, 0.0, 0.0
     speed = math.hypot(horizontal, vertical)
     across, slower = _clamped(speed * flat / length, horizontal)
-    rising, level_part = _clamped(slower * speed * abs(dd) / length, vertical)
-    level = across * level_part / max(flat, 1e-9)
-    return level * dn, level * de, math.copysign(rising, dd)
+    rising, horizontal_part = _clamped(slower * speed * abs(dd) / length, vertical)
+    scale = across * horizontal_part / max(flat, 1e-9)
+    return scale * dn, scale * de, math.copysign(rising, dd)
 
 
 @kernel

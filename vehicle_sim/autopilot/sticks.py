@@ -65,13 +65,13 @@ class Sticks:
         """Stick positions with dead zone and expo, for Position and Altitude modes."""
         parameter = self._view.parameter
         zone = parameter("MPC_HOLD_DZ")
-        level, vertical, turn = (
+        horizontal, vertical, turn = (
             parameter(name) for name in ("MPC_XY_MAN_EXPO", "MPC_Z_MAN_EXPO", "MPC_YAW_EXPO")
         )
         raw = self.raw
         return Deflection(
-            _expo(_dead(raw.forward, zone), level),
-            _expo(_dead(raw.right, zone), level),
+            _expo(_dead(raw.forward, zone), horizontal),
+            _expo(_dead(raw.right, zone), horizontal),
             _expo(_dead(raw.yaw, zone), turn),
             _expo(_dead(raw.throttle, zone), vertical),
         )

@@ -45,8 +45,8 @@ class CommandHost(Protocol):
     view: VehicleView
 
     @property
-    def own(self) -> tuple[int, int]:
-        """(system id, component id) of the vehicle."""
+    def own_id(self) -> tuple[int, int]:
+        """(system id, component id) of the vehicle's autopilot."""
         ...
 
     def later(self, action: Callable[[], None]) -> None:

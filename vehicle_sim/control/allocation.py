@@ -32,7 +32,8 @@ class Allocation:
 
     def __init__(self, count: int) -> None:
         self._mix = np.zeros((count, 4, ROTOR_COUNT))
-        self._unmix = np.zeros((count, ROTOR_COUNT, 3))
+        self._unmixer = np.zeros((count, ROTOR_COUNT, 3))
+        """(N, 4, 3) pseudo-inverse of the mixer, from motor signals to torques."""
         self.unallocated = np.zeros((count, 3))
         """(N, 3) torque setpoint minus allocated torque in the last step."""
 
@@ -44,7 +45,7 @@ class Allocation:
         """
         rows = mixer_of(parameters)
         self._mix[i] = rows
-        self._unmix[i] = np.linalg.pinv(rows)[:, :3]
+        self._unmixer[i] = np.linalg.pinv(rows)[:, :3]
 
     def update(self, powered: BoolArray, torque: FloatArray, thrust: FloatArray, motors: FloatArray) -> None:
         """Writes the motor signals.
@@ -55,7 +56,7 @@ class Allocation:
             thrust: (N,) collective.
             motors: (N, 4) written, 0..1.
         """
-        _allocate(powered, torque, thrust, self._mix, self._unmix, self.unallocated, motors)
+        _allocate(powered, torque, thrust, self._mix, self._unmixer, self.unallocated, motors)
 
 
 @formula
@@ -154,7 +155,7 @@ def rotor_effectiveness(parameters: Parameters) -> FloatArray:
 
 @kernel
 def _allocate(
-    powered: Flags, torque: Rows, thrust: Column, mix: Blocks, unmix: Blocks,
+    powered: Flags, torque: Rows, thrust: Column, mix: Blocks, unmixer: Blocks,
     unallocated: Rows, motors: Rows,
 ) -> None:  # fmt: skip
     for i in range(motors.shape[0]):
@@ -177,5 +178,5 @@ def _allocate(
         for axis, demand in ((0, roll), (1, pitch), (2, yaw)):
             remainder = demand
             for k in range(ROTOR_COUNT):
-                remainder -= motors[i, k] * unmix[i, k, axis]
+                remainder -= motors[i, k] * unmixer[i, k, axis]
             unallocated[i, axis] = remainder if abs(remainder) >= _SMALL else 0.0

@@ -56,7 +56,7 @@ class _Group:
         for topic in topics:
             template = topic.layout.blank()
             lengths = {field.name: field.length for field in topic.layout.fields}
-            own: list[_Column] = []
+            topic_columns: list[_Column] = []
             for key, source in topic.sources.items():
                 if not callable(source):
                     template[key] = source
@@ -64,9 +64,9 @@ class _Group:
                 names = tuple(key.split())
                 column = _Column(names, source, width, max(len(names), lengths[names[0]]))
                 width += column.width
-                own.append(column)
-            self._columns += own
-            self._plans.append((topic, template, own))
+                topic_columns.append(column)
+            self._columns += topic_columns
+            self._plans.append((topic, template, topic_columns))
         self._length = max(1, BLOCK_MS // period) if isinstance(period, int) else 4
         self._values = np.zeros((self._length, simulation.count, width))
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)

@@ -36,7 +36,7 @@ class Context:
         self._ack_listeners: list[AckListener] = []
 
     @property
-    def own(self) -> tuple[int, int]:
+    def own_id(self) -> tuple[int, int]:
         """(system id, component id)."""
         return self.system_id, AUTOPILOT_COMPONENT
 

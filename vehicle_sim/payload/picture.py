@@ -60,16 +60,16 @@ class Painter:
         hits = self._caster.cast(origin, rays, self._range_m)
         colour = _sky(rays)
         haze = colour.copy()
-        seen = hits.what != NOTHING
-        points = origin[seen] + rays[seen] * hits.distance_m[seen, None]
-        what = hits.what[seen]
-        surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[seen]), 0.0)
+        is_hit = hits.what != NOTHING
+        points = origin[is_hit] + rays[is_hit] * hits.distance_m[is_hit, None]
+        what = hits.what[is_hit]
+        surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[is_hit]), 0.0)
         for number in range(len(self._world.boxes)):
             on_box = what == number
             if on_box.any():
                 surface[on_box] = self._box(number, points[on_box])
-        clear = np.exp(-hits.distance_m[seen] / HAZE_M)[:, None]
-        colour[seen] = clear * surface + (1.0 - clear) * haze[seen]
+        clear = np.exp(-hits.distance_m[is_hit] / HAZE_M)[:, None]
+        colour[is_hit] = clear * surface + (1.0 - clear) * haze[is_hit]
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8).reshape(HEIGHT, WIDTH, 3)
 
     def _rays(self, q_ned_camera: FloatArray, width_rad: float) -> FloatArray:

@@ -45,7 +45,7 @@ def _ignore(_command: Command) -> None:
 
 
 class Port(Protocol):
-    """Carries the messages; topics have the names of `topics.py`."""
+    """Transport of the messages; topics have the names of `topics.py`."""
 
     def publish(self, topic: str, data: bytes) -> None:
         """Sends a message; does not block."""
@@ -164,7 +164,7 @@ class Bridge:
         receiver(values)
 
     def _command(self, values: Values, from_service: bool) -> None:
-        system, component = self._host.own
+        system, component = self._host.own_id
         if values["target_system"] not in (0, system) or values["target_component"] not in (0, component):
             return
         command = _decode(values, values["source_system"])
@@ -177,7 +177,7 @@ class Bridge:
     def _executor_command(self, values: Values) -> None:
         """Forwards a command of the executor in charge as the vehicle's own; rejects commands of other
         executors."""
-        system = self._host.own[0]
+        system = self._host.own_id[0]
         if values["source_component"] == EXECUTOR_COMPONENT + self._external.executor_in_charge:
             self._commands.append(({**values, "source_system": system}, False))
         else:

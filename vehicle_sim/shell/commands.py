@@ -47,7 +47,7 @@ class Shell:
         logger: Logger,
         states: States,
     ) -> None:
-        autopilot, view, own = context.autopilot, context.view, context.own
+        autopilot, view, own = context.autopilot, context.view, context.own_id
         listener, parts = ListenerCommand(view, states), PartsCommands(view)
         mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.gcs_connected)
         self._view = view

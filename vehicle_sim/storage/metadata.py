@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from vehicle_sim.parameters import DATA_FILE, load_defaults
+from vehicle_sim.parameters import DATA_FILE, load_boot_parameters
 from vehicle_sim.storage.event_definitions import definitions
 from vehicle_sim.storage.outputs import actuators
 
@@ -44,7 +44,7 @@ def parameters() -> dict[str, Any]:
     """The parameter document: one entry per parameter in use."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
-    for default in load_defaults():
+    for default in load_boot_parameters():
         entry = {"category": "Standard", **facts[default.name], "name": default.name}
         entry["type"] = "Int32" if default.type == "INT32" else "Float"
         if "values" in entry:

@@ -92,8 +92,8 @@ def _solution(s: Simulation) -> NDArray[Any]:
 
 
 def _position_variance(s: Simulation) -> NDArray[Any]:
-    level, down = s.estimate.horizontal_accuracy_m, s.estimate.vertical_accuracy_m
-    return np.stack((0.5 * level**2, 0.5 * level**2, down**2), axis=1)
+    horizontal, vertical = s.estimate.horizontal_accuracy_m, s.estimate.vertical_accuracy_m
+    return np.stack((0.5 * horizontal**2, 0.5 * horizontal**2, vertical**2), axis=1)
 
 
 def _velocity_variance(s: Simulation) -> NDArray[Any]:

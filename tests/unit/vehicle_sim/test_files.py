@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vehicle_sim.autopilot.announcer import EVENTS
-from vehicle_sim.parameters import load_defaults
+from vehicle_sim.parameters import load_boot_parameters
 from vehicle_sim.storage import metadata
 from vehicle_sim.storage.files import OutsideError, VehicleFiles
 
@@ -110,7 +110,7 @@ def test_the_checksum_is_the_one_that_px4_sends(shared):
 
 def test_every_live_parameter_has_its_facts_and_a_default_within_its_range():
     described = {entry["name"]: entry for entry in unpacked(metadata.PARAMETERS)["parameters"]}
-    assert list(described) == [default.name for default in load_defaults()]
+    assert list(described) == [default.name for default in load_boot_parameters()]
     for entry in described.values():
         assert entry["type"] in ("Int32", "Float")
         assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]

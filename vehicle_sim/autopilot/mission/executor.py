@@ -329,13 +329,13 @@ class Mission:
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
     def _next_place(self, seq: int) -> Vector | None:
-        """Position of the next item that is flown to, jumps included; None: the vehicle stops before it."""
+        """Position of the next item after `seq` that is flown to; None: the vehicle stops at item `seq`."""
         item = next_position(self._items, seq, self._jumps)
         return None if item is None else self._place(item)
 
     def _acceptance(self, item: Item) -> float:
-        own = item.parameters[1] if item.command == WAYPOINT else 0.0
-        return own if math.isfinite(own) and abs(own) > 0.001 else self._view.parameter("NAV_ACC_RAD")
+        given = item.parameters[1] if item.command == WAYPOINT else 0.0
+        return given if math.isfinite(given) and abs(given) > 0.001 else self._view.parameter("NAV_ACC_RAD")
 
     def _altitude_acceptance(self, item: Item) -> float:
         usual = self._view.parameter("NAV_MC_ALT_RAD")

@@ -20,10 +20,6 @@ from vehicle_sim.autopilot.mission.items import (
     Item,
 )
 
-LAND_START = 189
-FAR_M = 10_000.0
-"""Default of MIS_DIST_1WP, the distance of the first waypoint above which PX4 warns."""
-
 
 @dataclass(frozen=True, slots=True)
 class FeasibilityInputs:

@@ -96,7 +96,7 @@ def read(fields: Mapping[str, Any]) -> Item:
 
 
 def next_position(items: Sequence[Item], seq: int, jumps: Mapping[int, int]) -> Item | None:
-    """The next item that is flown to after item `seq`; None: the vehicle stops before it.
+    """The next item after item `seq` that is flown to; None: the vehicle stops at item `seq`.
 
     Args:
         items: of the mission.

@@ -105,9 +105,9 @@ class Manual:
         (north, east, down), (vn, ve, vd) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
-        if reset.level_position and self._held_position_m is not None:
+        if reset.horizontal_position and self._held_position_m is not None:
             self._held_position_m = north, east
-        if reset.level_velocity and self._held_position_m is None:
+        if reset.horizontal_velocity and self._held_position_m is None:
             self._velocity_m_s = vn, ve
         if reset.height:
             self._z.position_m = down

@@ -11,7 +11,7 @@ from vehicle_sim.mavlink.messages.family import NAN, Family
 from vehicle_sim.world.lidar import SECTOR_DEG
 
 STANDARD_TEMPERATURE_DEG_C = 15.0
-"""HIGHRES_IMU carries the air temperature PX4 assumes, not the barometer's own."""
+"""HIGHRES_IMU contains the air temperature that PX4 assumes, not the temperature of the barometer."""
 
 GPS_GLITCH, ACCEL_ERROR = 1024, 2048
 """Bits of ESTIMATOR_STATUS_FLAGS."""

@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class TimeService:
-    """Answers TIMESYNC and PING, and sends its own."""
+    """Answers requests of TIMESYNC and PING, and sends requests."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
