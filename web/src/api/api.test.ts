@@ -83,19 +83,19 @@ describe('client', () => {
   it('turns a refusal and an unreachable server into problems', async () => {
     const refused = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
     expect(await refused.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
-    const dead = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
-    expect(await dead.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
+    const unreachable = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
+    expect(await unreachable.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
   });
   it('reports that the server rejects the token', async () => {
-    let told = 0;
+    let rejections = 0;
     const answer = (status: number) => Promise.resolve(new Response('{"detail":"no","code":"token_missing"}', { status }));
     for (const status of [401, 403])
       await new ApiClient(
         'p',
-        () => (told += 1),
+        () => (rejections += 1),
         () => answer(status),
       ).get('/version');
-    expect(told).toBe(1);
+    expect(rejections).toBe(1);
   });
   it('gives two pages different names', () => {
     expect(pageName(() => 0)).toBe('page-0000');
@@ -108,28 +108,28 @@ describe('requests of one vehicle', () => {
   beforeEach(() => void vi.useFakeTimers());
   afterEach(() => void vi.useRealTimers());
 
-  function orders(): {
+  function setup(): {
     commandQueue: CommandQueue;
     sent: string[];
     answer: (name: string) => void;
-    order: (name: string, vehicles: string[]) => Promise<Outcome<string>>;
+    request: (name: string, vehicles: string[]) => Promise<Outcome<string>>;
   } {
     const commandQueue = new CommandQueue();
     const sent: string[] = [];
     const answers = new Map<string, () => void>();
-    const order = (name: string, vehicles: string[]): Promise<Outcome<string>> =>
+    const request = (name: string, vehicles: string[]): Promise<Outcome<string>> =>
       commandQueue.run(vehicles, () => {
         sent.push(name);
         return new Promise((done) => answers.set(name, () => done({ ok: true, value: name })));
       });
-    return { commandQueue, sent, answer: (name) => answers.get(name)?.(), order };
+    return { commandQueue, sent, answer: (name) => answers.get(name)?.(), request };
   }
 
   it('are sent after all earlier ones to the same vehicles were answered', async () => {
-    const { commandQueue, sent, answer, order } = orders();
-    void order('1 and 2', ['1', '2']);
-    const second = order('2', ['2']);
-    void order('3', ['3']);
+    const { commandQueue, sent, answer, request } = setup();
+    void request('1 and 2', ['1', '2']);
+    const second = request('2', ['2']);
+    void request('3', ['3']);
     await settle();
     expect(sent).toEqual(['1 and 2', '3']);
     answer('1 and 2');
@@ -143,12 +143,12 @@ describe('requests of one vehicle', () => {
   });
 
   it('are not sent after waiting too long, nor past an unanswered one', async () => {
-    const { commandQueue, sent, answer, order } = orders();
-    void order('renewal', ['1']);
-    const late = order('late', ['1']);
+    const { commandQueue, sent, answer, request } = setup();
+    void request('renewal', ['1']);
+    const late = request('late', ['1']);
     await vi.advanceTimersByTimeAsync(3000);
     expect(await late).toMatchObject({ ok: false, problem: { title: 'Not sent', status: 0 } });
-    const next = order('next', ['1']);
+    const next = request('next', ['1']);
     await settle();
     expect(sent).toEqual(['renewal']);
     answer('renewal');

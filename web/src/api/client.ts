@@ -20,7 +20,7 @@ type Path<M extends Method> = ClientPathsWithMethod<Server, M>;
 type Init<M extends Method, P extends Path<M>> = MaybeOptionalInit<Api[P], M>;
 /** Path parameters, query and body; optional if none of them is required. */
 type Arguments<I> = undefined extends I ? [I?] : [I];
-type Ask<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
+type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
 
 /**
  * A request of openapi-fetch, kept as its parts, because outside a browser `Request` accepts no path without a host.
@@ -34,10 +34,10 @@ class PendingRequest {
 
 export class ApiClient {
   private readonly server: Server;
-  readonly get: Ask<'get'> = this.method('get');
-  readonly post: Ask<'post'> = this.method('post');
-  readonly put: Ask<'put'> = this.method('put');
-  readonly delete: Ask<'delete'> = this.method('delete');
+  readonly get: ApiCall<'get'> = this.method('get');
+  readonly post: ApiCall<'post'> = this.method('post');
+  readonly put: ApiCall<'put'> = this.method('put');
+  readonly delete: ApiCall<'delete'> = this.method('delete');
 
   /**
    * @param who this page's name in the journal, and its unique id.
@@ -45,10 +45,10 @@ export class ApiClient {
    */
   constructor(
     private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
-    private readonly signedOut: () => void = () => undefined,
+    private readonly onSignedOut: () => void = () => undefined,
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
   ) {
-    this.server = createClient<Api>({ baseUrl: BASE, Request: PendingRequest as never, fetch: (asked) => this.send(asked as unknown as PendingRequest) });
+    this.server = createClient<Api>({ baseUrl: BASE, Request: PendingRequest as never, fetch: (request) => this.send(request as unknown as PendingRequest) });
   }
 
   /** The present identity; a person may rename the page. */
@@ -69,14 +69,14 @@ export class ApiClient {
     });
   }
 
-  private method<M extends Method>(method: M): Ask<M> {
+  private method<M extends Method>(method: M): ApiCall<M> {
     return (path, ...[init]) => this.outcome(method, path, init ?? {}, (data) => data as never);
   }
 
   private async outcome<T>(method: Method, path: string, init: object, read: (data: unknown, response: Response) => T): Promise<Outcome<T>> {
     try {
       const { data, error, response } = await this.server.request(method, path as never, init as never);
-      if (response.status === 401) this.signedOut();
+      if (response.status === 401) this.onSignedOut();
       return response.ok ? { ok: true, value: read(data, response) } : { ok: false, problem: parseProblem(response.status, error) };
     } catch {
       return { ok: false, problem: unreachable() };

@@ -18,18 +18,18 @@ function list(answer: unknown, name: string): Raw[] {
  * @returns the ids, and whether vehicles were removed: one of them may have reappeared meanwhile, and its data from
  * the socket was then removed, too.
  */
-export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; forgotten: boolean }> {
+export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removed: boolean }> {
   const before = new Map(store.vehicles);
   const answer = await api.get('/vehicles');
-  if (!answer.ok) return { ids: store.ids(), forgotten: false };
+  if (!answer.ok) return { ids: store.ids(), removed: false };
   const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
   // A replay may have jumped to another time meanwhile. It then has a new vehicle with the same id, and the answer is
   // outdated.
   const same = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
-  const forgotten = store.keepOnly(ids);
+  const removed = store.keepOnly(ids);
   store.apply({ type: 'samples', samples: same.flatMap(vehicleSamples) });
-  return { ids, forgotten };
+  return { ids, removed };
 }
 
 function vehicleSamples(vehicle: Raw): WireSample[] {

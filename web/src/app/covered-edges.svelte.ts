@@ -14,20 +14,20 @@ export function covered(): Record<Edge, number> {
 
 /** For a panel at an edge of the stage (`use:covers`). */
 export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } {
-  const tell = (px: number): void => {
+  const setCovered = (px: number): void => {
     if (px === (panels.get(panel)?.px ?? 0)) return;
     const others = [...panels].filter(([one]) => one !== panel);
     panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
   };
   const sizes = new ResizeObserver(() => {
     const box = panel.getBoundingClientRect(); // on a large screen panels are magnified
-    tell(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
+    setCovered(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
   });
   sizes.observe(panel);
   return {
     destroy: () => {
       sizes.disconnect();
-      tell(0);
+      setCovered(0);
     },
   };
 }

@@ -18,7 +18,7 @@ registry.addKeys([
   { order: 230, keys: 'Shift D', what: 'Light or dark theme', inScene: false, on: { 'Shift D': () => theme.toggle() } },
 ]);
 
-function escape(): boolean {
+function closeTopmost(): boolean {
   registry.closers.find((closer) => closer.isOpen())?.close();
   return true;
 }
@@ -29,9 +29,9 @@ function nameOfKey(key: string, shift: boolean): string {
   return shift ? `Shift ${key.toUpperCase()}` : key.toLowerCase();
 }
 
-function obey(event: KeyboardEvent): boolean {
+function handleShortcut(event: KeyboardEvent): boolean {
   if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return false;
-  if (event.key === 'Escape') return event.repeat || escape();
+  if (event.key === 'Escape') return event.repeat || closeTopmost();
   const key = characterOf(event);
   if (event.repeat || !shortcuts.on || !isShortcut(key, event.target as KeyTarget | null)) return false;
   const name = nameOfKey(key, event.shiftKey);
@@ -56,7 +56,7 @@ export function listenToKeys(on: Window): () => void {
   };
   const down = (event: KeyboardEvent): void => {
     if (inScene && /^[wasdqe]$/i.test(event.key)) return; // otherwise the 3D view handles it
-    if (obey(event)) event.preventDefault();
+    if (handleShortcut(event)) event.preventDefault();
   };
   const blur = (): void => guard.clear();
   on.addEventListener('keydown', first, true);

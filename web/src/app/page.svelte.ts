@@ -33,11 +33,11 @@ class Page {
   /** Socket for all vehicles and every event. */
   readonly socket: TelemetrySocket;
   /** Socket for a large fleet: all topics of the vehicles in use; samples only. */
-  private readonly closeSocket: TelemetrySocket;
-  private closeOpen = false;
+  private readonly detailSocket: TelemetrySocket;
+  private detailOpen = false;
   private subscribed = '';
   /** Vehicles whose history has been requested. */
-  private readonly pastOf = new Set<string>();
+  private readonly historyRequested = new Set<string>();
   tick = $state(0);
   /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large one. */
   fleetTick = $state(0);
@@ -65,7 +65,7 @@ class Page {
       (frame) => {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
-        if (frame.type === 'hello') void this.learnKey();
+        if (frame.type === 'hello') void this.loadKey();
         if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill(frame.event.vehicle);
         if (frame.type === 'event') for (const callback of this.onEvent) callback(frame.event);
         for (const callback of this.onTelemetry) callback();
@@ -78,9 +78,9 @@ class Page {
       },
       () => this.store.vehicles.size > 0,
     );
-    this.closeSocket = new TelemetrySocket(
+    this.detailSocket = new TelemetrySocket(
       this.socketUrl('/telemetry'),
-      () => this.closeSubscription() ?? this.fleetSubscription(),
+      () => this.detailSubscription() ?? this.fleetSubscription(),
       (frame) => {
         if (frame.type !== 'samples') return;
         this.store.apply(frame);
@@ -107,7 +107,7 @@ class Page {
   }
 
   /** Learns this page's own key, by which the server names its clients. */
-  private async learnKey(): Promise<void> {
+  private async loadKey(): Promise<void> {
     const me = await this.api.get('/me');
     if (me.ok) this.who.key = me.value.key;
   }
@@ -188,37 +188,37 @@ class Page {
     return fleetSubscription(this.store.vehicles.size, this.chosenTopics, this.store.isArmed(this.store.ids()));
   }
 
-  private closeSubscription(): Subscription | null {
+  private detailSubscription(): Subscription | null {
     const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.neededVehicles.flatMap((read) => [...read()])];
     return detailSubscription(this.store.vehicles.size, ids, this.chosenTopics, this.store.isArmed(ids));
   }
 
   /** Changes the subscription if other vehicles are needed now. */
   private updateSubscription(): void {
-    const close = this.closeSubscription();
+    const close = this.detailSubscription();
     const all = JSON.stringify(this.fleetSubscription());
     const both = all + JSON.stringify(close);
     if (both === this.subscribed) return;
     if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
     this.subscribed = both;
     if (close === null) {
-      this.closeSocket.stop();
-      this.closeOpen = false;
-    } else if (this.closeOpen) this.closeSocket.resubscribe();
+      this.detailSocket.stop();
+      this.detailOpen = false;
+    } else if (this.detailOpen) this.detailSocket.resubscribe();
     else {
-      this.closeSocket.start();
-      this.closeOpen = true;
+      this.detailSocket.start();
+      this.detailOpen = true;
     }
   }
 
   /** @param only the vehicle that has just appeared; the history of the others is loaded already. */
   private async backfill(only: string | null = null): Promise<void> {
-    const { ids, forgotten } = await loadFleet(this.api, this.store);
-    if (forgotten) this.socket.resubscribe();
-    if (forgotten && this.closeOpen) this.closeSocket.resubscribe();
-    if (only === null) this.pastOf.clear();
+    const { ids, removed } = await loadFleet(this.api, this.store);
+    if (removed) this.socket.resubscribe();
+    if (removed && this.detailOpen) this.detailSocket.resubscribe();
+    if (only === null) this.historyRequested.clear();
     const wanted = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
-    for (const id of wanted) this.pastOf.add(id);
+    for (const id of wanted) this.historyRequested.add(id);
     await Promise.all(wanted.map((id) => loadPast(this.api, this.store, id)));
     this.loadHistory();
   }
@@ -226,8 +226,8 @@ class Page {
   /** In a large fleet a vehicle's history is loaded when it is selected. */
   private loadHistory(): void {
     const id = this.selectedId;
-    if (id === null || this.pastOf.has(id) || !this.store.connected) return;
-    this.pastOf.add(id);
+    if (id === null || this.historyRequested.has(id) || !this.store.connected) return;
+    this.historyRequested.add(id);
     void loadPast(this.api, this.store, id);
   }
 }

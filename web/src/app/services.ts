@@ -18,7 +18,7 @@ export type Roi = components['schemas']['Roi'];
 export interface Services {
   offboard: {
     /** Starts the stream with the given setpoint, else at the vehicle's position. */
-    start: (facts: VehicleFacts, wish: StreamStart | null) => Promise<Outcome<unknown>>;
+    start: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
     /** The facts with the gimbal that is selected on the vehicle's card; the other functions are about this one. */

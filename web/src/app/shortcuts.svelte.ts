@@ -2,7 +2,7 @@
 
 import { memory } from './identity';
 
-type Kept = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
+type SettingStorage = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 
 const KEY = 'gcs-shortcuts';
 
@@ -10,14 +10,14 @@ export class Shortcuts {
   on = $state(true);
 
   /** @param kept the browser's storage, which keeps the setting. */
-  constructor(private readonly kept: Kept) {
-    this.on = kept.getItem(KEY) !== 'off';
+  constructor(private readonly storage: SettingStorage) {
+    this.on = storage.getItem(KEY) !== 'off';
   }
 
   set(on: boolean): void {
     this.on = on;
-    if (on) this.kept.removeItem(KEY);
-    else this.kept.setItem(KEY, 'off');
+    if (on) this.storage.removeItem(KEY);
+    else this.storage.setItem(KEY, 'off');
   }
 }
 

@@ -22,9 +22,9 @@ class Theme {
   constructor() {
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', (event) => {
       this.systemDark = event.matches;
-      this.write();
+      this.apply();
     });
-    this.write();
+    this.apply();
   }
 
   /** Switches between light and dark; a choice equal to the system's theme follows the system again. */
@@ -36,10 +36,10 @@ class Theme {
     } catch {
       // storage is disabled: the choice applies until the page closes
     }
-    this.write();
+    this.apply();
   }
 
-  private write(): void {
+  private apply(): void {
     document.documentElement.dataset['theme'] = this.shown;
   }
 }

@@ -15,7 +15,7 @@ export const nameOf = (id: string): string => page.factsOf(id)?.name ?? `Vehicle
 export const actions = new ActionController(
   page.api,
   nowS,
-  (facts, wish) => service('offboard').start(facts, wish),
+  (facts, streamStart) => service('offboard').start(facts, streamStart),
   (id) => page.factsOf(id),
 );
 

@@ -7,9 +7,9 @@ import { question, type ActionFacts } from '../app/actions/actions';
 import { Confirmation } from '../app/actions/confirmation';
 import { ActionController } from '../app/actions/controller.svelte';
 import { GimbalControl } from './gimbal/control.svelte';
-import { BY_ID, CATALOGUE, found, moved, readChoice, USUAL, type Source } from './instruments/catalogue';
+import { BY_ID, CATALOGUE, searchValues, moveItem, readChoice, DEFAULT_IDS, type Source } from './instruments/catalogue';
 import { severityWord } from '../ui/severity';
-import { fullTime, shown, unread } from './messages/messages';
+import { fullTime, filterMessages, unread } from './messages/messages';
 import { readOffboard, streamWords } from '../vehicle/offboard';
 import { batteryIndicator, componentLines, linkIndicator } from './status/indicators';
 import { lossPercent } from './status/links';
@@ -54,7 +54,7 @@ describe('the catalogue of values', () => {
     expect(CATALOGUE.length).toBeGreaterThan(50);
     for (const q of CATALOGUE) expect(q.label).toMatch(/^[A-Z±]/);
     expect(CATALOGUE.some((q) => q.id.includes('.q'))).toBe(false);
-    for (const id of USUAL) expect(BY_ID.has(id)).toBe(true);
+    for (const id of DEFAULT_IDS) expect(BY_ID.has(id)).toBe(true);
   });
   it('shows the vehicle’s values, angles in degrees, unknown as a dash', () => {
     const now = source({
@@ -76,19 +76,19 @@ describe('the catalogue of values', () => {
     expect(BY_ID.get('gps.hdop')?.read(source({ gps: { hdop: 0.8 } }, true))).toMatchObject({ text: '0.80', stale: true, age_s: 0.2 });
   });
   it('keeps the chosen order and drops unknown values', () => {
-    expect(readChoice(null)).toEqual(USUAL);
-    expect(readChoice('{oops')).toEqual(USUAL);
+    expect(readChoice(null)).toEqual(DEFAULT_IDS);
+    expect(readChoice('{oops')).toEqual(DEFAULT_IDS);
     expect(readChoice('["gps.hdop","gone.field","gps.hdop","flown.climb"]')).toEqual(['gps.hdop', 'flown.climb']);
     expect(readChoice('[]')).toEqual([]);
-    expect(moved(['a', 'b', 'c'], 0, 2)).toEqual(['b', 'c', 'a']);
-    expect(moved(['a', 'b', 'c'], 2, 0)).toEqual(['c', 'a', 'b']);
-    expect(moved(['a'], 4, 0)).toEqual(['a']);
+    expect(moveItem(['a', 'b', 'c'], 0, 2)).toEqual(['b', 'c', 'a']);
+    expect(moveItem(['a', 'b', 'c'], 2, 0)).toEqual(['c', 'a', 'b']);
+    expect(moveItem(['a'], 4, 0)).toEqual(['a']);
   });
   it('finds values by name, unit and group, and offers none twice', () => {
-    expect(found('battery volt', []).map((q) => q.id)).toContain('battery.voltage_v');
-    expect(found('battery volt', ['battery.voltage_v']).map((q) => q.id)).not.toContain('battery.voltage_v');
-    expect(found('µs', []).every((q) => q.group === 'Motors')).toBe(true);
-    expect(found('no such thing', [])).toEqual([]);
+    expect(searchValues('battery volt', []).map((q) => q.id)).toContain('battery.voltage_v');
+    expect(searchValues('battery volt', ['battery.voltage_v']).map((q) => q.id)).not.toContain('battery.voltage_v');
+    expect(searchValues('µs', []).every((q) => q.group === 'Motors')).toBe(true);
+    expect(searchValues('no such thing', [])).toEqual([]);
   });
 });
 
@@ -96,10 +96,10 @@ describe('messages', () => {
   const line = (unix_s: number, severity: number): Message => ({ key: `${unix_s}`, unix_s, severity, kind: 'event', text: 'x' });
   const all = [line(9, 6), line(8, 4), line(7, 7), line(6, 2)];
   it('are filtered by severity', () => {
-    expect(shown(all, 9, 'errors').map((m) => m.unix_s)).toEqual([6]);
-    expect(shown(all, 9, 'warnings').map((m) => m.unix_s)).toEqual([8, 6]);
-    expect(shown(all, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
-    expect(shown(all, 9, 'debug')).toHaveLength(4);
+    expect(filterMessages(all, 9, 'errors').map((m) => m.unix_s)).toEqual([6]);
+    expect(filterMessages(all, 9, 'warnings').map((m) => m.unix_s)).toEqual([8, 6]);
+    expect(filterMessages(all, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
+    expect(filterMessages(all, 9, 'debug')).toHaveLength(4);
   });
   it('are counted until read, with the tone of the most severe', () => {
     expect(unread(all, 5)).toEqual({ count: 3, tone: 'danger' });
@@ -214,11 +214,19 @@ describe('a confirmation', () => {
     );
     actions.request('hold', facts);
     expect(actions.running.map((r) => [r.action, r.progressText])).toEqual([['hold', null]]);
-    const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Commanding vehicle 1 to hold (attempt 2)', command: 'hold', fraction: 0.5 };
-    actions.onEvent({ ...told, client: 'Anna', client_key: 'k8' }); // another tab with the same name
+    const progress = {
+      kind: 'progress',
+      vehicle: '1',
+      unix_s: 1,
+      severity: 7,
+      text: 'Commanding vehicle 1 to hold (attempt 2)',
+      command: 'hold',
+      fraction: 0.5,
+    };
+    actions.onEvent({ ...progress, client: 'Anna', client_key: 'k8' }); // another tab with the same name
     expect(actions.running[0]?.progressText).toBeNull();
-    actions.onEvent({ ...told, client: 'Anna', client_key: 'k7' });
-    expect(actions.running[0]).toMatchObject({ progressText: told.text, fraction: 0.5 });
+    actions.onEvent({ ...progress, client: 'Anna', client_key: 'k7' });
+    expect(actions.running[0]).toMatchObject({ progressText: progress.text, fraction: 0.5 });
     await Promise.resolve();
     answer({ ok: true, value: null });
     await new Promise((r) => setTimeout(r));
@@ -234,14 +242,14 @@ describe('a confirmation', () => {
     );
     actions.request('takeoff', { ...facts, inAir: false });
     for (const bad of [NaN, 0, 121]) {
-      actions.typeTakeoffHeight(bad);
+      actions.enterTakeoffAltitude(bad);
       expect(actions.takeoffProblem).toContain('from 1 to 120 m');
       expect(actions.pending?.confirmation.blocked).toBe(true);
     }
-    actions.typeTakeoffHeight(25);
+    actions.enterTakeoffAltitude(25);
     expect(actions.takeoffProblem).toBeNull();
     expect(actions.pending?.confirmation.blocked).toBe(false);
-    actions.stepTakeoffHeight(1000);
+    actions.stepTakeoffAltitude(1000);
     expect(actions.takeoffAlt_home_m).toBe(120);
   });
 });

@@ -138,11 +138,11 @@ describe('store', () => {
   });
   it('lists a message once, newest first, with a severity from number or word', () => {
     const store = new TelemetryStore(() => 100);
-    const said = (unix_s: number, text: string) => ({ type: 'event' as const, event: { kind: 'status_text', vehicle: '1', unix_s, severity: 4, text } });
-    store.apply(said(10, 'a'));
-    store.apply(said(30, 'c'));
-    store.apply(said(20, 'b'));
-    store.apply(said(30, 'c'));
+    const statusText = (unix_s: number, text: string) => ({ type: 'event' as const, event: { kind: 'status_text', vehicle: '1', unix_s, severity: 4, text } });
+    store.apply(statusText(10, 'a'));
+    store.apply(statusText(30, 'c'));
+    store.apply(statusText(20, 'b'));
+    store.apply(statusText(30, 'c'));
     expect(store.vehicle('1').messages.map((m) => m.text)).toEqual(['c', 'b', 'a']);
     expect([severityNumber('warning'), severityNumber(null), severityNumber(9)]).toEqual([4, 6, 7]);
   });

@@ -16,7 +16,7 @@ class FakeSocket implements SocketLike {
   }
 }
 
-function rig() {
+function setup() {
   const sockets: FakeSocket[] = [];
   const frames: Frame[] = [];
   const states: SocketState[] = [];
@@ -57,7 +57,7 @@ const HELLO = '{"type":"hello","schema_version":1,"server_time_unix_s":5}';
 
 describe('telemetry socket', () => {
   it('subscribes on opening and passes frames on', () => {
-    const { socket, sockets, frames } = rig();
+    const { socket, sockets, frames } = setup();
     socket.start();
     sockets[0]?.onopen?.();
     expect(JSON.parse(sockets[0]?.sent[0] ?? '')).toEqual({ type: 'subscribe', vehicles: '*', topics: ['gps'], rate_hz: 25 });
@@ -66,7 +66,7 @@ describe('telemetry socket', () => {
     expect(frames).toHaveLength(1);
   });
   it('asks a silent server to send everything again, and closes the connection without an answer', () => {
-    const { socket, sockets, pass } = rig();
+    const { socket, sockets, pass } = setup();
     socket.start();
     const first = sockets[0];
     first?.onopen?.();
@@ -84,7 +84,7 @@ describe('telemetry socket', () => {
     expect(first?.closed).toBe(true);
   });
   it('does not ask a server without vehicles', () => {
-    const { socket, sockets, pass, server } = rig();
+    const { socket, sockets, pass, server } = setup();
     server.vehicles = false;
     socket.start();
     sockets[0]?.onopen?.();
@@ -94,7 +94,7 @@ describe('telemetry socket', () => {
     expect(socket.state.phase).toBe('open');
   });
   it('reconnects automatically, waits longer each time, and reports it', () => {
-    const { socket, sockets, states, pass } = rig();
+    const { socket, sockets, states, pass } = setup();
     socket.start();
     sockets[0]?.onclose?.();
     expect(states.at(-1)).toEqual({ phase: 'waiting', attempt: 2, retryAt_ms: 500 });
@@ -105,14 +105,14 @@ describe('telemetry socket', () => {
     expect([1, 2, 3, 9].map(retryDelayMs)).toEqual([500, 1000, 2000, 8000]);
   });
   it('gives up a connection without a hello frame', () => {
-    const { socket, sockets, pass } = rig();
+    const { socket, sockets, pass } = setup();
     socket.start();
     pass(8000);
     expect(sockets[0]?.closed).toBe(true);
     expect(socket.state.phase).toBe('waiting');
   });
   it('reconnects at once only on request', () => {
-    const { socket, sockets } = rig();
+    const { socket, sockets } = setup();
     socket.start();
     socket.retryNow();
     expect(sockets).toHaveLength(1);
@@ -121,14 +121,14 @@ describe('telemetry socket', () => {
     expect(sockets).toHaveLength(2);
   });
   it('rejects another schema version', () => {
-    const { socket, sockets, frames } = rig();
+    const { socket, sockets, frames } = setup();
     socket.start();
     sockets[0]?.onmessage?.({ data: HELLO.replace('"schema_version":1', '"schema_version":2') });
     expect(socket.state).toEqual({ phase: 'incompatible', schemaVersion: 2 });
     expect(frames).toHaveLength(0);
   });
   it('stays closed once stopped', () => {
-    const { socket, sockets, pass } = rig();
+    const { socket, sockets, pass } = setup();
     socket.start();
     socket.stop();
     pass(60_000);

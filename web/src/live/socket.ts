@@ -45,7 +45,7 @@ export class TelemetrySocket {
   private stopped = false;
   private watchTimer: unknown = null;
   private receivedAt_ms = 0;
-  private askedAt_ms: number | null = null;
+  private resubscribedAt_ms: number | null = null;
 
   constructor(
     private readonly url: string,
@@ -98,7 +98,7 @@ export class TelemetrySocket {
   private received(socket: SocketLike, data: unknown): void {
     if (socket !== this.socket || typeof data !== 'string') return;
     this.receivedAt_ms = this.deps.nowMs();
-    this.askedAt_ms = null;
+    this.resubscribedAt_ms = null;
     const frame = parseFrame(data);
     if (frame === null) return;
     if (frame.type === 'hello') {
@@ -124,9 +124,9 @@ export class TelemetrySocket {
     this.watchTimer = this.deps.setTimer(() => {
       if (socket !== this.socket) return;
       const now_ms = this.deps.nowMs();
-      if (this.askedAt_ms !== null && now_ms - this.askedAt_ms >= ANSWER_MS) return this.onConnectionLost(socket);
-      if (this.askedAt_ms === null && this.expectsFrames() && now_ms - this.receivedAt_ms >= SILENT_MS) {
-        this.askedAt_ms = now_ms;
+      if (this.resubscribedAt_ms !== null && now_ms - this.resubscribedAt_ms >= ANSWER_MS) return this.onConnectionLost(socket);
+      if (this.resubscribedAt_ms === null && this.expectsFrames() && now_ms - this.receivedAt_ms >= SILENT_MS) {
+        this.resubscribedAt_ms = now_ms;
         this.subscribe(socket);
       }
       this.watch(socket);
@@ -137,7 +137,7 @@ export class TelemetrySocket {
     if (socket !== this.socket || this.stopped) return;
     this.deps.clearTimer(this.timer);
     this.deps.clearTimer(this.watchTimer);
-    this.askedAt_ms = null;
+    this.resubscribedAt_ms = null;
     this.drop();
     const delay = retryDelayMs(this.attempt);
     this.attempt += 1;

@@ -29,15 +29,15 @@ export function isLarge(count: number): boolean {
  */
 export function fleetSubscription(count: number, more: readonly string[], armed: boolean): Subscription {
   if (isLarge(count)) return { vehicles: '*', topics: [...FLEET_TOPICS], rate_hz: FLEET_RATE_HZ };
-  return { vehicles: '*', ...isFullySubscribed(more, armed) };
+  return { vehicles: '*', ...allTopics(more, armed) };
 }
 
 /** Subscription to the vehicles that are displayed or commanded here; null if `ofAll` already includes all topics. */
 export function detailSubscription(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
   if (!isLarge(count) || ids.length === 0) return null;
-  return { vehicles: [...new Set(ids)].sort(), ...isFullySubscribed(more, armed) };
+  return { vehicles: [...new Set(ids)].sort(), ...allTopics(more, armed) };
 }
 
-function isFullySubscribed(more: readonly string[], armed: boolean): { topics: string[]; rate_hz: number } {
+function allTopics(more: readonly string[], armed: boolean): { topics: string[]; rate_hz: number } {
   return { topics: [...new Set([...PAGE_TOPICS, ...more])], rate_hz: armed ? FULL_RATE_HZ : DISARMED_RATE_HZ };
 }

@@ -27,7 +27,7 @@ export const UNKNOWN_IDENTITY: Identity = {
   warnings: [],
 };
 
-export interface Held {
+export interface StoredSample {
   value: unknown;
   received_unix_s: number;
   period_s: number | null;
@@ -57,7 +57,7 @@ export class VehicleState {
   flight: FlightClock = NO_FLIGHT;
   /** Newest first. */
   messages: Message[] = [];
-  private readonly held = new Map<string, Held>();
+  private readonly stored = new Map<string, StoredSample>();
 
   constructor(id: string) {
     this.id = id;
@@ -65,15 +65,15 @@ export class VehicleState {
 
   /** The vehicle has sent its identity, and it is not a replay. */
   get isLive(): boolean {
-    return this.held.has('identity') && !this.identity.replayed;
+    return this.stored.has('identity') && !this.identity.replayed;
   }
 
   /** Stores a sample if it is newer than the present one. */
   apply(sample: WireSample): boolean {
-    const before = this.held.get(sample.topic);
+    const before = this.stored.get(sample.topic);
     if (before !== undefined && sample.received_unix_s < before.received_unix_s) return false;
     const gap = before === undefined ? 0 : sample.received_unix_s - before.received_unix_s;
-    this.held.set(sample.topic, {
+    this.stored.set(sample.topic, {
       value: sample.value,
       received_unix_s: sample.received_unix_s,
       period_s: learnPeriod(before?.period_s ?? null, gap),
@@ -93,7 +93,7 @@ export class VehicleState {
       if (sample.topic === 'global_position') places.push(sample.value as GlobalPosition);
     }
     this.trail.prepend(places);
-    const status = this.held.get('status');
+    const status = this.stored.get('status');
     if (status !== undefined) clock = advance(clock, status.value as Status, status.received_unix_s);
     if (clock.updated_unix_s > 0) this.flight = clock;
   }
@@ -108,8 +108,8 @@ export class VehicleState {
     this.messages.length = Math.min(this.messages.length, MESSAGES_KEPT);
   }
 
-  raw(topic: string): Held | null {
-    return this.held.get(topic) ?? null;
+  raw(topic: string): StoredSample | null {
+    return this.stored.get(topic) ?? null;
   }
 
   /** The newest value of a topic with its age at `now_unix_s`; null before the first. */
@@ -118,19 +118,19 @@ export class VehicleState {
   }
 
   readAs<T>(topic: string, now_unix_s: number): Reading<T> | null {
-    const held = this.held.get(topic);
-    if (held === undefined || held.value === null) return null;
-    const age_s = Math.max(0, now_unix_s - held.received_unix_s);
-    return { value: held.value as T, age_s, stale: age_s > staleAfterS(topic, held.period_s) };
+    const stored = this.stored.get(topic);
+    if (stored === undefined || stored.value === null) return null;
+    const age_s = Math.max(0, now_unix_s - stored.received_unix_s);
+    return { value: stored.value as T, age_s, stale: age_s > staleAfterS(topic, stored.period_s) };
   }
 
   get armed(): boolean {
-    return (this.held.get('status')?.value as Status | null | undefined)?.armed ?? false;
+    return (this.stored.get('status')?.value as Status | null | undefined)?.armed ?? false;
   }
 
   /** Whether the server has lost its connection to the vehicle. The server sends both the loss and the return. */
   get linkLost(): boolean {
-    return (this.held.get('status')?.value as Status | null | undefined)?.link_lost ?? true;
+    return (this.stored.get('status')?.value as Status | null | undefined)?.link_lost ?? true;
   }
 }
 

@@ -58,6 +58,6 @@ export function wrap180(value_deg: number): number {
 
 /** Joins the known words: "14 · 0.8 m". */
 export function join(parts: readonly (string | null | undefined)[], by = ' · '): string {
-  const said = parts.filter((p): p is string => p !== null && p !== undefined && p !== '' && p !== UNKNOWN);
-  return said.length === 0 ? UNKNOWN : said.join(by);
+  const texts = parts.filter((p): p is string => p !== null && p !== undefined && p !== '' && p !== UNKNOWN);
+  return texts.length === 0 ? UNKNOWN : texts.join(by);
 }

@@ -3,12 +3,12 @@
 const FOCUSABLE =
   'a[href], button:not([disabled]), input:not([disabled]), select:not([disabled]), textarea:not([disabled]), summary, iframe, [tabindex]:not([tabindex="-1"])';
 
-function reachable(node: HTMLElement): HTMLElement[] {
+function focusableIn(node: HTMLElement): HTMLElement[] {
   return [...node.querySelectorAll<HTMLElement>(FOCUSABLE)].filter((one) => one.tabIndex >= 0 && one.getClientRects().length > 0);
 }
 
 /** No control has the focus: the one that had it was removed. */
-function nobody(): boolean {
+function noControlHasFocus(): boolean {
   const active = document.activeElement;
   return active === null || active === document.body || !active.isConnected;
 }
@@ -18,7 +18,7 @@ export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
   const before = document.activeElement as HTMLElement | null;
   return {
     destroy: () => {
-      if (!nobody() && !node.contains(document.activeElement)) return;
+      if (!noControlHasFocus() && !node.contains(document.activeElement)) return;
       if (before?.isConnected === true && before !== document.body) before.focus({ preventScroll: true });
     },
   };
@@ -31,35 +31,35 @@ export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
  */
 export function modalFocus(node: HTMLElement, first: string): { destroy: () => void } {
   const back = givesFocusBack(node);
-  let last = node.querySelector<HTMLElement>(first) ?? reachable(node)[0] ?? node;
+  let last = node.querySelector<HTMLElement>(first) ?? focusableIn(node)[0] ?? node;
   last.focus({ preventScroll: true });
 
   const tab = (event: KeyboardEvent): void => {
     if (event.key !== 'Tab' || event.ctrlKey || event.altKey || event.metaKey) return;
-    const all = reachable(node);
+    const all = focusableIn(node);
     const at = all.indexOf(document.activeElement as HTMLElement);
     event.preventDefault();
     all[(at + (event.shiftKey ? -1 : 1) + all.length) % all.length]?.focus();
   };
-  const moved = (event: FocusEvent): void => {
+  const onFocusIn = (event: FocusEvent): void => {
     const to = event.target as HTMLElement;
     if (node.contains(to)) last = to;
     else if (last.isConnected) last.focus({ preventScroll: true });
-    else reachable(node)[0]?.focus({ preventScroll: true });
+    else focusableIn(node)[0]?.focus({ preventScroll: true });
   };
   /** Keeps the focus after a click on a part without focus, or in the 3D view, which sends no event. */
-  const left = (): void =>
+  const keepFocus = (): void =>
     void setTimeout(() => {
       if (node.isConnected && !node.contains(document.activeElement) && last.isConnected) last.focus({ preventScroll: true });
     });
   node.addEventListener('keydown', tab);
-  node.addEventListener('focusout', left);
-  document.addEventListener('focusin', moved);
+  node.addEventListener('focusout', keepFocus);
+  document.addEventListener('focusin', onFocusIn);
   return {
     destroy: () => {
-      document.removeEventListener('focusin', moved);
+      document.removeEventListener('focusin', onFocusIn);
       node.removeEventListener('keydown', tab);
-      node.removeEventListener('focusout', left);
+      node.removeEventListener('focusout', keepFocus);
       back.destroy();
     },
   };

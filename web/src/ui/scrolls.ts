@@ -3,13 +3,13 @@
  * it.
  */
 export function scrolls(box: HTMLElement): { destroy: () => void } {
-  const look = (): void => {
+  const update = (): void => {
     const longer = box.scrollHeight > box.clientHeight + 1;
     if (longer) box.tabIndex = 0;
     else box.removeAttribute('tabindex');
   };
-  const sizes = new ResizeObserver(look);
-  const content = new MutationObserver(look);
+  const sizes = new ResizeObserver(update);
+  const content = new MutationObserver(update);
   sizes.observe(box);
   content.observe(box, { childList: true, subtree: true, characterData: true });
   return {

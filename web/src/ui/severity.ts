@@ -12,11 +12,11 @@ export interface SeverityWord {
 }
 
 const FULL = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
-const SILENT = [5, 6];
+const WITHOUT_WORD = [5, 6];
 
 export function severityWord(severity: number): SeverityWord {
   const full = FULL[severity] ?? 'Info';
-  const word = SILENT.includes(severity) ? '' : full;
+  const word = WITHOUT_WORD.includes(severity) ? '' : full;
   if (severity <= 3) return { word, full, tone: 'danger', shape: 'square' };
   if (severity === 4) return { word, full, tone: 'caution', shape: 'triangle' };
   return { word, full, tone: 'dim', shape: 'dot' };

@@ -117,10 +117,10 @@ export function lengthText(length_m: number): string {
 }
 
 /** The nearest of several points within `reach` [px]; null if there is none. */
-export function hit<T extends GeoPosition>(view: MapView, at: Pixel, those: readonly T[], reach: number): T | null {
+export function nearestWithin<T extends GeoPosition>(view: MapView, at: Pixel, points: readonly T[], reach: number): T | null {
   let best: T | null = null;
   let gap = reach;
-  for (const one of those) {
+  for (const one of points) {
     const { x, y } = toPixel(view, one);
     const distance = Math.hypot(x - at.x, y - at.y);
     if (distance <= gap) [best, gap] = [one, distance];

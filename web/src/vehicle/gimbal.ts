@@ -23,13 +23,13 @@ export function limits(gimbal: Gimbal | null): AngleLimits {
   const pitchMax = toDeg(gimbal?.pitch_max_rad ?? null);
   const yawMin = toDeg(gimbal?.yaw_min_rad ?? null);
   const yawMax = toDeg(gimbal?.yaw_max_rad ?? null);
-  const told = pitchMin !== null && pitchMax !== null && pitchMax > pitchMin;
+  const reported = pitchMin !== null && pitchMax !== null && pitchMax > pitchMin;
   return {
-    pitchMin_deg: told ? Math.max(-180, pitchMin) : -90,
-    pitchMax_deg: told ? Math.min(180, pitchMax) : 30,
+    pitchMin_deg: reported ? Math.max(-180, pitchMin) : -90,
+    pitchMax_deg: reported ? Math.min(180, pitchMax) : 30,
     yawMin_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.max(-180, yawMin) : -180,
     yawMax_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.min(180, yawMax) : 180,
-    isReported: told,
+    isReported: reported,
   };
 }
 

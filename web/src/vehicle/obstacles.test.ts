@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { eastNorth } from './geo';
-import { returnsOf, type SensorValues } from './obstacles';
+import { obstaclePositions, type SensorValues } from './obstacles';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const NOTHING: SensorValues = { sensors: null, around: null };
@@ -22,7 +22,7 @@ const sensor = (direction_frd: [number, number, number], distance_m: number | nu
   behind_s: 0,
 });
 const metres = (measured: SensorValues, yaw_rad: number | null): number[][] =>
-  returnsOf(HERE, yaw_rad, measured).map((place) => {
+  obstaclePositions(HERE, yaw_rad, measured).map((place) => {
     const { east_m, north_m } = eastNorth(HERE, place);
     return [Math.round(east_m * 10) / 10 || 0, Math.round(north_m * 10) / 10 || 0];
   });

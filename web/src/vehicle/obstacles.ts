@@ -16,21 +16,21 @@ export interface SensorValues {
 }
 
 /** Positions of the obstacles. The vehicle's tilt is ignored, because the map shows no heights. */
-export function returnsOf(here: GeoPosition, yaw_ned_rad: number | null, measured: SensorValues): GeoPosition[] {
+export function obstaclePositions(here: GeoPosition, yaw_ned_rad: number | null, measured: SensorValues): GeoPosition[] {
   const found: GeoPosition[] = [];
-  const at = (angle_rad: number, distance_m: number | null, range_m: number): void => {
+  const add = (angle_rad: number, distance_m: number | null, range_m: number): void => {
     if (distance_m === null || distance_m > range_m) return;
     found.push(positionAt(here, { north_m: distance_m * Math.cos(angle_rad), east_m: distance_m * Math.sin(angle_rad) }));
   };
   if (measured.around !== null && (measured.around.frame === 'north' || yaw_ned_rad !== null)) {
     const { first_deg, step_deg, distances_m, range_max_m, frame } = measured.around;
     const from_rad = frame === 'north' ? 0 : (yaw_ned_rad ?? 0);
-    distances_m.forEach((distance_m, index) => at(from_rad + (first_deg + index * step_deg) * RAD, distance_m, range_max_m));
+    distances_m.forEach((distance_m, index) => add(from_rad + (first_deg + index * step_deg) * RAD, distance_m, range_max_m));
   }
   if (measured.sensors !== null && yaw_ned_rad !== null) {
     for (const { direction_frd, distance_m, range_max_m } of measured.sensors.sensors) {
       const [forward, right, down] = direction_frd;
-      if (Math.abs(down) <= MAX_SLOPE) at(yaw_ned_rad + Math.atan2(right, forward), distance_m, range_max_m);
+      if (Math.abs(down) <= MAX_SLOPE) add(yaw_ned_rad + Math.atan2(right, forward), distance_m, range_max_m);
     }
   }
   return found;

@@ -29,7 +29,7 @@ export interface OffboardStatus {
   yaw_ned_rad: number | null;
   yaw_rate_ned_rad_s: number | null;
   rate_hz: number | null;
-  rateAsked_hz: number | null;
+  rateRequested_hz: number | null;
   validFor_s: number | null;
   validLeft_s: number | null;
   ifStreamStops: string | null;
@@ -95,7 +95,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     yaw_ned_rad: number(setpoint, 'yaw_ned_rad'),
     yaw_rate_ned_rad_s: number(setpoint, 'yaw_rate_ned_rad_s'),
     rate_hz: number(raw, 'rate_achieved_hz'),
-    rateAsked_hz: number(raw, 'rate_hz'),
+    rateRequested_hz: number(raw, 'rate_hz'),
     validFor_s: number(raw, 'valid_for_s'),
     validLeft_s: number(raw, 'valid_left_s'),
     ifStreamStops: text(raw, 'if_stream_stops'),

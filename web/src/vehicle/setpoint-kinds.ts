@@ -43,7 +43,7 @@ export interface Group {
 }
 
 /** The possible ways to set the yaw. */
-export type YawWays = 'angle_or_rate' | 'offset' | 'follow' | 'none';
+export type YawInput = 'angle_or_rate' | 'offset' | 'follow' | 'none';
 
 export interface KindSpec {
   kind: SetpointKind;
@@ -52,7 +52,7 @@ export interface KindSpec {
   /** Warning about what this kind does not control; shown in the list of kinds. */
   warning: string | null;
   groups: readonly Group[];
-  yaw: YawWays;
+  yaw: YawInput;
 }
 
 const RAD = Math.PI / 180;
@@ -78,12 +78,12 @@ function group(field: string, title: string, list: readonly Axis[], more: Partia
 
 const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
 
-const PLACE = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP));
-const SPEED = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP));
+const POSITION = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP));
+const VELOCITY = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP));
 const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
 
 export const KINDS: readonly KindSpec[] = [
-  { kind: 'position', name: 'Position', frame: 'local, from its origin', warning: null, groups: [PLACE], yaw: 'angle_or_rate' },
+  { kind: 'position', name: 'Position', frame: 'local, from its origin', warning: null, groups: [POSITION], yaw: 'angle_or_rate' },
   {
     kind: 'position_global',
     name: 'Global position',
@@ -109,7 +109,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Velocity',
     frame: 'local, north east up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
-    groups: [SPEED],
+    groups: [VELOCITY],
     yaw: 'angle_or_rate',
   },
   {
@@ -135,8 +135,8 @@ export const KINDS: readonly KindSpec[] = [
     warning: null,
     yaw: 'angle_or_rate',
     groups: [
-      { ...PLACE, nullable: true },
-      { ...SPEED, title: 'Velocity (or feed-forward)', nullable: true, optional: true },
+      { ...POSITION, nullable: true },
+      { ...VELOCITY, title: 'Velocity (or feed-forward)', nullable: true, optional: true },
       { ...ACCELERATION, title: 'Acceleration (or feed-forward)', nullable: true, optional: true },
     ],
   },

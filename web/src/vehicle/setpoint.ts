@@ -44,7 +44,7 @@ export interface Validity {
 /** The first setpoint of a stream. */
 export interface StreamStart {
   setpoint: AnySetpoint;
-  lasting: Validity;
+  validity: Validity;
   rate_hz: number;
   /** Description of the setpoint, for the confirmation. */
   text: string;

@@ -50,7 +50,7 @@ describe('actions', () => {
 });
 
 /** Calls tick once per frame, as the painting page does. */
-function look(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
+function tickFrames(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
   for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) c.tick(at_s);
   return c.tick(to_s);
 }
@@ -65,17 +65,17 @@ describe('confirmation', () => {
     const c = new Confirmation(false, 0);
     c.press(1);
     c.press(1.5); // the keyboard repeats
-    expect(look(c, 1, 1 + HOLD_S - 0.01)).toBe('asking');
-    expect(look(c, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
+    expect(tickFrames(c, 1, 1 + HOLD_S - 0.01)).toBe('asking');
+    expect(tickFrames(c, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
     const kill = new Confirmation(true, 0);
     kill.press(0);
-    expect(look(kill, 0, HOLD_S)).toBe('asking');
-    expect(look(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
+    expect(tickFrames(kill, 0, HOLD_S)).toBe('asking');
+    expect(tickFrames(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
   it('starts over after an early release, and does not expire while touched', () => {
     const c = new Confirmation(true, 0);
     c.press(4.5);
-    expect(look(c, 4.5, 5.5)).toBe('asking');
+    expect(tickFrames(c, 4.5, 5.5)).toBe('asking');
     c.release(5.6);
     expect(c.progress()).toBe(0);
     expect(c.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
@@ -90,7 +90,7 @@ describe('confirmation', () => {
     expect(kill.tick(0.02)).toBe('asking');
     expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released after a tenth of a second
     kill.release(4.01);
-    expect(look(kill, 4.02, 6)).toBe('asking');
+    expect(tickFrames(kill, 4.02, 6)).toBe('asking');
   });
   it('counts each arrow key press as a step, and goes back when the knob loses the focus', () => {
     const c = new Confirmation(true, 0);

@@ -35,7 +35,7 @@ export interface Goal {
   /** Null if the vehicle's cruise speed is not known. */
   time_s: number | null;
   /** Called when the vehicle has accepted or refused the request. */
-  settled?: (taken: boolean) => void;
+  onResult?: (accepted: boolean) => void;
 }
 
 export interface Question {
@@ -48,21 +48,22 @@ export interface Question {
 
 const OFFBOARD_ENDS = ' Offboard ends.';
 
-function m(value: number | null): string {
+function distanceText(value: number | null): string {
   const { text, unit } = metres(value);
   return text === UNKNOWN ? 'an unknown distance' : `${text} ${unit}`;
 }
 
-function heightNow(facts: ActionFacts): string {
+function altitudeNow(facts: ActionFacts): string {
   return facts.alt_home_m === null ? 'an unknown altitude' : `${fixed(facts.alt_home_m, 1)} m above home`;
 }
 
 /** The altitude and distance of the return flight, as far as known. */
-function returns(facts: ActionFacts): string {
+function returnText(facts: ActionFacts): string {
   const alt_m = facts.returnAlt_home_m ?? null;
-  if (alt_m === null) return `Climbs to its return altitude, flies ${m(facts.fromHome_m)} back`;
-  if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m) return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${m(facts.fromHome_m)} back`;
-  return `Climbs to at most ${fixed(alt_m, 0)} m above home, flies ${m(facts.fromHome_m)} back`;
+  if (alt_m === null) return `Climbs to its return altitude, flies ${distanceText(facts.fromHome_m)} back`;
+  if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m)
+    return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${distanceText(facts.fromHome_m)} back`;
+  return `Climbs to at most ${fixed(alt_m, 0)} m above home, flies ${distanceText(facts.fromHome_m)} back`;
 }
 
 /** The confirmation's text; null if the action needs no confirmation (Hold never does). */
@@ -96,12 +97,12 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land':
       return {
         title: `Land ${name}`,
-        effect: `Descends from ${heightNow(facts)} at its current position, ${m(facts.fromHome_m)} from home, and disarms.${end}`,
+        effect: `Descends from ${altitudeNow(facts)} at its current position, ${distanceText(facts.fromHome_m)} from home, and disarms.${end}`,
         verb: 'Land',
         danger: false,
       };
     case 'rtl':
-      return { title: `Return ${name}`, effect: `${returns(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
+      return { title: `Return ${name}`, effect: `${returnText(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
     case 'mission/start':
       return {
         title: `Fly the mission of ${name}`,
@@ -116,7 +117,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${m(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. The vehicle is at ${heightNow(facts)} now.${end}`,
+            effect: `Flies ${distanceText(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. The vehicle is at ${altitudeNow(facts)} now.${end}`,
             verb: 'Go',
             danger: false,
           };
@@ -137,7 +138,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Descends at once from ${heightNow(facts)} at its current position, even if another client has control.${end}`,
+        effect: `Descends at once from ${altitudeNow(facts)} at its current position, even if another client has control.${end}`,
         verb: 'Land now',
         danger: false,
       };
@@ -152,7 +153,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       return {
         title: `Stop motors of ${name}`,
         effect: facts.inAir
-          ? `The vehicle will fall from ${heightNow(facts)}. Nothing slows it down.`
+          ? `The vehicle will fall from ${altitudeNow(facts)}. Nothing slows it down.`
           : 'Motors stop at once. If the vehicle is in the air it will fall.',
         verb: 'Stop',
         danger: true,

@@ -12,7 +12,7 @@ export const KNOB_STEPS = 10;
  * Longest interval between two calls while a key counts as held [s]: after a longer pause the key may have been
  * released unseen.
  */
-export const LONGEST_LOOK_S = 0.25;
+export const MAX_TICK_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
@@ -22,10 +22,10 @@ export class Confirmation {
   blocked = false;
   private deadline_s: number;
   /** Time of the last call while a key is held; null if none is held. */
-  private lookedAt_s: number | null = null;
+  private lastTick_s: number | null = null;
   private held_s = 0;
   /** Position of the knob, 0–1, set by a pointer or by arrow keys. */
-  private slid = 0;
+  private knobPosition = 0;
   private sliding = false;
 
   constructor(
@@ -37,7 +37,7 @@ export class Confirmation {
 
   /** Progress of holding or sliding, 0–1. */
   progress(): number {
-    return this.lookedAt_s === null ? this.slid : Math.min(1, this.held_s / this.holdS());
+    return this.lastTick_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdS());
   }
 
   left_s(now_s: number): number {
@@ -48,15 +48,15 @@ export class Confirmation {
   press(now_s: number): void {
     if (this.blocked)
       this.touch(now_s); // the person is active: restart the timeout
-    else if (this.phase === 'asking' && this.lookedAt_s === null && !this.sliding) {
-      this.lookedAt_s = now_s;
+    else if (this.phase === 'asking' && this.lastTick_s === null && !this.sliding) {
+      this.lastTick_s = now_s;
       this.held_s = 0;
     }
   }
 
   /** The key was released too early, or the knob lost the focus: the progress returns to zero. */
   release(now_s: number): void {
-    this.lookedAt_s = null;
+    this.lastTick_s = null;
     this.held_s = 0;
     this.letGo(now_s);
   }
@@ -64,24 +64,24 @@ export class Confirmation {
   /** An arrow key moved the knob by this many steps. It stays there until it is moved again or loses the focus. */
   step(steps: number, now_s: number): void {
     this.touch(now_s);
-    if (this.phase !== 'asking' || this.blocked || this.sliding || this.lookedAt_s !== null) return;
-    this.slid = Math.min(1, Math.max(0, Math.round(this.slid * KNOB_STEPS + steps) / KNOB_STEPS));
-    if (this.slid >= 1) this.phase = 'confirmed';
+    if (this.phase !== 'asking' || this.blocked || this.sliding || this.lastTick_s !== null) return;
+    this.knobPosition = Math.min(1, Math.max(0, Math.round(this.knobPosition * KNOB_STEPS + steps) / KNOB_STEPS));
+    if (this.knobPosition >= 1) this.phase = 'confirmed';
   }
 
   /** A pointer holds the knob at `fraction` of the track; at the very end it confirms. */
   slide(fraction: number, now_s: number): void {
     if (this.blocked) this.touch(now_s);
-    if (this.phase !== 'asking' || this.blocked || this.lookedAt_s !== null) return;
+    if (this.phase !== 'asking' || this.blocked || this.lastTick_s !== null) return;
     this.sliding = true;
-    this.slid = Math.min(1, Math.max(0, fraction));
-    if (this.slid >= 1) this.phase = 'confirmed';
+    this.knobPosition = Math.min(1, Math.max(0, fraction));
+    if (this.knobPosition >= 1) this.phase = 'confirmed';
     this.touch(now_s);
   }
 
   letGo(now_s: number): void {
     this.sliding = false;
-    this.slid = 0;
+    this.knobPosition = 0;
     this.touch(now_s);
   }
 
@@ -97,16 +97,16 @@ export class Confirmation {
   /** Called once per painted frame; returns the present state. */
   tick(now_s: number): Phase {
     if (this.phase !== 'asking') return this.phase;
-    if (this.lookedAt_s !== null) {
-      this.held_s += Math.min(LONGEST_LOOK_S, Math.max(0, now_s - this.lookedAt_s));
-      this.lookedAt_s = now_s;
+    if (this.lastTick_s !== null) {
+      this.held_s += Math.min(MAX_TICK_S, Math.max(0, now_s - this.lastTick_s));
+      this.lastTick_s = now_s;
       if (this.held_s >= this.holdS() - 1e-9) this.phase = 'confirmed';
     } else if (!this.busy() && now_s >= this.deadline_s) this.phase = 'expired';
     return this.phase;
   }
 
   private busy(): boolean {
-    return this.lookedAt_s !== null || this.sliding;
+    return this.lastTick_s !== null || this.sliding;
   }
 
   private holdS(): number {

@@ -85,7 +85,7 @@ export class ActionController {
     private readonly api: ApiClient,
     private readonly nowS: () => number,
     /** Starts the stream at the vehicle's position; the offboard feature provides it. */
-    private readonly startOffboard: (facts: VehicleFacts, wish: StreamStart | null) => Promise<Outcome<unknown>>,
+    private readonly startOffboard: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>,
     /** The vehicle's present state, because it has moved since the confirmation was opened. */
     private readonly current: (id: string) => VehicleFacts | null,
   ) {}
@@ -105,10 +105,10 @@ export class ActionController {
       this.refusals = { ...this.refusals, [place]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notNow(reason) } };
       return;
     }
-    const others = controlProblem(action, this.facts(facts).holder ?? null);
-    if (others !== null) {
+    const notInControl = controlProblem(action, this.facts(facts).holder ?? null);
+    if (notInControl !== null) {
       this.pending = null;
-      const problem: Problem = { ...notNow(others.detail), title: 'Not in control', code: 'not_in_control', remedy: others.remedy };
+      const problem: Problem = { ...notNow(notInControl.detail), title: 'Not in control', code: 'not_in_control', remedy: notInControl.remedy };
       this.refusals = { ...this.refusals, [place]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
       return;
     }
@@ -139,7 +139,7 @@ export class ActionController {
    * Sets the typed altitude. A value that is not a number or is outside the API's limits is reported and cannot be
    * confirmed.
    */
-  typeTakeoffHeight(alt_home_m: number): void {
+  enterTakeoffAltitude(alt_home_m: number): void {
     const { min, max } = TAKEOFF_RANGE_M;
     const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
     this.takeoffProblem = good ? null : `Enter an altitude from ${min} to ${max} m above home.`;
@@ -150,8 +150,8 @@ export class ActionController {
   }
 
   /** One step up or down, within the API's limits. */
-  stepTakeoffHeight(by_m: number): void {
-    this.typeTakeoffHeight(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
+  stepTakeoffAltitude(by_m: number): void {
+    this.enterTakeoffAltitude(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
   }
 
   /** Handles the server's progress event of a running command; events of other clients' commands are ignored. */
@@ -208,9 +208,9 @@ export class ActionController {
     const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, progressText: null, fraction: null };
     this.running = [...this.running, entry];
     const now = this.now(facts);
-    const taken = await this.attempt(PROGRESS_TEXTS[action], now, place, () => this.send(action, now, goal, start));
+    const accepted = await this.attempt(PROGRESS_TEXTS[action], now, place, () => this.send(action, now, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
-    goal?.settled?.(taken);
+    goal?.onResult?.(accepted);
   }
 
   private async runTogether({ what, names, run }: GroupConfirmation, place: PagePart): Promise<void> {

@@ -11,7 +11,7 @@ import { clamp } from './pad';
 /**
  * After this time without a drag or key [ms] the last angles are sent once more, to learn where the camera stopped.
  */
-const SETTLES_MS = 400;
+const SETTLE_MS = 400;
 /** Rate of the camera while an arrow is held [deg/s]. */
 export const RATE_DEG_S = 20;
 
@@ -24,7 +24,7 @@ interface QueuedCommand {
 
 export class GimbalControl {
   /** The target angles: the ring on the pad. */
-  asked = $state.raw<Angles | null>(null);
+  target = $state.raw<Angles | null>(null);
   /** Whether yaw is locked relative to north; null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
@@ -32,7 +32,7 @@ export class GimbalControl {
   private chosen = $state.raw<Readonly<Record<string, string>>>({});
   /** Why the camera has not reached its target, by gimbal; null if it has or is still moving. */
   private limited = $state.raw<{ id: string; text: string } | null>(null);
-  private settling: ReturnType<typeof setTimeout> | undefined;
+  private settleTimer: ReturnType<typeof setTimeout> | undefined;
   /** Number of commands sent so far. */
   private sent = 0;
   /** Latest answer of the server for each gimbal: whether it had control at that time, and its ROI. */
@@ -82,8 +82,8 @@ export class GimbalControl {
 
   async control(facts: VehicleFacts, take: boolean): Promise<void> {
     this.busy = true;
-    this.asked = null;
-    clearTimeout(this.settling);
+    this.target = null;
+    clearTimeout(this.settleTimer);
     this.limited = null;
     await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () =>
       this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, ofGimbal(facts)),
@@ -93,15 +93,15 @@ export class GimbalControl {
 
   /** Points the camera; yaw is from the nose, as the pad shows it. */
   point(facts: VehicleFacts, angles: Angles): void {
-    const held = clamp(angles, limits(facts.gimbal?.value ?? null));
-    this.asked = held;
+    const clamped = clamp(angles, limits(facts.gimbal?.value ?? null));
+    this.target = clamped;
     const lock = this.lock(facts);
     const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
     // With lock the API counts yaw from north.
-    const yaw_deg = lock && vehicleYaw !== null ? wrap(held.yaw_deg + (vehicleYaw * 180) / Math.PI) : held.yaw_deg;
-    const body = { pitch_deg: round(held.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
+    const yaw_deg = lock && vehicleYaw !== null ? wrap(clamped.yaw_deg + (vehicleYaw * 180) / Math.PI) : clamped.yaw_deg;
+    const body = { pitch_deg: round(clamped.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
     this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: false } }) });
-    this.settling = setTimeout(() => void this.settle(facts, body), SETTLES_MS);
+    this.settleTimer = setTimeout(() => void this.settle(facts, body), SETTLE_MS);
   }
 
   /** Why the camera stopped before its target; null if it did not. */
@@ -118,7 +118,7 @@ export class GimbalControl {
 
   /** A new command was sent: the result of the previous one no longer applies. */
   private push(command: QueuedCommand): void {
-    clearTimeout(this.settling);
+    clearTimeout(this.settleTimer);
     this.sent += 1;
     this.limited = null;
     this.sender.push(command);
@@ -126,7 +126,7 @@ export class GimbalControl {
 
   /** Turns while held: signs of pitch (up) and yaw (right). */
   turn(facts: VehicleFacts, pitch: number, yaw: number): void {
-    this.asked = null;
+    this.target = null;
     this.turning = facts;
     this.rates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
   }
@@ -146,8 +146,8 @@ export class GimbalControl {
   /** Selects a gimbal of the vehicle; target and yaw lock of the previous one do not apply to it. */
   select(facts: VehicleFacts, key: string): void {
     this.chosen = { ...this.chosen, [facts.id]: key };
-    clearTimeout(this.settling);
-    this.asked = this.lockChosen = null;
+    clearTimeout(this.settleTimer);
+    this.target = this.lockChosen = null;
   }
 
   setLock(facts: VehicleFacts, lock: boolean): void {

@@ -4,7 +4,7 @@ import { controlHolder } from './control-holder';
 import { gimbalKey, gimbalsOf, limits, ofGimbal, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { Gimbal } from '../../live/topics';
-import { angleWords, clamp, stepped, toAngles, toPoint } from './pad';
+import { angleWords, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
   const l = limits(null);
@@ -18,12 +18,12 @@ describe('gimbal', () => {
   it('turns by keys within the limits, with a stable spoken text', () => {
     const l = limits(null);
     const from = { pitch_deg: -10, yaw_deg: 178 };
-    expect(stepped(from, 'ArrowUp', false, l)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
-    expect(stepped(from, 'ArrowRight', true, l)).toEqual({ pitch_deg: -10, yaw_deg: l.yawMax_deg });
-    expect(stepped(from, 'PageDown', false, l)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
-    expect(stepped(from, 'Home', false, l)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
-    expect(stepped(from, 'End', false, l)).toEqual({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 });
-    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(stepped(from, key, false, l)).toBeNull();
+    expect(anglesAfterKey(from, 'ArrowUp', false, l)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
+    expect(anglesAfterKey(from, 'ArrowRight', true, l)).toEqual({ pitch_deg: -10, yaw_deg: l.yawMax_deg });
+    expect(anglesAfterKey(from, 'PageDown', false, l)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
+    expect(anglesAfterKey(from, 'Home', false, l)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
+    expect(anglesAfterKey(from, 'End', false, l)).toEqual({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 });
+    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(anglesAfterKey(from, key, false, l)).toBeNull();
     expect(angleWords({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
   it('shows who controls it', () => {

@@ -50,7 +50,7 @@ export function clamp(angles: Angles, limits: AngleLimits): Angles {
 const KEY_STEP_DEG = 1;
 
 /** The angles after a key press on the pad, clamped to the limits; null for other keys. */
-export function stepped(angles: Angles, key: string, shift: boolean, limits: AngleLimits): Angles | null {
+export function anglesAfterKey(angles: Angles, key: string, shift: boolean, limits: AngleLimits): Angles | null {
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
   const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, limits);
   switch (key) {

@@ -18,7 +18,7 @@ export interface Source {
   topic: (name: string) => Reading<Record<string, unknown>> | null;
 }
 
-export interface Shown {
+export interface DisplayedValue {
   text: string;
   unit: string;
   stale: boolean;
@@ -32,7 +32,7 @@ export interface Quantity {
   group: string;
   unit: string;
   topic: string | null;
-  read: (source: Source) => Shown;
+  read: (source: Source) => DisplayedValue;
 }
 
 const UNITS: readonly [string, string, number, number][] = [
@@ -121,16 +121,16 @@ const LABELS: Readonly<Record<string, string>> = {
   'wind.speed_m_s': 'Wind speed',
 };
 /** Fields that are not offered: masks, ids and quaternions. */
-const LEFT_OUT = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
-const PLACES = /^(lat|lon)_deg$/;
+const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
+const LAT_LON = /^(lat|lon)_deg$/;
 
 function unitOf(field: string): { unit: string; factor: number; decimals: number; words: string } {
-  const found = UNITS.find(([suffix]) => field.endsWith(suffix));
-  const words = (found === undefined ? field : field.slice(0, -found[0].length)).replace(/_(ned|frd)$/, '').replaceAll('_', ' ');
-  return { unit: found?.[1] ?? '', factor: found?.[2] ?? 1, decimals: found?.[3] ?? 1, words: words.charAt(0).toUpperCase() + words.slice(1) };
+  const entry = UNITS.find(([suffix]) => field.endsWith(suffix));
+  const words = (entry === undefined ? field : field.slice(0, -entry[0].length)).replace(/_(ned|frd)$/, '').replaceAll('_', ' ');
+  return { unit: entry?.[1] ?? '', factor: entry?.[2] ?? 1, decimals: entry?.[3] ?? 1, words: words.charAt(0).toUpperCase() + words.slice(1) };
 }
 
-function said(value: unknown, factor: number, decimals: number): string {
+function plainText(value: unknown, factor: number, decimals: number): string {
   if (typeof value === 'number') return fixed(value * factor, Number.isInteger(value) && factor === 1 && decimals === 1 ? 0 : decimals);
   if (typeof value === 'boolean') return value ? 'yes' : 'no';
   return typeof value === 'string' && value !== '' ? value.replaceAll('_', ' ') : UNKNOWN;
@@ -138,7 +138,7 @@ function said(value: unknown, factor: number, decimals: number): string {
 
 function ofField(topic: string, field: string, index: number | null, label: string): Quantity {
   const { unit, factor, decimals } = unitOf(field);
-  const places = PLACES.test(field);
+  const isLatLon = LAT_LON.test(field);
   const whole = index === null && (field === 'satellites' || field === 'fix_type');
   return {
     id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
@@ -148,10 +148,10 @@ function ofField(topic: string, field: string, index: number | null, label: stri
     group: GROUPS[topic] ?? topic,
     read: ({ topic: newest }) => {
       const reading = newest(topic);
-      const held = reading?.value[field];
-      const value = index === null ? held : Array.isArray(held) ? (held as unknown[])[index] : null;
+      const fieldValue = reading?.value[field];
+      const value = index === null ? fieldValue : Array.isArray(fieldValue) ? (fieldValue as unknown[])[index] : null;
       // A float always shows its decimals: numbers that change width are hard to read.
-      const text = typeof value === 'number' && !whole ? fixed(value * factor, places ? 6 : unit === '' ? 2 : decimals) : said(value, factor, decimals);
+      const text = typeof value === 'number' && !whole ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals) : plainText(value, factor, decimals);
       return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
     },
   };
@@ -162,7 +162,7 @@ const MOTORS = 8;
 
 function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
-    if (LEFT_OUT.test(field)) return [];
+    if (HIDDEN_FIELDS.test(field)) return [];
     const { words } = unitOf(field);
     const what = topic.startsWith('target') ? `Target ${words.toLowerCase()}` : topic === 'home' ? `Home ${words.toLowerCase()}` : words;
     if (kind === 'vector3') {
@@ -178,7 +178,7 @@ function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quant
   });
 }
 
-const FLOWN: readonly Quantity[] = [
+const DERIVED: readonly Quantity[] = [
   {
     id: 'flown.climb',
     label: 'Climb',
@@ -221,10 +221,10 @@ const FLOWN: readonly Quantity[] = [
   },
 ];
 
-export const CATALOGUE: readonly Quantity[] = [...FLOWN, ...Object.entries(FIELDS).flatMap(([topic, fields]) => ofTopic(topic, fields))];
+export const CATALOGUE: readonly Quantity[] = [...DERIVED, ...Object.entries(FIELDS).flatMap(([topic, fields]) => ofTopic(topic, fields))];
 export const BY_ID: ReadonlyMap<string, Quantity> = new Map(CATALOGUE.map((q) => [q.id, q]));
 
-export const USUAL: readonly string[] = [
+export const DEFAULT_IDS: readonly string[] = [
   'flown.climb',
   'flown.from_home',
   'flown.time',
@@ -237,16 +237,16 @@ export const USUAL: readonly string[] = [
 export function readChoice(stored: string | null): string[] {
   try {
     const raw: unknown = JSON.parse(stored ?? 'null');
-    if (!Array.isArray(raw)) return [...USUAL];
+    if (!Array.isArray(raw)) return [...DEFAULT_IDS];
     const known = raw.filter((id): id is string => typeof id === 'string' && BY_ID.has(id));
     return [...new Set(known)];
   } catch {
-    return [...USUAL];
+    return [...DEFAULT_IDS];
   }
 }
 
 /** The list with one element moved to another index. */
-export function moved(ids: readonly string[], from: number, to: number): string[] {
+export function moveItem(ids: readonly string[], from: number, to: number): string[] {
   const id = ids[from];
   if (id === undefined) return [...ids];
   const rest = ids.filter((_, i) => i !== from);
@@ -255,7 +255,7 @@ export function moved(ids: readonly string[], from: number, to: number): string[
 }
 
 /** Values that are not on the grid yet and match the typed text by name, unit or group. */
-export function found(typed: string, chosen: readonly string[]): Quantity[] {
+export function searchValues(typed: string, chosen: readonly string[]): Quantity[] {
   const words = typed
     .toLowerCase()
     .split(/\s+/)

@@ -1,10 +1,10 @@
 /** The values on the grid and their order, as chosen by the person; kept in this browser. */
 
-import { BY_ID, moved, readChoice, USUAL } from './catalogue';
+import { BY_ID, moveItem, readChoice, DEFAULT_IDS } from './catalogue';
 
 const KEY = 'gcs-values';
 /** A larger number would push the cards off the screen. */
-export const MOST = 18;
+export const MAX_VALUES = 18;
 
 function stored(): string | null {
   try {
@@ -19,22 +19,22 @@ class ValueChoice {
   editing = $state(false);
 
   add(id: string): void {
-    if (this.ids.length < MOST && BY_ID.has(id) && !this.ids.includes(id)) this.keep([...this.ids, id]);
+    if (this.ids.length < MAX_VALUES && BY_ID.has(id) && !this.ids.includes(id)) this.store([...this.ids, id]);
   }
 
   remove(id: string): void {
-    this.keep(this.ids.filter((other) => other !== id));
+    this.store(this.ids.filter((other) => other !== id));
   }
 
   move(from: number, to: number): void {
-    if (to >= 0 && to < this.ids.length && from !== to) this.keep(moved(this.ids, from, to));
+    if (to >= 0 && to < this.ids.length && from !== to) this.store(moveItem(this.ids, from, to));
   }
 
   reset(): void {
-    this.keep([...USUAL]);
+    this.store([...DEFAULT_IDS]);
   }
 
-  private keep(ids: readonly string[]): void {
+  private store(ids: readonly string[]): void {
     this.ids = ids;
     try {
       localStorage.setItem(KEY, JSON.stringify(ids));

@@ -6,7 +6,7 @@ import { severityWord, type SeverityWord } from '../../ui/severity';
 export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
 
 /** The largest MAV_SEVERITY (least severe) that each filter shows. */
-const LEAST: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
+const LEAST_SEVERE: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
 
 export const FILTERS: readonly { value: Filter; text: string }[] = [
   { value: 'errors', text: 'Errors' },
@@ -16,10 +16,10 @@ export const FILTERS: readonly { value: Filter; text: string }[] = [
 ];
 
 /** The newest messages that a filter shows; debug messages only if the filter includes them. */
-export function shown(messages: readonly Message[], count: number, filter: Filter = 'all'): Message[] {
+export function filterMessages(messages: readonly Message[], count: number, filter: Filter = 'all'): Message[] {
   const lines: Message[] = [];
   for (const message of messages) {
-    if (message.severity <= LEAST[filter]) lines.push(message);
+    if (message.severity <= LEAST_SEVERE[filter]) lines.push(message);
     if (lines.length === count) break;
   }
   return lines;
@@ -33,7 +33,7 @@ export interface Unread {
 
 /** Messages since a time, without debug ones. */
 export function unread(messages: readonly Message[], since_unix_s: number): Unread {
-  const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST.all);
+  const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST_SEVERE.all);
   return { count: fresh.length, tone: severityWord(Math.min(7, ...fresh.map((m) => m.severity))).tone };
 }
 

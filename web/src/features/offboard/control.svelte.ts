@@ -59,7 +59,7 @@ export class OffboardControl {
   /** Starts the stream with the given setpoint, else with the vehicle's position. */
   async start(facts: VehicleFacts, streamStart: StreamStart | null = null): Promise<Outcome<unknown>> {
     if (streamStart !== null) {
-      const outcome = await this.begin(facts.id, streamStart.setpoint, streamStart.lasting, streamStart.rate_hz);
+      const outcome = await this.begin(facts.id, streamStart.setpoint, streamStart.validity, streamStart.rate_hz);
       streamStart.onOutcome?.(outcome);
       return outcome;
     }
@@ -75,14 +75,14 @@ export class OffboardControl {
   }
 
   /** Sends a new setpoint of any kind. If it is refused, the previous one is still renewed; without an answer it is unknown which one is flown, and none is renewed. */
-  async send(id: string, setpoint: AnySetpoint, lasting: Validity): Promise<Outcome<unknown>> {
+  async send(id: string, setpoint: AnySetpoint, validity: Validity): Promise<Outcome<unknown>> {
     const renewer = this.renewer(id);
     this.onOwnSetpoint(id);
-    const refused = renewer.start(setpoint, lasting, this.nowS());
-    const outcome = await this.postSetpoint(id, setpoint, lasting);
+    const refused = renewer.start(setpoint, validity, this.nowS());
+    const outcome = await this.postSetpoint(id, setpoint, validity);
     if (!outcome.ok && outcome.problem.status !== 0) refused();
     if (renewer.setpoint !== setpoint) return outcome;
-    if (outcome.ok) renewer.start(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    if (outcome.ok) renewer.start(repeatable(setpoint, outcome.value), validity, this.nowS());
     else renewer.stop();
     return outcome;
   }
@@ -98,13 +98,13 @@ export class OffboardControl {
     this.renewers.get(id)?.stop();
   }
 
-  private async begin(id: string, setpoint: AnySetpoint, lasting: Validity, rate_hz?: number): Promise<Outcome<unknown>> {
-    const { valid_for_s, on_expiry } = lasting;
+  private async begin(id: string, setpoint: AnySetpoint, validity: Validity, rate_hz?: number): Promise<Outcome<unknown>> {
+    const { valid_for_s, on_expiry } = validity;
     const outcome = await this.api.post('/vehicles/{v}/offboard/start', {
       ...ofVehicle(id),
       body: { setpoint: asBody(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
     });
-    if (outcome.ok) this.renewer(id).start(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    if (outcome.ok) this.renewer(id).start(repeatable(setpoint, outcome.value), validity, this.nowS());
     return outcome;
   }
 
@@ -143,8 +143,8 @@ export class OffboardControl {
   private renewer(id: string): SetpointRenewer {
     let renewer = this.renewers.get(id);
     if (renewer === undefined) {
-      renewer = new SetpointRenewer(async ({ setpoint, lasting }) => {
-        const outcome = await this.postSetpoint(id, setpoint, lasting);
+      renewer = new SetpointRenewer(async ({ setpoint, validity }) => {
+        const outcome = await this.postSetpoint(id, setpoint, validity);
         if (outcome.ok) return 'accepted';
         if (TRANSIENT_CODES.includes(outcome.problem.code)) return 'retry';
         this.onNotRenewed(id, outcome.problem);

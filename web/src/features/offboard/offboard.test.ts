@@ -72,19 +72,19 @@ describe('offboard', () => {
     expect(nudge({ ...from, yaw_ned_rad: 3 }, 'yaw', 1, five).yaw_ned_rad).toBeCloseTo(3 + Math.PI / 4 - 2 * Math.PI);
   });
   it('renews a setpoint in time, and stops when the stream ends or the server refuses', async () => {
-    const said: unknown[] = [];
+    const sent: unknown[] = [];
     let answer: RenewalResult = 'accepted';
     const renewer = new SetpointRenewer((s) => {
-      said.push(s);
+      sent.push(s);
       return Promise.resolve(answer);
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
     renewer.start({ ...setpoint }, DEFAULT_VALIDITY, 0);
     renewer.tick(2.9, true);
-    expect(said).toHaveLength(0);
+    expect(sent).toHaveLength(0);
     renewer.tick(3, true);
     renewer.tick(3.1, true);
-    expect(said).toHaveLength(1);
+    expect(sent).toHaveLength(1);
     await Promise.resolve();
     answer = 'refused';
     renewer.tick(6.1, true);
@@ -96,13 +96,13 @@ describe('offboard', () => {
     renewer.start({ ...setpoint }, { ...DEFAULT_VALIDITY, renew: false }, 20);
     renewer.tick(24, true);
     expect(renewer.setpoint).toBeNull();
-    expect(said).toHaveLength(2);
+    expect(sent).toHaveLength(2);
   });
   it('retries a failed renewal until the setpoint has expired', async () => {
-    const said: number[] = [];
+    const sent: number[] = [];
     let answer: RenewalResult = 'retry';
     const renewer = new SetpointRenewer((): Promise<RenewalResult> => {
-      said.push(now_s);
+      sent.push(now_s);
       return Promise.resolve(answer);
     });
     let now_s = 0;
@@ -118,14 +118,14 @@ describe('offboard', () => {
     await until(7);
     answer = 'retry';
     await until(60);
-    expect(said).toEqual([3, 6, 9, 12, 15]); // accepted at 6, valid for 10 s
+    expect(sent).toEqual([3, 6, 9, 12, 15]); // accepted at 6, valid for 10 s
     expect(renewer.setpoint).toBeNull();
   });
   it('renews the flown setpoint after a refusal of a new one, and none after a missing answer', async () => {
-    const said: unknown[] = [];
+    const sent: unknown[] = [];
     let answer: () => Response = () => Response.json({});
     const api = new ApiClient('me', undefined, (_, init) => {
-      said.push((JSON.parse(init.body as string) as { setpoint: PositionSetpoint }).setpoint.position_ned_m);
+      sent.push((JSON.parse(init.body as string) as { setpoint: PositionSetpoint }).setpoint.position_ned_m);
       return Promise.resolve().then(answer);
     });
     let now_s = 0;
@@ -140,7 +140,7 @@ describe('offboard', () => {
     now_s = 3.1;
     control.tick(() => true);
     await settle();
-    expect(said).toEqual([
+    expect(sent).toEqual([
       [1, 0, -5],
       [2, 0, -5],
       [1, 0, -5],
@@ -153,15 +153,15 @@ describe('offboard', () => {
     now_s = 20;
     control.tick(() => true);
     await settle();
-    expect(said).toHaveLength(4);
+    expect(sent).toHaveLength(4);
   });
   it('reports a refused renewal once', async () => {
     let answer = (): Response => Response.json({});
     const api = new ApiClient('test', undefined, () => Promise.resolve().then(answer));
     let now_s = 0;
     const control = new OffboardControl(api, new CommandQueue(), () => now_s);
-    const told: string[] = [];
-    control.onNotRenewed = (id, problem) => told.push(`${id}: ${problem.detail}`);
+    const reported: string[] = [];
+    control.onNotRenewed = (id, problem) => reported.push(`${id}: ${problem.detail}`);
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
     await control.send('1', { type: 'position', position_ned_m: [1, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY);
     answer = () => Response.json({ detail: 'somebody else has control', code: 'not_in_control' }, { status: 409 });
@@ -169,6 +169,6 @@ describe('offboard', () => {
       control.tick(() => true);
       await settle();
     }
-    expect(told).toEqual(['1: somebody else has control']);
+    expect(reported).toEqual(['1: somebody else has control']);
   });
 });

@@ -6,7 +6,7 @@ import { groups, offboard } from './controllers';
 import OffboardCard from './OffboardCard.svelte';
 import { ROOM } from './room.svelte';
 
-provide('offboard', { start: (facts, wish) => offboard.start(facts, wish) });
+provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 page.neededVehicles.push(() => offboard.renewed());
 page.neededVehicles.push(() => groups.live.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
 page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));

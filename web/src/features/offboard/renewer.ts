@@ -11,7 +11,7 @@ const REFRESH_AT = 0.3;
 
 export interface RenewedSetpoint {
   setpoint: AnySetpoint;
-  lasting: Validity;
+  validity: Validity;
 }
 
 /** Result of a renewal: accepted, refused, or to be tried again. */
@@ -24,7 +24,7 @@ export class SetpointRenewer {
   private busy = false;
 
   /** @param send sends the setpoint. */
-  constructor(private readonly send: (kept: RenewedSetpoint) => Promise<RenewalResult>) {}
+  constructor(private readonly send: (renewed: RenewedSetpoint) => Promise<RenewalResult>) {}
 
   get setpoint(): AnySetpoint | null {
     return this.current?.setpoint ?? null;
@@ -34,9 +34,9 @@ export class SetpointRenewer {
    * Starts to renew this setpoint, if that was chosen; the caller is sending it now.
    * @returns a function to call if it is refused: the vehicle keeps its previous setpoint, which is then renewed again.
    */
-  start(setpoint: AnySetpoint, lasting: Validity, now_s: number): () => void {
+  start(setpoint: AnySetpoint, validity: Validity, now_s: number): () => void {
     const [before, sentBeforeAt_s, acceptedBeforeAt_s] = [this.current, this.sentAt_s, this.acceptedAt_s];
-    const mine = { setpoint, lasting };
+    const mine = { setpoint, validity };
     this.current = mine;
     this.sentAt_s = this.acceptedAt_s = now_s;
     return () => {
@@ -54,8 +54,8 @@ export class SetpointRenewer {
   /** @param streaming whether the server still streams for this vehicle. */
   tick(now_s: number, streaming: boolean): void {
     const current = this.current;
-    if (current === null || this.busy || now_s - this.sentAt_s < REFRESH_AT * current.lasting.valid_for_s) return;
-    if (!streaming || !current.lasting.renew || now_s - this.acceptedAt_s >= current.lasting.valid_for_s) {
+    if (current === null || this.busy || now_s - this.sentAt_s < REFRESH_AT * current.validity.valid_for_s) return;
+    if (!streaming || !current.validity.renew || now_s - this.acceptedAt_s >= current.validity.valid_for_s) {
       this.stop();
       return;
     }

@@ -7,7 +7,7 @@ import {
   valueProblem,
   rangeText,
   stateText,
-  typed,
+  parseTyped,
   valueText,
   type ParameterMetadata,
   type Parameter,
@@ -82,8 +82,14 @@ test('a value is shown with its label, unit and decimals', () => {
 });
 
 test('only numbers are sent', () => {
-  expect([typed('12,5', false), typed(' −3 ', true), typed('.5', false), typed('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
-  expect([typed('', false), typed('1.5', true), typed('abc', false), typed('1e999', false), typed('0x10', true)]).toEqual([null, null, null, null, null]);
+  expect([parseTyped('12,5', false), parseTyped(' −3 ', true), parseTyped('.5', false), parseTyped('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
+  expect([parseTyped('', false), parseTyped('1.5', true), parseTyped('abc', false), parseTyped('1e999', false), parseTyped('0x10', true)]).toEqual([
+    null,
+    null,
+    null,
+    null,
+    null,
+  ]);
 });
 
 test('a value that is not permitted is reported before it is sent', () => {

@@ -36,8 +36,8 @@ export function filtered(params: readonly Parameter[], filter: Filter): Paramete
   });
   const first = words[0];
   if (first === undefined) return matching;
-  const begins = (p: Parameter): number => Number(!p.name.toLowerCase().startsWith(first));
-  return matching.sort((a, b) => begins(a) - begins(b) || a.name.localeCompare(b.name));
+  const rank = (p: Parameter): number => Number(!p.name.toLowerCase().startsWith(first));
+  return matching.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name));
 }
 
 /** A number without the rounding noise of 32-bit floats. */
@@ -97,7 +97,7 @@ export function rangeText(facts: ParameterMetadata): string {
 }
 
 /** Parses typed text; null if it is not a number, or not an integer where one is required. */
-export function typed(text: string, isInteger: boolean): number | null {
+export function parseTyped(text: string, isInteger: boolean): number | null {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain)) return null;
   const value = Number(plain);

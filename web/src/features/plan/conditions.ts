@@ -25,7 +25,7 @@ export interface Conditions {
   readonly reserve_percent: number;
 }
 
-export const CONDITIONS: Conditions = {
+export const DEFAULT_CONDITIONS: Conditions = {
   wind_m_s: 0,
   from_deg: 0,
   gusts_m_s: 0,
@@ -100,12 +100,12 @@ export function asDryRun(conditions: Conditions) {
 
 /** Text about all conditions that differ from the defaults; empty if none do. */
 export function conditionsText(conditions: Conditions): string {
-  const said: string[] = [];
+  const parts: string[] = [];
   const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, flights } = conditions;
-  if (wind_m_s > 0) said.push(`wind ${wind_m_s} m/s from ${from_deg}°`);
-  if (gusts_m_s > 0) said.push(`gusts ${gusts_m_s} m/s`);
-  if (mass_percent !== 100) said.push(`mass ${mass_percent} %`);
-  if (battery_percent !== 100) said.push(`battery ${battery_percent} %`);
-  if (flights > 0) said.push(`${flights} flights`);
-  return said.length === 0 ? '' : `: ${said.join(', ')}`;
+  if (wind_m_s > 0) parts.push(`wind ${wind_m_s} m/s from ${from_deg}°`);
+  if (gusts_m_s > 0) parts.push(`gusts ${gusts_m_s} m/s`);
+  if (mass_percent !== 100) parts.push(`mass ${mass_percent} %`);
+  if (battery_percent !== 100) parts.push(`battery ${battery_percent} %`);
+  if (flights > 0) parts.push(`${flights} flights`);
+  return parts.length === 0 ? '' : `: ${parts.join(', ')}`;
 }

@@ -10,7 +10,7 @@ import type { DryRunView } from './dry-run.svelte';
 
 type Vector = readonly number[];
 type Flight = DryRunView['nominal'];
-type Many = NonNullable<DryRunView['monte_carlo']>;
+type MonteCarlo = NonNullable<DryRunView['monte_carlo']>;
 
 export interface Ghost extends GeoPosition {
   /** Height above the start. */
@@ -36,7 +36,7 @@ const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
 
 /** The many flights of each vehicle, with its role; of one vehicle without a role. */
-function ofMany({ monte_carlo, together }: DryRunView): (readonly [string | null, Many])[] {
+function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [string | null, MonteCarlo])[] {
   if (monte_carlo === null) return [];
   return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
 }
@@ -54,9 +54,9 @@ export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): 
   }
   const next = Math.min(low + 1, last);
   const [from_s, to_s] = [path.t_s[low] ?? 0, path.t_s[next] ?? 0];
-  const share = to_s > from_s ? Math.min(1, Math.max(0, (t_s - from_s) / (to_s - from_s))) : 0;
+  const fraction = to_s > from_s ? Math.min(1, Math.max(0, (t_s - from_s) / (to_s - from_s))) : 0;
   const [a, b] = [(path.position_ned_m[low] ?? []) as Vector, (path.position_ned_m[next] ?? []) as Vector];
-  const at = (axis: number): number => (a[axis] ?? 0) + share * ((b[axis] ?? 0) - (a[axis] ?? 0));
+  const at = (axis: number): number => (a[axis] ?? 0) + fraction * ((b[axis] ?? 0) - (a[axis] ?? 0));
   return {
     ...positionAt(origin, { north_m: at(0), east_m: at(1) }),
     up_m: -at(2) + 0,
@@ -89,16 +89,16 @@ function cameraViewRing(ghost: Ghost): GeoPosition[] {
  * The 95th percentile of the horizontal deviation, on both sides of the path. It is drawn in short pieces, because
  * one ring about a path that turns back would cross itself. Samples at the same position count once.
  */
-function corridorRings(origin: Flight['origin'], { corridor }: Many): GeoPosition[][] {
+function corridorRings(origin: Flight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
   if (corridor === null) return [];
-  const kept: { north_m: number; east_m: number; off_m: number }[] = [];
+  const samples: { north_m: number; east_m: number; off_m: number }[] = [];
   corridor.position_ned_m.forEach(([north_m = 0, east_m = 0]: Vector, i) => {
-    const last = kept.at(-1);
+    const last = samples.at(-1);
     if (last === undefined || Math.hypot(north_m - last.north_m, east_m - last.east_m) >= CORRIDOR.step_m)
-      kept.push({ north_m, east_m, off_m: corridor.horizontal_m.p95[i] ?? 0 });
+      samples.push({ north_m, east_m, off_m: corridor.horizontal_m.p95[i] ?? 0 });
   });
-  const sides = kept.map((here, i) => {
-    const [before, after] = [kept[Math.max(0, i - 1)] ?? here, kept[Math.min(kept.length - 1, i + 1)] ?? here];
+  const sides = samples.map((here, i) => {
+    const [before, after] = [samples[Math.max(0, i - 1)] ?? here, samples[Math.min(samples.length - 1, i + 1)] ?? here];
     const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
     const length = Math.hypot(north, east) || 1;
     const side = (sign: number): GeoPosition =>
@@ -120,8 +120,8 @@ export function dryRunPicture(view: DryRunView): LayerPicture {
   );
   return {
     lines: paths.filter((places) => places.length > 1).map((places) => ({ places, tone: 'target', style: 'dotted' })),
-    areas: ofMany(view)
-      .flatMap(([, many]) => corridorRings(view.nominal.origin, many))
+    areas: monteCarloByRole(view)
+      .flatMap(([, monteCarlo]) => corridorRings(view.nominal.origin, monteCarlo))
       .map((ring) => ({ ring, tone: 'target' })),
     points: [],
   };
@@ -150,7 +150,7 @@ export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null
   };
 }
 
-const percent = (share: number | null): string => (share === null ? 'not known' : `${fixed(100 * share, 0)} %`);
+const percent = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
 
 /** The result in numbers, as sentences. */
 export function resultLines(view: DryRunView): string[] {
@@ -161,7 +161,7 @@ export function resultLines(view: DryRunView): string[] {
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
-  for (const [role, many] of ofMany(view)) lines.push(manyLine(role, many));
+  for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
   for (const { roles, distance_m, nearer_than_minimum: near } of together?.monte_carlo?.closest ?? [])
     lines.push(
       `${roles.join(' and ')} in all flights: at least ${fixed(distance_m.least, 1)} m apart; ${near.count} flights nearer than the minimum separation (probability at most ${percent(near.upper)}).`,
@@ -169,9 +169,9 @@ export function resultLines(view: DryRunView): string[] {
   return lines;
 }
 
-function manyLine(role: string | null, many: Many): string {
-  const parts = [`95 % within ${fixed(Math.max(0, ...(many.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
-  if (many.duration_s !== null) parts.push(`${duration(many.duration_s.p5)} to ${duration(many.duration_s.p95)}`);
-  if (many.battery_end_share !== null) parts.push(`battery at the end ${percent(many.battery_end_share.p5)} or more`);
-  return `${role === null ? '' : `${role}, `}${many.flights.length} flights: ${parts.join(', ')}.`;
+function monteCarloText(role: string | null, monteCarlo: MonteCarlo): string {
+  const parts = [`95 % within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
+  if (monteCarlo.duration_s !== null) parts.push(`${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)}`);
+  if (monteCarlo.battery_end_share !== null) parts.push(`battery at the end ${percent(monteCarlo.battery_end_share.p5)} or more`);
+  return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} flights: ${parts.join(', ')}.`;
 }

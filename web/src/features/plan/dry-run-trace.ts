@@ -21,7 +21,7 @@ const MAX_POINTS = 600;
 type Path = NonNullable<DryRunView['nominal']['path']>;
 
 const DEG = 180 / Math.PI;
-const HOW: Readonly<Record<Quantity, { unit: string; decimals: number; round: number; value: (path: Path, i: number) => number | null }>> = {
+const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; round: number; value: (path: Path, i: number) => number | null }>> = {
   Height: { unit: 'm', decimals: 1, round: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
   Speed: { unit: 'm/s', decimals: 1, round: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
   Tilt: { unit: '°', decimals: 0, round: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
@@ -36,9 +36,9 @@ function tilt_deg([, x, y]: readonly number[]): number {
 export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity): Trace | null {
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
-  const { unit, decimals, round, value } = HOW[quantity];
-  const every = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
-  const shown = path.t_s.flatMap((t_s, i) => (i % every === 0 || i === path.t_s.length - 1 ? [[t_s, value(path, i)] as const] : []));
+  const { unit, decimals, round, value } = SPECS[quantity];
+  const stride = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
+  const shown = path.t_s.flatMap((t_s, i) => (i % stride === 0 || i === path.t_s.length - 1 ? [[t_s, value(path, i)] as const] : []));
   const points = shown.filter((point): point is readonly [number, number] => point[1] !== null);
   if (points.length === 0) return null;
   const corridor = quantity === 'Height' ? (monte_carlo?.corridor ?? null) : null;
@@ -67,7 +67,7 @@ export interface Drawing {
 }
 
 /** SVG paths in a box of this size, y downwards. */
-export function drawn({ points, band, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
+export function plotShape({ points, band, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
   const upper = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);

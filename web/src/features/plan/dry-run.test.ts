@@ -2,10 +2,10 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY } from './document';
-import { asDryRun, CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
+import { asDryRun, DEFAULT_CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
 import { dryRunPicture, ghostAt, ghostPicture, resultLines } from './dry-run-layer';
-import { drawn, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
+import { plotShape, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const VIEW = {
@@ -135,8 +135,8 @@ describe('a dry run', () => {
     expect(of('Height', MANY).band[2]).toEqual([20, 9, 12]);
     expect(of('Height', MANY).top).toBe(20);
     expect(of('Speed', MANY).band).toEqual([]);
-    expect(drawn(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', zero_y: 50 });
-    expect(drawn(of('Height', MANY), 100, 50).band).toMatch(/^M.*Z$/);
+    expect(plotShape(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', zero_y: 50 });
+    expect(plotShape(of('Height', MANY), 100, 50).band).toMatch(/^M.*Z$/);
     const path = { ...VIEW.nominal.path, battery_share: null };
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
   });
@@ -160,13 +160,13 @@ describe('a dry run', () => {
   });
 
   it('counts the wind from the direction it comes from', () => {
-    expect(windOf({ ...CONDITIONS, wind_m_s: 5, from_deg: 270 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
+    expect(windOf({ ...DEFAULT_CONDITIONS, wind_m_s: 5, from_deg: 270 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
   });
 
   it('sends mass, battery and endurance as entered', () => {
-    const stated = { ...CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
+    const stated = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
     expect(asDryRun(stated)).toMatchObject({ conditions: { mass_scale: 1.1, battery_scale: 0.9 }, flights: 20, endurance_s: 1800, battery_reserve: 0.3 });
-    expect(asDryRun(CONDITIONS)).toMatchObject({ flights: null, endurance_s: null });
+    expect(asDryRun(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null });
     expect(powerOf(stated)).toBeNull();
     expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
     const row = (name: string) => ROWS.filter((one) => one.name === name)[0] as ConditionRow;
@@ -185,7 +185,7 @@ describe('a dry run', () => {
     });
     const run = new DryRun(api);
     const event = (one: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation: one });
-    await run.start(EMPTY, { vehicle: '1' }, CONDITIONS);
+    await run.start(EMPTY, { vehicle: '1' }, DEFAULT_CONDITIONS);
     await run.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
     expect([run.running, run.resultOf(EMPTY)]).toEqual([true, null]);
     await run.onEvent(event(operation('succeeded', { dry_run: 'd7' })));

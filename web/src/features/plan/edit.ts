@@ -8,11 +8,11 @@ export interface SharedParts {
   readonly fence: readonly FenceZone[];
 }
 
-function replaced<T>(list: readonly T[], index: number, next: T): T[] {
+function withReplaced<T>(list: readonly T[], index: number, next: T): T[] {
   return list.map((one, i) => (i === index ? next : one));
 }
 
-function onGround({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
+function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
   return { lat_deg, lon_deg };
 }
 
@@ -22,18 +22,18 @@ function onGround({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
  */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];
-  return item === undefined ? plan : { ...plan, items: replaced(plan.items, row, { ...item, ...fields }) };
+  return item === undefined ? plan : { ...plan, items: withReplaced(plan.items, row, { ...item, ...fields }) };
 }
 
 export function setZone<D extends SharedParts>(plan: D, zone: number, fields: Partial<FenceZone>): D {
   const old = plan.fence[zone];
-  return old === undefined ? plan : { ...plan, fence: replaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
+  return old === undefined ? plan : { ...plan, fence: withReplaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
 }
 
 /** Moves the point with this id. */
 export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
   const ref = refOf(id);
-  const to = onGround(at);
+  const to = latLon(at);
   if (ref === null) return plan;
   if (ref.of === 'item') {
     const item = plan.items[ref.row];
@@ -43,7 +43,7 @@ export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
     const point = plan.rally_points[ref.index];
     return point === undefined
       ? plan
-      : { ...plan, rally_points: replaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
+      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
   }
   return moveShared(plan, id, at);
 }
@@ -56,7 +56,7 @@ function unresolved(altitude: Altitude): Altitude {
 /** Moves home or a part of the geofence. */
 export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPosition): D {
   const ref = refOf(id);
-  const to = onGround(at);
+  const to = latLon(at);
   if (ref?.of === 'home') {
     const field = 'planned_home' in plan ? 'planned_home' : 'home';
     const home = (plan as Readonly<Record<string, unknown>>)[field] as PlannedHome | null | undefined;
@@ -65,7 +65,7 @@ export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPo
   if (ref?.of !== 'corner' && ref?.of !== 'circle') return plan;
   const zone = plan.fence[ref.zone];
   if (zone?.shape === 'circle' && ref.of === 'circle') return setZone(plan, ref.zone, { center: to });
-  if (zone?.shape === 'polygon' && ref.of === 'corner') return setZone(plan, ref.zone, { polygon: replaced(zone.polygon, ref.corner, to) });
+  if (zone?.shape === 'polygon' && ref.of === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, to) });
   return plan;
 }
 
@@ -76,7 +76,7 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
 export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, at: GeoPosition): D {
   const old = plan.fence[zone];
   if (old?.shape !== 'polygon') return plan;
-  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), onGround(at), ...old.polygon.slice(corner)] });
+  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
 }
 
 /** The midpoint, for a point that is inserted there. */

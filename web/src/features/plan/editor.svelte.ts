@@ -301,8 +301,8 @@ export class PlanEditor implements LayerEditor {
 
   /** Removes ids from the selection that no longer exist after an undo. */
   private pruneSelection(): void {
-    const there = [...this.selected].filter((id) => kinds.exists(this.document, id, this.frame));
-    this.select(there);
+    const existing = [...this.selected].filter((id) => kinds.exists(this.document, id, this.frame));
+    this.select(existing);
   }
 }
 

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { PlanApi, type PlanVersion } from './api';
-import { CONDITIONS } from './conditions';
+import { DEFAULT_CONDITIONS } from './conditions';
 import { EMPTY, positionOf } from './document';
 import { PlanEditor } from './editor.svelte';
 import { Plans } from './plans.svelte';
@@ -10,7 +10,7 @@ import { Plans } from './plans.svelte';
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
 
-function drawn(): PlanEditor {
+function editorWithWaypoints(): PlanEditor {
   const editor = new PlanEditor();
   editor.begin(HOME);
   for (const north_m of [10, 20, 30]) editor.press(at(north_m));
@@ -20,7 +20,7 @@ const north_m = (editor: PlanEditor, id: string): number => Math.round(groundDis
 
 describe('the editor', () => {
   it('adds a waypoint with each click, after the last one', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     expect(editor.plan.items.map((item) => item.kind)).toEqual(['waypoint', 'waypoint', 'waypoint']);
     expect([...editor.selected]).toEqual(['item:2']);
     editor.undo();
@@ -30,7 +30,7 @@ describe('the editor', () => {
   });
 
   it('keeps a landing last', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     editor.addItem('return_home', null);
     editor.select([]);
     editor.addItem('waypoint', at(40));
@@ -40,7 +40,7 @@ describe('the editor', () => {
   });
 
   it('drags the whole selection, and undoes the drag in one step', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     editor.stopPlacing();
     editor.pick('item:0', false);
     editor.pick('item:2', true);
@@ -53,7 +53,7 @@ describe('the editor', () => {
   });
 
   it('moves everything back when a drag is cancelled', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const before = editor.plan;
     editor.grab('item:1');
     editor.drag('item:1', at(90));
@@ -64,7 +64,7 @@ describe('the editor', () => {
   });
 
   it('inserts a point on a leg: at the dragged position, or in the middle', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     expect(editor.grab('middle:1')).toBe('item:1');
     editor.drag('item:1', at(17));
     editor.drop(true);
@@ -76,7 +76,7 @@ describe('the editor', () => {
   });
 
   it('selects a range in the list and deletes it', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     editor.select(['item:0']);
     editor.selectTo(1);
     expect(editor.remove()).toBe(true);
@@ -86,7 +86,7 @@ describe('the editor', () => {
   });
 
   it('draws an area by its corners; Delete removes the last one', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     editor.place({ of: 'area', use: 'inclusion' });
     for (const corner of [at(0, 0), at(50, 0), at(50, 50), at(0, 99)]) editor.press(corner);
     editor.remove();
@@ -97,7 +97,7 @@ describe('the editor', () => {
   });
 
   it('deselects points that an undo removed', () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     editor.undo();
     expect([...editor.selected]).toEqual([]);
   });
@@ -124,7 +124,7 @@ const version = (number: number) => ({ id: 'abc', name: 'Tower', version: number
 
 describe('plans on the server', () => {
   it('are created once, then saved against the version that was read', async () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const { api, asked } = server([201, version(1)], [200, version(2)]);
     const plans = new Plans(api, editor, memory());
     editor.rename('Tower');
@@ -143,7 +143,7 @@ describe('plans on the server', () => {
   });
 
   it('saved by another client are not overwritten; ours can be saved as a new plan', async () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const conflict = { code: 'conflict', detail: 'Plan Tower is at version 2, saved by bob.', remedy: 'Open version 2.' };
     const { api, asked } = server([201, version(1)], [409, conflict], [201, { ...version(1), id: 'new' }]);
     const plans = new Plans(api, editor, memory());
@@ -158,7 +158,7 @@ describe('plans on the server', () => {
   });
 
   it('have older versions that can be opened and restored as the newest', async () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const { api, asked } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY }], [200, version(4)]);
     const plans = new Plans(api, editor, memory());
     const [newest, older] = (await plans.versions('abc')) ?? [];
@@ -173,7 +173,7 @@ describe('plans on the server', () => {
   });
 
   it('show who saved the open plan', async () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const { api } = server([201, version(1)]);
     const plans = new Plans(api, editor, memory());
     await plans.save();
@@ -188,7 +188,7 @@ describe('plans on the server', () => {
 
   it('survive a reload of the page, saved or not', async () => {
     const storage = memory();
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const { api } = server([201, version(1)]);
     const plans = new Plans(api, editor, storage);
     await plans.save();
@@ -206,7 +206,7 @@ describe('plans on the server', () => {
   it('ask for the altitude of points without one', async () => {
     const refused = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
     const { api, asked } = server([422, refused], [200, { plan: { ...EMPTY, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const plans = new Plans(api, editor, memory());
     const file = new File(['x'], 'field.kml');
     expect(await plans.import(file)).toBe(false);
@@ -223,10 +223,10 @@ describe('plans on the server', () => {
     const found = { findings: [], estimates: {}, not_known: [] };
     const { api, asked } = server([200, found], [200, found]);
     const storage = memory();
-    const plans = new Plans(api, drawn(), storage);
+    const plans = new Plans(api, editorWithWaypoints(), storage);
     await plans.runCheck();
     plans.vehicle = '7';
-    plans.setConditions({ ...CONDITIONS, hover_power_w: 200, battery_wh: 100, mass_kg: 2 });
+    plans.setConditions({ ...DEFAULT_CONDITIONS, hover_power_w: 200, battery_wh: 100, mass_kg: 2 });
     expect(plans.isChecked).toBe(false);
     await plans.runCheck();
     expect(plans.isChecked).toBe(true);
@@ -235,7 +235,7 @@ describe('plans on the server', () => {
   });
 
   it('are checked in their present state, and show that the server does not answer', async () => {
-    const editor = drawn();
+    const editor = editorWithWaypoints();
     const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
     const plans = new Plans(api, editor, memory());
     await plans.runCheck();

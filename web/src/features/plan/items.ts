@@ -50,19 +50,19 @@ const number = (item: Item, field: string): number | null => (typeof item[field]
 
 /** Text below the title. */
 export function detailOf(item: Item): string {
-  const said: string[] = [];
+  const parts: string[] = [];
   const add = (field: string, words: (value: number) => string): void => {
     const value = number(item, field);
-    if (value !== null && value !== 0) said.push(words(value));
+    if (value !== null && value !== 0) parts.push(words(value));
   };
-  if (isPlaced(item)) said.push(altitudeText(item.altitude));
-  if (item.kind === 'complex') said.push(`${item.items?.length ?? 0} items of another program`);
+  if (isPlaced(item)) parts.push(altitudeText(item.altitude));
+  if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items of another program`);
   if (item.kind === 'jump')
-    said.push(
+    parts.push(
       `step ${(number(item, 'target_index') ?? 0) + 1}`,
       number(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
     );
-  if (item.kind === 'takeoff' || item.kind === 'land') return said.join(' · ');
+  if (item.kind === 'takeoff' || item.kind === 'land') return parts.join(' · ');
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));
   add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
@@ -71,7 +71,7 @@ export function detailOf(item: Item): string {
   add('count', (n) => `${n} ${n === 1 ? 'picture' : 'pictures'}`);
   add('pitch_deg', (deg) => `pitch ${fixed(deg, 0)}°`);
   add('yaw_deg', (deg) => `yaw ${fixed(deg, 0)}°`);
-  return said.join(' · ');
+  return parts.join(' · ');
 }
 
 /** One kind of item to add; `placed`: it needs a click on the map. */

@@ -4,7 +4,7 @@ import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import type { Area, Check, Format, GroundPlan, Imported, Pattern, PlanApi, PlanVersion } from './api';
-import { CONDITIONS, powerOf, type Conditions } from './conditions';
+import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './conditions';
 import { EMPTY, type PlannedHome, type Plan } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './document-kinds';
@@ -61,7 +61,7 @@ export class Plans {
   checking = $state(false);
   /** The vehicle whose parameters and home the check uses; null: none. */
   vehicle = $state.raw<string | null>(null);
-  conditions = $state.raw<Conditions>(CONDITIONS);
+  conditions = $state.raw<Conditions>(DEFAULT_CONDITIONS);
 
   constructor(
     private readonly api: PlanApi,
@@ -248,12 +248,12 @@ export class Plans {
   /** Checks the present plan on the server; one check at a time. */
   async runCheck(): Promise<void> {
     const { document: number, plan } = this.editor.draft;
-    const by = this.checkInputs;
+    const inputs = this.checkInputs;
     if (this.checking) return;
     this.checking = true;
     const answer = await this.api.check(plan, this.vehicle, powerOf(this.conditions));
     this.checking = false;
-    [this.checked, this.checkedDocument, this.checkedInputs] = [plan, number, by];
+    [this.checked, this.checkedDocument, this.checkedInputs] = [plan, number, inputs];
     this.answer = answer.ok ? answer.value : null;
     this.checkProblem = answer.ok ? null : problemText('Not checked.', answer.problem);
   }
@@ -303,7 +303,7 @@ export class Plans {
   private restore(): void {
     try {
       const known = JSON.parse(this.memory.getItem(STORED_CONDITIONS) ?? '{}') as Conditions;
-      this.conditions = { ...CONDITIONS, ...known };
+      this.conditions = { ...DEFAULT_CONDITIONS, ...known };
       const stored = JSON.parse(this.memory.getItem(STORED) ?? 'null') as Stored | null;
       if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
       const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY, ...stored.plan };

@@ -41,7 +41,7 @@ export function profile(plan: Plan, ground: Ground = []): Profile {
     if (before !== null && before !== undefined) along_m += groundDistance_m(before, item);
     points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home) });
   });
-  return scaled(points, ground);
+  return withRange(points, ground);
 }
 
 /** Profile of a mission: its compiled path through the longest branches; heights above the start. */
@@ -59,10 +59,10 @@ export function missionProfile(flight: Flight, ground: Ground = []): Profile {
       place = leg.place;
       points.push({ row: points.length, id: begins ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m });
     });
-  return scaled(points, ground);
+  return withRange(points, ground);
 }
 
-function scaled(points: readonly ProfilePoint[], ground: Ground): Profile {
+function withRange(points: readonly ProfilePoint[], ground: Ground): Profile {
   const along_m = points.at(-1)?.along_m ?? 0;
   const known = [...points.flatMap((point) => point.alt_home_m ?? []), ...ground.flatMap(([, height_m]) => height_m ?? [])];
   const top_m = Math.max(ROUND_M, Math.ceil((Math.max(0, ...known) * 1.1) / ROUND_M) * ROUND_M);
@@ -71,14 +71,14 @@ function scaled(points: readonly ProfilePoint[], ground: Ground): Profile {
 }
 
 /** The known parts as polylines in a box of this size, y downwards. */
-export interface Polyline {
+export interface PolylinePoint {
   readonly x: number;
   readonly y: number;
   readonly id: string | null;
 }
 
-export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): Polyline[][] {
-  const parts: Polyline[][] = [[]];
+export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): PolylinePoint[][] {
+  const parts: PolylinePoint[][] = [[]];
   for (const point of points) {
     if (point.alt_home_m === null) {
       if (parts.at(-1)?.length !== 0) parts.push([]);

@@ -28,7 +28,7 @@ const mode = (name: string, label: string, arming: Cause[], running: Cause[] = a
   arming,
   running,
 });
-const told: Readiness = {
+const report: Readiness = {
   known: true,
   reported_unix_s: 1,
   words: 'own',
@@ -41,39 +41,39 @@ const told: Readiness = {
 };
 
 test('the headline is about arming while disarmed and about flying while armed', () => {
-  expect(headline(told, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
-  expect(headline(told, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
-  expect(headline(told, 'land', false).tone).toBe('caution');
-  expect(headline(told, 'land', true)).toEqual({ text: 'Land can be flown', detail: '', tone: 'ok' });
-  expect(headline(told, 'offboard', true).text).toBe('Offboard cannot be flown');
+  expect(headline(report, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
+  expect(headline(report, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
+  expect(headline(report, 'land', false).tone).toBe('caution');
+  expect(headline(report, 'land', true)).toEqual({ text: 'Land can be flown', detail: '', tone: 'ok' });
+  expect(headline(report, 'offboard', true).text).toBe('Offboard cannot be flown');
 });
 
 test('unknown values are not guessed', () => {
   expect(headline(null, 'hold', false).tone).toBe('neutral');
-  expect(headline({ ...told, known: false }, 'hold', false).text).toBe('Not known');
-  expect(headline(told, 'px4_9_0', false).text).toBe('Not known');
+  expect(headline({ ...report, known: false }, 'hold', false).text).toBe('Not known');
+  expect(headline(report, 'px4_9_0', false).text).toBe('Not known');
   expect(readReadiness(undefined)).toBeNull();
   expect(readReadiness({ modes: [] })).toBeNull();
-  expect(readReadiness(told)).toBe(told);
+  expect(readReadiness(report)).toBe(report);
 });
 
 test('blocking findings come first and list what they block', () => {
   const dull: Cause = { ...battery, id: 4, cause: 'Wind.' };
-  const rows = findings({ ...told, findings: [dull, ...told.findings] });
+  const rows = findings({ ...report, findings: [dull, ...report.findings] });
   expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
     [2, 'Offboard'],
     [1, 'Position'],
     [3, 'Land'],
     [4, ''],
   ]);
-  const all = { ...told, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
+  const all = { ...report, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
   expect(findings(all)[0]?.blocks).toBe('every mode');
   all.modes.push(mode('g', 'G', []));
   expect(findings(all)[0]?.blocks).toBe('A, B, C, D and 2 more');
 });
 
 test('the present mode is first, then the possible ones', () => {
-  expect(modeRows(told, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
-  expect(modeRows(told, null).at(-1)?.why).not.toBe('');
-  expect(modeRows(told, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });
+  expect(modeRows(report, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
+  expect(modeRows(report, null).at(-1)?.why).not.toBe('');
+  expect(modeRows(report, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });
 });

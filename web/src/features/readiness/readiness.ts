@@ -42,8 +42,8 @@ const NAMED = 4;
 
 /** Reads a sample of the topic; null if it has another format. */
 export function readReadiness(value: unknown): Readiness | null {
-  const it = value as Readiness | null | undefined;
-  return typeof it === 'object' && it !== null && Array.isArray(it.modes) && Array.isArray(it.findings) ? it : null;
+  const report = value as Readiness | null | undefined;
+  return typeof report === 'object' && report !== null && Array.isArray(report.modes) && Array.isArray(report.findings) ? report : null;
 }
 
 /** One sentence: arming in the current mode while disarmed, flying in it while armed. */
@@ -51,18 +51,18 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
   if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const now = readiness.modes.find((m) => m.mode === mode);
   if (now === undefined) return { text: 'Not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
-  const shut = armed ? !now.can_run : !now.can_arm;
-  if (!shut) return { text: armed ? `${now.label} can be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
+  const blocked = armed ? !now.can_run : !now.can_arm;
+  if (!blocked) return { text: armed ? `${now.label} can be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
   const causes = (armed ? now.running : now.arming).map((c) => c.cause).join(' ');
   return { text: armed ? `${now.label} cannot be flown` : `Cannot arm in ${now.label}`, detail: causes, tone: 'caution' };
 }
 
 /** All findings of the checks, the most blocking first. */
 export function findings(readiness: Readiness): FindingRow[] {
-  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, shut: blockedBy(readiness, cause) }));
+  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, blocked: blockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
-  rows.sort((a, b) => Number(b.shut.length > 0) - Number(a.shut.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
-  return rows.map(({ cause, severity, shut }) => ({ cause, severity, blocks: namesOf(shut, readiness.modes.length) }));
+  rows.sort((a, b) => Number(b.blocked.length > 0) - Number(a.blocked.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
+  return rows.map(({ cause, severity, blocked }) => ({ cause, severity, blocks: namesOf(blocked, readiness.modes.length) }));
 }
 
 function blockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
@@ -90,9 +90,9 @@ export function modeRows(readiness: Readiness, mode: string | null): ModeRow[] {
     can_run: m.can_run,
     why: [...new Set([...m.arming, ...m.running].map((c) => c.cause))].join(' '),
   }));
-  return rows.sort((a, b) => Number(b.current) - Number(a.current) || open(b) - open(a));
+  return rows.sort((a, b) => Number(b.current) - Number(a.current) || possibleCount(b) - possibleCount(a));
 }
 
-function open(row: ModeRow): number {
+function possibleCount(row: ModeRow): number {
   return Number(row.can_arm) + Number(row.can_run);
 }

@@ -47,7 +47,7 @@ export class ReplayControl {
   private waiting = false;
   private indexed: string | null = null;
   private pendingCommand: ReplayCommand | null = null;
-  private underWay = false;
+  private isSending = false;
   private answered_ms = 0;
   private framesSince = 0;
 
@@ -120,32 +120,32 @@ export class ReplayControl {
     this.command({ position_unix_s: unix_s });
   }
 
-  private command(wish: ReplayCommand): void {
-    this.pendingCommand = { ...this.pendingCommand, ...wish };
-    if (!this.underWay) void this.send();
+  private command(command: ReplayCommand): void {
+    this.pendingCommand = { ...this.pendingCommand, ...command };
+    if (!this.isSending) void this.send();
   }
 
   private async send(): Promise<void> {
-    this.underWay = true;
+    this.isSending = true;
     while (this.pendingCommand !== null) {
       const name = this.shown?.name ?? this.expected ?? undefined; // when the replay changes from one vehicle to the next, none is shown for a moment
-      const wish: ReplayCommand = this.pendingCommand;
+      const command: ReplayCommand = this.pendingCommand;
       this.pendingCommand = null;
       if (name === undefined) break;
-      const answer = await this.deps.api.post('/replays/{name}', { ...of(name), body: wish });
+      const answer = await this.deps.api.post('/replays/{name}', { ...of(name), body: command });
       this.problem = answer.ok ? null : answer.problem;
     }
     if (this.problem !== null) this.requested_unix_s = null;
     this.answered_ms = performance.now();
     this.framesSince = 0;
-    this.underWay = false;
+    this.isSending = false;
   }
 
   /**
    * Frames under way may still have the earlier time. The page shows the requested time until a frame has reached it.
    */
   private checkSeek(): void {
-    if (this.requested_unix_s === null || this.underWay) return;
+    if (this.requested_unix_s === null || this.isSending) return;
     const shown = this.shown;
     const there = shown !== null && hasArrived(shown, this.requested_unix_s);
     this.framesSince += 1;

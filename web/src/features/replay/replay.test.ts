@@ -12,7 +12,7 @@ import {
   jumpTimes,
   neighbour,
   recordingText,
-  share,
+  fractionAt,
   shownReplay,
   size,
   textAt,
@@ -60,9 +60,9 @@ const index: RecordingIndex = {
 describe('the time bar', () => {
   const marks = marksOf(index, '1~2');
   it('positions spans and messages between begin and end', () => {
-    expect(share(150, 100, 200)).toBe(0.5);
-    expect(share(250, 100, 200)).toBe(1);
-    expect(share(150, 100, 100)).toBe(0);
+    expect(fractionAt(150, 100, 200)).toBe(0.5);
+    expect(fractionAt(250, 100, 200)).toBe(1);
+    expect(fractionAt(150, 100, 100)).toBe(0);
     expect(modeSpans(marks, 100, 200).map((s) => [s.label, s.left, Number(s.width.toFixed(3))])).toEqual([
       ['Hold', 0.01, 0.39],
       ['Offboard', 0.4, 0.6],

@@ -28,7 +28,7 @@ export function hasArrived(replay: Replay, wanted_unix_s: number): boolean {
 }
 
 /** Position of a time between begin and end, 0 to 1. */
-export function share(unix_s: number, begin_s: number, end_s: number): number {
+export function fractionAt(unix_s: number, begin_s: number, end_s: number): number {
   return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
 }
 
@@ -49,8 +49,8 @@ export interface Span {
 
 export function modeSpans(marks: VehicleMarks | null, begin_s: number, end_s: number): Span[] {
   return (marks?.modes ?? []).map((m) => {
-    const left = share(m.begin_unix_s, begin_s, end_s);
-    return { left, width: share(m.end_unix_s, begin_s, end_s) - left, label: m.mode_label, mode: m.mode, begin_s: m.begin_unix_s };
+    const left = fractionAt(m.begin_unix_s, begin_s, end_s);
+    return { left, width: fractionAt(m.end_unix_s, begin_s, end_s) - left, label: m.mode_label, mode: m.mode, begin_s: m.begin_unix_s };
   });
 }
 
@@ -61,7 +61,7 @@ export interface Tick {
 }
 
 export function messageTicks(marks: VehicleMarks | null, begin_s: number, end_s: number): Tick[] {
-  return (marks?.messages ?? []).map((m) => ({ at: share(m.unix_s, begin_s, end_s), tone: tone(m.severity), text: m.text }));
+  return (marks?.messages ?? []).map((m) => ({ at: fractionAt(m.unix_s, begin_s, end_s), tone: tone(m.severity), text: m.text }));
 }
 
 export function tone(severity: number): Tick['tone'] {
@@ -70,7 +70,7 @@ export function tone(severity: number): Tick['tone'] {
 
 const SEVERITIES = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
 
-function said(message: MessageMark): string {
+function messageText(message: MessageMark): string {
   return message.severity <= SERIOUS ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
 }
 
@@ -80,7 +80,7 @@ export function textAt(marks: VehicleMarks | null, unix_s: number, near_s: numbe
   const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
   const close = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= near_s);
   const most = close.reduce<MessageMark | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
-  return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : said(most) };
+  return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : messageText(most) };
 }
 
 /** Times to jump to: changes of mode, arming, and messages of warning or worse. */

@@ -4,7 +4,7 @@
  */
 
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
-import { fromPixel, hit, toPixel, type MapView, type Pixel } from '../../vehicle/geo';
+import { fromPixel, nearestWithin, toPixel, type MapView, type Pixel } from '../../vehicle/geo';
 
 /** A pointer that moves less than this makes a click [px]. */
 const CLICK_TOLERANCE_PX = 5;
@@ -13,9 +13,9 @@ const MIDDLE_REACH = 0.7;
 
 /** The point under a pointer; a point of the plan has priority over a midpoint. */
 export function pointAt(view: MapView, at: Pixel, points: readonly LayerPoint[], reach_px: number): LayerPoint | null {
-  const real = points.filter((point) => point.mark !== 'middle');
-  const middles = points.filter((point) => point.mark === 'middle');
-  return hit(view, at, real, reach_px) ?? hit(view, at, middles, reach_px * MIDDLE_REACH);
+  const planPoints = points.filter((point) => point.mark !== 'middle');
+  const midpoints = points.filter((point) => point.mark === 'middle');
+  return nearestWithin(view, at, planPoints, reach_px) ?? nearestWithin(view, at, midpoints, reach_px * MIDDLE_REACH);
 }
 
 interface GrabbedPoint {
@@ -45,7 +45,7 @@ export class LayerGesture {
   }
 
   /** Starts a move by keyboard. @returns false: the point cannot move. */
-  take(view: MapView, point: LayerPoint): boolean {
+  grabByKeyboard(view: MapView, point: LayerPoint): boolean {
     this.down(view, toPixel(view, point), point, false);
     this.begin();
     if (this.held?.moving === null) this.held = null;

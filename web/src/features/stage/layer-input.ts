@@ -66,7 +66,7 @@ export class LayerInput {
     if (view === null || edited === null || point === null) return false;
     if (point.mark !== 'middle') edited.editor.pick(point.id, more);
     this.gesture = new LayerGesture(edited.editor);
-    this.byKeys = !more && this.gesture.take(view, point);
+    this.byKeys = !more && this.gesture.grabByKeyboard(view, point);
     return true;
   }
 

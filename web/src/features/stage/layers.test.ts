@@ -19,16 +19,16 @@ const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): L
 });
 
 /** Records the editor calls. */
-class Notes implements LayerEditor {
-  readonly told: unknown[] = [];
+class RecordingEditor implements LayerEditor {
+  readonly calls: unknown[] = [];
   constructor(private readonly moves: string | null = null) {}
-  pick = (id: string, more: boolean): void => void this.told.push(['pick', id, more]);
+  pick = (id: string, more: boolean): void => void this.calls.push(['pick', id, more]);
   grab = (id: string): string | null => {
-    this.told.push(['grab', id]);
+    this.calls.push(['grab', id]);
     return this.moves;
   };
-  drag = (id: string, to: GeoPosition): void => void this.told.push(['drag', id, to]);
-  drop = (keep: boolean): void => void this.told.push(['drop', keep]);
+  drag = (id: string, to: GeoPosition): void => void this.calls.push(['drag', id, to]);
+  drop = (keep: boolean): void => void this.calls.push(['drop', keep]);
   press = (): boolean => false;
   remove = (): boolean => false;
 }
@@ -48,21 +48,21 @@ describe('the point under a pointer', () => {
 
 describe('a gesture', () => {
   it('without movement selects', () => {
-    const notes = new Notes('a');
-    const gesture = new LayerGesture(notes);
+    const editor = new RecordingEditor('a');
+    const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 503, y: 402 }, point('a', 0), true);
     gesture.move(view, { x: 505, y: 403 });
     gesture.up();
-    expect(notes.told).toEqual([['pick', 'a', true]]);
+    expect(editor.calls).toEqual([['pick', 'a', true]]);
   });
 
   it('with movement drags, with a constant offset to the pointer', () => {
-    const notes = new Notes('a');
-    const gesture = new LayerGesture(notes);
+    const editor = new RecordingEditor('a');
+    const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 503, y: 402 }, point('a', 0), false);
     gesture.move(view, { x: 523, y: 402 });
     gesture.up();
-    const [grab, drag, drop] = notes.told as [unknown, [string, string, GeoPosition], unknown];
+    const [grab, drag, drop] = editor.calls as [unknown, [string, string, GeoPosition], unknown];
     expect(grab).toEqual(['grab', 'a']);
     expect(drop).toEqual(['drop', true]);
     const at = toPixel(view, drag[2]);
@@ -71,45 +71,45 @@ describe('a gesture', () => {
   });
 
   it('on a midpoint drags the inserted point', () => {
-    const notes = new Notes('new');
-    const gesture = new LayerGesture(notes);
+    const editor = new RecordingEditor('new');
+    const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 500, y: 400 }, point('middle', 0, 'middle'), false);
     gesture.move(view, { x: 520, y: 400 });
-    expect(notes.told.at(-1)).toMatchObject(['drag', 'new', {}]);
+    expect(editor.calls.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
 
   it('moves everything back when it is cancelled', () => {
-    const notes = new Notes('a');
-    const gesture = new LayerGesture(notes);
+    const editor = new RecordingEditor('a');
+    const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.cancel();
     gesture.up();
-    expect(notes.told.at(-1)).toEqual(['drop', false]);
+    expect(editor.calls.at(-1)).toEqual(['drop', false]);
   });
 
   it('on a point that cannot move only selects', () => {
-    const notes = new Notes(null);
-    const gesture = new LayerGesture(notes);
+    const editor = new RecordingEditor(null);
+    const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.move(view, { x: 540, y: 400 });
     gesture.up();
-    expect(notes.told).toEqual([
+    expect(editor.calls).toEqual([
       ['grab', 'a'],
       ['pick', 'a', false],
     ]);
   });
 
   it('by keys moves from the first key press', () => {
-    const notes = new Notes('a');
-    const gesture = new LayerGesture(notes);
-    expect(gesture.take(view, point('a', 0))).toBe(true);
+    const editor = new RecordingEditor('a');
+    const gesture = new LayerGesture(editor);
+    expect(gesture.grabByKeyboard(view, point('a', 0))).toBe(true);
     gesture.move(view, { x: 501, y: 400 });
     gesture.up();
-    expect(notes.told[1]).toEqual(['drag', 'a', fromPixel(view, { x: 501, y: 400 })]);
-    expect(notes.told[2]).toEqual(['drop', true]);
-    expect(new LayerGesture(new Notes(null)).take(view, point('a', 0))).toBe(false);
+    expect(editor.calls[1]).toEqual(['drag', 'a', fromPixel(view, { x: 501, y: 400 })]);
+    expect(editor.calls[2]).toEqual(['drop', true]);
+    expect(new LayerGesture(new RecordingEditor(null)).grabByKeyboard(view, point('a', 0))).toBe(false);
   });
 });
 

@@ -26,7 +26,7 @@ type Ctx = CanvasRenderingContext2D;
 
 /** Width of the outline outside a point's radius. */
 const EDGE_PX = 2;
-const RETURN_RADIUS_PX = 2.5;
+const OBSTACLE_RADIUS_PX = 2.5;
 /** Shortest distance of two trail points that are drawn separately [px]. */
 const TRAIL_STEP_PX = 1.5;
 
@@ -50,11 +50,11 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   if (picture.grid !== null) clearPoints(ctx, view, picture.edited);
   if (!inset) for (const label of picture.labels) drawEdgeLabels(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
-  for (const v of vehicles) drawReturns(ctx, view, v, palette);
+  for (const v of vehicles) drawObstacles(ctx, view, v, palette);
   for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
   for (const v of vehicles) {
     const at = toPixel(view, v);
-    if (v.look_rad !== null && !v.lost && !v.stale) drawLook(ctx, at, v.look_rad - view.up_rad, palette.of(v.colour), inset ? 44 : 90);
+    if (v.look_rad !== null && !v.lost && !v.stale) drawCameraDirection(ctx, at, v.look_rad - view.up_rad, palette.of(v.colour), inset ? 44 : 90);
     for (const target of v.targets) drawTarget(ctx, view, at, target, palette, inset);
   }
   for (const v of vehicles) {
@@ -68,10 +68,10 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
 function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palette: Palette): void {
   const upright = view.up_rad === 0;
   const crisp = (value: number): number => (upright ? Math.round(value) + 0.5 : value);
-  const lines = (those: readonly GridLine[], colour: string): void => {
+  const lines = (segments: readonly GridLine[], colour: string): void => {
     ctx.strokeStyle = colour;
     ctx.beginPath();
-    for (const { from, to } of those) {
+    for (const { from, to } of segments) {
       const [a, b] = [toPixel(view, from), toPixel(view, to)];
       ctx.moveTo(crisp(a.x), crisp(a.y));
       ctx.lineTo(crisp(b.x), crisp(b.y));
@@ -97,13 +97,13 @@ function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): vo
 }
 
 /** Detected obstacles as small dots, in the grey that is used for neither vehicles nor targets. */
-function drawReturns(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
-  if (v.returns.length === 0) return;
+function drawObstacles(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
+  if (v.detectedObstacles.length === 0) return;
   ctx.fillStyle = palette.text2;
-  for (const place of v.returns) {
+  for (const place of v.detectedObstacles) {
     const { x, y } = toPixel(view, place);
     ctx.beginPath();
-    ctx.arc(x, y, RETURN_RADIUS_PX, 0, 2 * Math.PI);
+    ctx.arc(x, y, OBSTACLE_RADIUS_PX, 0, 2 * Math.PI);
     ctx.fill();
   }
 }
@@ -157,7 +157,7 @@ function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette, size: number): vo
   ctx.restore();
 }
 
-function drawLook(ctx: Ctx, { x, y }: Pixel, look_rad: number, colour: string, reach: number): void {
+function drawCameraDirection(ctx: Ctx, { x, y }: Pixel, look_rad: number, colour: string, reach: number): void {
   ctx.save();
   ctx.translate(x, y);
   ctx.rotate(look_rad);

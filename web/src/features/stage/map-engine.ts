@@ -27,7 +27,7 @@ export interface EngineEvents {
   /** The camera or the tiles changed, and the map was drawn. */
   drawn: () => void;
   /** The person moved the map. */
-  taken: () => void;
+  moved: () => void;
   /** The person clicked, tapped or pressed long. */
   pressed: (at: Pixel) => void;
 }
@@ -81,7 +81,7 @@ export class MapEngine {
     this.map.on('render', events.drawn);
     for (const kind of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
       this.map.on(kind, (event) => {
-        if (event.originalEvent !== undefined && (kind !== 'zoomstart' || !this.followsZoom)) events.taken();
+        if (event.originalEvent !== undefined && (kind !== 'zoomstart' || !this.followsZoom)) events.moved();
       });
     }
     const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });

@@ -5,7 +5,7 @@ import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import type { VehicleState } from '../../live/vehicle-state';
-import { returnsOf, MAX_AGE_S } from '../../vehicle/obstacles';
+import { obstaclePositions, MAX_AGE_S } from '../../vehicle/obstacles';
 import { fixed } from '../../ui/format';
 import type { MapPreview } from '../../app/preview.svelte';
 import { groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
@@ -27,7 +27,7 @@ export interface MapVehicle extends GeoPosition {
   /** Direction of the camera, clockwise from north [rad]. */
   look_rad: number | null;
   /** Obstacles that its distance sensors detected. */
-  returns: readonly GeoPosition[];
+  detectedObstacles: readonly GeoPosition[];
 }
 
 /** A target of the vehicle: a setpoint, a position to fly to, a region of interest of the camera. */
@@ -69,11 +69,11 @@ function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   return { ...place, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
 }
 
-function previewed(id: string, shown: MapPreview | null): MapTarget | null {
+function previewTarget(id: string, shown: MapPreview | null): MapTarget | null {
   return shown?.vehicle === id ? { ...shown.place, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
 }
 
-function named(kind: MapTarget['kind'], what: string, wanted: RequestedTarget | null): MapTarget | null {
+function requestedTarget(kind: MapTarget['kind'], what: string, wanted: RequestedTarget | null): MapTarget | null {
   return wanted === null
     ? null
     : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
@@ -88,11 +88,11 @@ function look(facts: VehicleFacts): number | null {
 }
 
 /** Positions of the obstacles that its distance sensors detect now. */
-function returns(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
+function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
   const around = vehicle.read('obstacle_distance', facts.now_unix_s);
   if (sensors === null && around === null) return [];
-  return returnsOf(here, facts.attitude?.value.yaw_ned_rad ?? null, {
+  return obstaclePositions(here, facts.attitude?.value.yaw_ned_rad ?? null, {
     sensors: sensors !== null && sensors.age_s <= MAX_AGE_S ? sensors.value : null,
     around: around !== null && around.age_s <= MAX_AGE_S ? around.value : null,
   });
@@ -122,7 +122,7 @@ export function mapVehicles(
     const here = { lat_deg, lon_deg };
     const wanted = targetsOf(facts);
     const streamed = setpoint(facts, here);
-    const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look), previewed(id, shown)];
+    const targets = [streamed ?? requestedTarget('go', 'go to', wanted.go), requestedTarget('look', 'ROI', wanted.look), previewTarget(id, shown)];
     found.push({
       ...here,
       id,
@@ -135,7 +135,7 @@ export function mapVehicles(
       trail: vehicle.trail.points,
       home: facts.home?.value ?? null,
       look_rad: look(facts),
-      returns: facts.lost ? [] : returns(vehicle, facts, here),
+      detectedObstacles: facts.lost ? [] : detectedObstacles(vehicle, facts, here),
       targets: targets.filter((t): t is MapTarget => t !== null),
     });
   });

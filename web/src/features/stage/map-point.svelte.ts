@@ -67,7 +67,7 @@ export class MapPointMenu {
     return this.speeds[id] ?? NO_SPEEDS;
   }
 
-  setHeight(which: 'go_home_m' | 'point_home_m', value_m: number): void {
+  setAltitude(which: 'go_home_m' | 'point_home_m', value_m: number): void {
     this[which] = altitudeInRange(value_m) ?? this[which];
   }
 
@@ -84,8 +84,8 @@ export class MapPointMenu {
       alt_home_m,
       distance_m: way,
       time_s: flightTime_s(facts, mapPoint, alt_home_m, this.speedsOf(facts.id)),
-      settled: (taken) => {
-        if (!taken) return;
+      onResult: (accepted) => {
+        if (!accepted) return;
         this.activeTargets.set(facts.id, { lat_deg, lon_deg, alt_home_m, since_s: this.nowS() });
         if (this.mapPoint === mapPoint) this.close();
       },
@@ -122,10 +122,10 @@ export class MapPointMenu {
 
   private async send(what: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
     this.busy = true;
-    const taken = await this.actions.attempt(what, facts, 'stage', send);
+    const accepted = await this.actions.attempt(what, facts, 'stage', send);
     this.busy = false;
     await service('gimbal').askHolder(facts);
-    if (taken) this.close();
+    if (accepted) this.close();
   }
 
   private async loadSpeeds(id: string): Promise<void> {

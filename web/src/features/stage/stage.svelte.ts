@@ -83,9 +83,9 @@ class StageState {
    * view and needs no message.
    */
   async show(view: SceneView): Promise<void> {
-    const sendView = this.pendingView !== null;
+    const isSending = this.pendingView !== null;
     this.pendingView = view;
-    if (sendView) return;
+    if (isSending) return;
     for (let sentView: SceneView | null = null; sentView !== this.pendingView;) {
       sentView = this.pendingView;
       const { vehicle, ...rest } = sentView;

@@ -5,7 +5,7 @@ import {
   eastNorth,
   fromPixel,
   groundDistance_m,
-  hit,
+  nearestWithin,
   lengthText,
   mercator,
   niceLength_m,
@@ -49,9 +49,9 @@ describe('positions', () => {
     }
   });
   it('are found within reach, the nearest first', () => {
-    const those = [0, 4, 30].map((east_m) => ({ ...positionAt(HERE, { east_m, north_m: 0 }), east_m }));
-    expect(hit(view(5), { x: 515, y: 400 }, those, 24)?.east_m).toBe(4);
-    expect(hit(view(5), { x: 560, y: 400 }, those, 24)).toBeNull();
+    const points = [0, 4, 30].map((east_m) => ({ ...positionAt(HERE, { east_m, north_m: 0 }), east_m }));
+    expect(nearestWithin(view(5), { x: 515, y: 400 }, points, 24)?.east_m).toBe(4);
+    expect(nearestWithin(view(5), { x: 560, y: 400 }, points, 24)).toBeNull();
   });
   it('have scale bars of round lengths', () => {
     expect([niceLength_m(4, 110), niceLength_m(0.1, 110), niceLength_m(60, 110)]).toEqual([20, 1000, 1]);

@@ -3,9 +3,9 @@
 import type { ApiClient } from '../../api/client';
 import { lossPercent, type LinkLine, type StationNotice } from './links';
 
-const EVERY_MS = 3000;
+const POLL_INTERVAL_MS = 3000;
 /** Number of answers over which packet loss is measured: half a minute. */
-const LOSS_OVER = 10;
+const LOSS_ANSWERS = 10;
 
 class Links {
   list = $state.raw<readonly LinkLine[]>([]);
@@ -25,7 +25,7 @@ class Links {
       this.list = links.ok ? (links.value.links ?? []) : [];
       this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];
       this.measure();
-      setTimeout(() => void ask(), EVERY_MS);
+      setTimeout(() => void ask(), POLL_INTERVAL_MS);
     };
     void ask();
   }
@@ -46,7 +46,7 @@ class Links {
     if (!this.known || (last !== undefined && now.received < last.received)) this.counts.length = 0;
     if (!this.known) return;
     this.counts.push(now);
-    if (this.counts.length > LOSS_OVER) this.counts.shift();
+    if (this.counts.length > LOSS_ANSWERS) this.counts.shift();
     this.lost_percent = lossPercent(this.counts[0] ?? now, now);
   }
 }

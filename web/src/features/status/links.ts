@@ -45,7 +45,7 @@ function peersText(peers: readonly string[]): string {
 }
 
 /** One line for each counter of a link. */
-function counted(link: LinkLine, several: boolean): [string, string][] {
+function linkLines(link: LinkLine, several: boolean): [string, string][] {
   const lines: [string, string][] = several ? [['', link.name]] : [['Link', link.name]];
   lines.push(
     ['State', join([STATES[link.state] ?? link.state, link.detail])],
@@ -74,7 +74,7 @@ export function linkDetails(
   rate_bytes_s: number | null,
   lost_percent: number | null = null,
 ): { details: [string, string][]; text: string | null } {
-  const details = links.flatMap((link) => counted(link, links.length > 1));
+  const details = links.flatMap((link) => linkLines(link, links.length > 1));
   const open = links.filter((l) => l.state === 'open' && !l.forward).length;
   const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
   const text =

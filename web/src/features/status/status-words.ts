@@ -25,12 +25,12 @@ export interface StatusFacts {
   stream: { type: string; rate_hz: number | null; client: string | null } | null;
 }
 
-interface Flown {
+interface ModeText {
   title: string;
   who: string;
 }
 
-const FLOWN: Readonly<Record<string, Flown>> = {
+const MODE_TEXTS: Readonly<Record<string, ModeText>> = {
   hold: { title: 'Holding', who: 'the vehicle holds its position' },
   takeoff: { title: 'Taking off', who: 'the vehicle climbs by itself' },
   land: { title: 'Landing', who: 'the vehicle lands by itself' },
@@ -47,7 +47,7 @@ const FLOWN: Readonly<Record<string, Flown>> = {
 };
 
 /** Mode and commanding client, without the arming state. */
-function flown(status: Status, stream: StatusFacts['stream']): Flown {
+function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
   if (status.mode === 'offboard') {
     if (stream === null) return { title: 'Offboard', who: 'setpoints from another computer, not this server' };
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
@@ -58,7 +58,7 @@ function flown(status: Status, stream: StatusFacts['stream']): Flown {
     const who = stream === null ? 'an external flight mode of PX4' : 'a mission of this server, as a flight mode of PX4';
     return { title: status.mode_label || status.mode, who };
   }
-  return FLOWN[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
+  return MODE_TEXTS[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
 }
 
 function seconds(age_s: number): string {
@@ -85,7 +85,7 @@ export function statusWords(facts: StatusFacts): StatusWords {
     if (facts.ready === false) return { title: 'Not ready', who: `${who} · see why`, tone: 'caution' };
     return { title: 'Disarmed', who, tone: 'neutral' };
   }
-  const now = flown(status, facts.stream);
+  const now = modeText(status, facts.stream);
   if (isFailsafe(status)) return { title: `Failsafe: ${now.title}`, who: 'failsafe: the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };

@@ -32,7 +32,7 @@ class TopicPanel {
     const socket = new TelemetrySocket(
       url,
       () => subscription,
-      (frame) => this.take(frame, vehicle),
+      (frame) => this.onFrame(frame, vehicle),
       () => undefined,
       () => true,
     );
@@ -40,7 +40,7 @@ class TopicPanel {
     return () => socket.stop();
   }
 
-  take(frame: Frame, vehicle: string): void {
+  onFrame(frame: Frame, vehicle: string): void {
     if (frame.type !== 'samples') return;
     for (const sample of frame.samples) {
       const content = sample.topic === TOPIC && sample.vehicle === vehicle ? readInspection(sample.value) : null;

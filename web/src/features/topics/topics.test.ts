@@ -78,9 +78,9 @@ it('takes only the topics of the vehicle that is shown, and forgets them for ano
   const open = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
   const end = panel.watch('1', 'ws://x', open);
   const sample = { vehicle: '1', topic: 'ros2_topics', vehicle_time_boot_s: null, received_unix_s: 1, value: inspection([topic('a')]) };
-  panel.take({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
+  panel.onFrame({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
   expect(panel.content).toBeNull();
-  panel.take({ type: 'samples', samples: [sample] }, '1');
+  panel.onFrame({ type: 'samples', samples: [sample] }, '1');
   expect(panel.content?.topics).toHaveLength(1);
   end();
   expect(stopped).toBe(1);

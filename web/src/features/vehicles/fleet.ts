@@ -51,8 +51,8 @@ export function filtered(rows: readonly Row[], text: string, filter: Filter): Ro
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;
     if (filter === 'attention' && !row.attention) return false;
-    const said = `${row.facts.name} ${row.words}`.toLowerCase().split(/\s+/);
-    return words.every((word) => row.facts.id.includes(word) || said.some((one) => one.startsWith(word)));
+    const rowWords = `${row.facts.name} ${row.words}`.toLowerCase().split(/\s+/);
+    return words.every((word) => row.facts.id.includes(word) || rowWords.some((one) => one.startsWith(word)));
   });
 }
 

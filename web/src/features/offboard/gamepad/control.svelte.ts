@@ -5,14 +5,14 @@ import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
 import { SCALES, type PadMode } from './sticks';
 
 /** Names of the buttons of the standard layout that a hand can hold while flying. */
-export const DEADMEN: readonly { value: number; text: string }[] = [
+export const DEADMAN_BUTTONS: readonly { value: number; text: string }[] = [
   { value: 5, text: 'R1' },
   { value: 4, text: 'L1' },
   { value: 7, text: 'R2' },
   { value: 6, text: 'L2' },
 ];
 
-export interface Hands {
+export interface GamepadHost {
   yaw_ned_rad: () => number | null;
   hoverThrust: () => number;
   send: (setpoint: AnySetpoint) => void;
@@ -32,69 +32,69 @@ export class GamepadControl {
   /** Why it ended by itself. */
   ended = $state<string | null>(null);
   private readonly pilot = new Pilot(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
-  private hands: Hands | null = null;
+  private host: GamepadHost | null = null;
 
   get engaged(): boolean {
     return this.step !== null && this.step.phase !== 'off';
   }
 
   /** Runs only while the panel is open. */
-  watch(hands: Hands): () => void {
-    this.hands = hands;
-    const look = (): void => this.look();
-    const timer = setInterval(look, 1000 / RATE_HZ);
+  watch(host: GamepadHost): () => void {
+    this.host = host;
+    const poll = (): void => this.poll();
+    const timer = setInterval(poll, 1000 / RATE_HZ);
     const leaving = ['blur', 'pagehide', 'gamepaddisconnected', 'gamepadconnected'] as const;
-    for (const name of leaving) window.addEventListener(name, look);
-    document.addEventListener('visibilitychange', look);
-    look();
+    for (const name of leaving) window.addEventListener(name, poll);
+    document.addEventListener('visibilitychange', poll);
+    poll();
     return () => {
       this.disengage();
       clearInterval(timer);
-      for (const name of leaving) window.removeEventListener(name, look);
-      document.removeEventListener('visibilitychange', look);
-      this.hands = null;
+      for (const name of leaving) window.removeEventListener(name, poll);
+      document.removeEventListener('visibilitychange', poll);
+      this.host = null;
     };
   }
 
   engage(): void {
     this.ended = null;
     this.pilot.engage();
-    this.look();
+    this.poll();
   }
 
   disengage(why: string | null = null): void {
     const last = this.pilot.disengage();
     if (last !== null) {
-      this.hands?.send({ ...last });
-      this.hands?.release();
+      this.host?.send({ ...last });
+      this.host?.release();
       this.ended = why;
     }
-    this.look();
+    this.poll();
   }
 
-  private look(): void {
+  private poll(): void {
     const found = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
     if (found.length !== this.pads.length || found.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
       this.pads = found.map(({ index, id }) => ({ index, id }));
     }
     if (this.chosen === null || (!this.engaged && !found.some((p) => p.index === this.chosen))) this.chosen = found[0]?.index ?? null;
     const pad = found.find((p) => p.index === this.chosen) ?? null;
-    const seen: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
-    this.axes = seen?.axes.slice(0, 4) ?? [];
+    const snapshot: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
+    this.axes = snapshot?.axes.slice(0, 4) ?? [];
     this.pilot.mode = this.mode;
     this.pilot.deadman = this.deadman;
     this.pilot.scale = SCALES[this.scaleIndex]?.scale ?? this.pilot.scale;
-    const around = {
+    const inputs = {
       visible: document.visibilityState === 'visible',
       focused: document.hasFocus(),
-      yaw_ned_rad: this.hands?.yaw_ned_rad() ?? null,
-      hoverThrust: this.hands?.hoverThrust() ?? 0.5,
+      yaw_ned_rad: this.host?.yaw_ned_rad() ?? null,
+      hoverThrust: this.host?.hoverThrust() ?? 0.5,
     };
-    const step = this.pilot.step(seen, around, performance.now() / 1000);
-    if (step.setpoint !== null) this.hands?.send({ ...step.setpoint });
+    const step = this.pilot.step(snapshot, inputs, performance.now() / 1000);
+    if (step.setpoint !== null) this.host?.send({ ...step.setpoint });
     if (step.ended !== null) {
       this.ended = step.ended;
-      this.hands?.release();
+      this.host?.release();
     }
     this.step = step;
   }

@@ -1,31 +1,31 @@
 import { describe, expect, it } from 'vitest';
-import { Pilot, type PadSnapshot, type PageState } from './pilot';
-import { attitudeSetpoint, CENTRED, SCALES, SHAPE, shaped, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
+import { Pilot, type PadSnapshot, type PilotInputs } from './pilot';
+import { attitudeSetpoint, CENTRED, SCALES, SHAPE, shapeAxis, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
-const HERE: PageState = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
+const HERE: PilotInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
 const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pad', axes, pressed: [false, false, false, false, false, held] });
 const FORWARD = [0, 0, 0, -1];
 
 describe('sticks', () => {
   it('command nothing within the dead zone and start there without a step', () => {
-    expect(shaped(0.1, SHAPE)).toBe(0);
-    expect(shaped(-0.09, SHAPE)).toBe(0);
-    expect(shaped(0.101, SHAPE)).toBeLessThan(0.01);
-    expect(shaped(1, SHAPE)).toBe(1);
-    expect(shaped(-1.7, SHAPE)).toBe(-1);
-    expect(shaped(Number.NaN, SHAPE)).toBe(0);
+    expect(shapeAxis(0.1, SHAPE)).toBe(0);
+    expect(shapeAxis(-0.09, SHAPE)).toBe(0);
+    expect(shapeAxis(0.101, SHAPE)).toBeLessThan(0.01);
+    expect(shapeAxis(1, SHAPE)).toBe(1);
+    expect(shapeAxis(-1.7, SHAPE)).toBe(-1);
+    expect(shapeAxis(Number.NaN, SHAPE)).toBe(0);
   });
 
   it('are less sensitive about the middle with expo, and monotonic', () => {
-    expect(shaped(0.5, { dead: 0, expo: 1 })).toBeCloseTo(0.125);
-    expect(shaped(0.5, { dead: 0, expo: 0 })).toBe(0.5);
-    const values = Array.from({ length: 101 }, (_, i) => shaped(i / 100, SHAPE));
+    expect(shapeAxis(0.5, { deadZone: 0, expo: 1 })).toBeCloseTo(0.125);
+    expect(shapeAxis(0.5, { deadZone: 0, expo: 0 })).toBe(0.5);
+    const values = Array.from({ length: 101 }, (_, i) => shapeAxis(i / 100, SHAPE));
     expect(values.every((v, i) => i === 0 || v >= (values[i - 1] ?? 0))).toBe(true);
   });
 
   it('count up as positive, although a gamepad reports down as positive', () => {
-    expect(sticksOf([0.5, -1, 1, -1], { dead: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
+    expect(sticksOf([0.5, -1, 1, -1], { deadZone: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
     expect(sticksOf([], SHAPE)).toEqual(CENTRED);
   });
 
@@ -41,9 +41,9 @@ describe('sticks', () => {
   });
 
   it('command an attitude: forward is nose down, the middle is the hover thrust', () => {
-    const order = attitudeSetpoint({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
-    expect(order.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
-    expect(order.thrust).toBe(0.6);
+    const setpoint = attitudeSetpoint({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
+    expect(setpoint.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
+    expect(setpoint.thrust).toBe(0.6);
     expect(attitudeSetpoint({ ...CENTRED, up: 1 }, 1, 0.6, SCALE).thrust).toBe(1);
     expect(attitudeSetpoint({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
   });
@@ -87,9 +87,9 @@ describe('the deadman button', () => {
     ['unplugged', null, HERE],
     ['tab hidden', pad(FORWARD, true), { ...HERE, visible: false }],
     ['window left', pad(FORWARD, true), { ...HERE, focused: false }],
-  ])('%s: stops, ends, and says why', (_, seen, around) => {
+  ])('%s: stops, ends, and says why', (_, snapshot, inputs) => {
     const pilot = flying();
-    const step = pilot.step(seen, around, 0.08);
+    const step = pilot.step(snapshot, inputs, 0.08);
     expect(step).toMatchObject({ phase: 'off', setpoint: STOP });
     expect(step.ended).toMatch(/\.$/);
     // Visible again with the button still held: nothing is sent until it is started again.

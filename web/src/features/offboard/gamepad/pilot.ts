@@ -19,7 +19,7 @@ export interface PadSnapshot {
 }
 
 /** Whether the page is visible and has the focus, so that the gamepad can be read. */
-export interface PageState {
+export interface PilotInputs {
   visible: boolean;
   focused: boolean;
   /** The vehicle's present yaw; null is unknown. */
@@ -66,39 +66,39 @@ export class Pilot {
     return was === 'off' ? null : STOP;
   }
 
-  step(pad: PadSnapshot | null, around: PageState, now_s: number): Step {
+  step(pad: PadSnapshot | null, inputs: PilotInputs, now_s: number): Step {
     const sticks = pad === null ? CENTRED : sticksOf(pad.axes, SHAPE);
     const held = pad?.pressed[this.deadman] === true;
-    const say = (order: PadSetpoint | null, ended: string | null = null): Step => ({ phase: this.phase, setpoint: order, ended, sticks, held });
-    if (this.phase === 'off') return say(null);
-    const why = blind(pad, around) ?? (this.mode === 'attitude' && around.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
+    const result = (setpoint: PadSetpoint | null, ended: string | null = null): Step => ({ phase: this.phase, setpoint: setpoint, ended, sticks, held });
+    if (this.phase === 'off') return result(null);
+    const why = whyUnreadable(pad, inputs) ?? (this.mode === 'attitude' && inputs.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
     if (why !== null) {
       this.phase = 'off';
-      return say(STOP, why);
+      return result(STOP, why);
     }
     if (this.phase === 'release') {
       if (!held) this.phase = 'ready';
-      return say(STOP);
+      return result(STOP);
     }
     if (!held) {
       this.phase = 'ready';
       this.last_s = null;
-      return say(STOP);
+      return result(STOP);
     }
     const dt_s = this.phase === 'flying' && this.last_s !== null ? Math.min(LONGEST_STEP_S, now_s - this.last_s) : 0;
-    if (this.phase !== 'flying') this.yaw_ned_rad = around.yaw_ned_rad;
+    if (this.phase !== 'flying') this.yaw_ned_rad = inputs.yaw_ned_rad;
     this.phase = 'flying';
     this.last_s = now_s;
-    if (this.mode !== 'attitude') return say(velocitySetpoint(sticks, this.mode, this.scale));
-    this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? around.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
-    return say(attitudeSetpoint(sticks, this.yaw_ned_rad, around.hoverThrust, this.scale));
+    if (this.mode !== 'attitude') return result(velocitySetpoint(sticks, this.mode, this.scale));
+    this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? inputs.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
+    return result(attitudeSetpoint(sticks, this.yaw_ned_rad, inputs.hoverThrust, this.scale));
   }
 }
 
-function blind(pad: PadSnapshot | null, around: PageState): string | null {
+function whyUnreadable(pad: PadSnapshot | null, inputs: PilotInputs): string | null {
   if (pad === null) return 'The gamepad was disconnected.';
-  if (!around.visible) return 'The page was hidden.';
-  return around.focused ? null : 'The window lost focus.';
+  if (!inputs.visible) return 'The page was hidden.';
+  return inputs.focused ? null : 'The window lost focus.';
 }
 
 function wrapPi(angle_rad: number): number {

@@ -15,12 +15,12 @@ export const CENTRED: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
 
 export interface Shape {
   /** Dead zone, 0–0.5. */
-  dead: number;
+  deadZone: number;
   /** Expo: 0 is linear, 1 is cubic with low sensitivity about the middle. */
   expo: number;
 }
 
-export const SHAPE: Shape = { dead: 0.1, expo: 0.4 };
+export const SHAPE: Shape = { deadZone: 0.1, expo: 0.4 };
 
 /** Values at full stick deflection. */
 export interface Scale {
@@ -42,11 +42,11 @@ export type PadMode = 'heading' | 'north' | 'attitude';
 const RAD = Math.PI / 180;
 
 /** Shapes one axis: zero within the dead zone, full at the end, without a step. NaN counts as the middle. */
-export function shaped(value: number, { dead, expo }: Shape): number {
+export function shapeAxis(value: number, { deadZone, expo }: Shape): number {
   if (!Number.isFinite(value)) return 0;
   const size = Math.min(1, Math.abs(value));
-  if (size <= dead) return 0;
-  const x = (size - dead) / (1 - dead);
+  if (size <= deadZone) return 0;
+  const x = (size - deadZone) / (1 - deadZone);
   return Math.sign(value) * (x * (1 - expo) + x ** 3 * expo);
 }
 
@@ -55,7 +55,7 @@ export function shaped(value: number, { dead, expo }: Shape): number {
  * report down as positive.
  */
 export function sticksOf(axes: readonly number[], shape: Shape): Sticks {
-  const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shaped(a, shape));
+  const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shapeAxis(a, shape));
   return { forward: 0 - rightY, right: rightX, up: 0 - leftY, turn: leftX };
 }
 
@@ -81,8 +81,8 @@ export const STOP: VelocitySetpoint = { type: 'velocity_body', velocity_frd_m_s:
 
 /** Velocity along heading or north; diagonal deflection is limited to full speed. */
 export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocitySetpoint {
-  const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
-  const along: Vector3 = [(sticks.forward / most) * scale.speed_m_s, (sticks.right / most) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
+  const norm = Math.max(1, Math.hypot(sticks.forward, sticks.right));
+  const along: Vector3 = [(sticks.forward / norm) * scale.speed_m_s, (sticks.right / norm) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
   const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD;
   return mode === 'heading'
     ? { type: 'velocity_body', velocity_frd_m_s: along, yaw_rate_ned_rad_s }
@@ -95,13 +95,13 @@ export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scal
  */
 export function attitudeSetpoint(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeSetpoint {
   const tilt = scale.tilt_deg * RAD;
-  const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
-  const room = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;
+  const norm = Math.max(1, Math.hypot(sticks.forward, sticks.right));
+  const range = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;
   return {
     type: 'attitude',
-    roll_rad: (sticks.right / most) * tilt,
-    pitch_rad: 0 - (sticks.forward / most) * tilt,
+    roll_rad: (sticks.right / norm) * tilt,
+    pitch_rad: 0 - (sticks.forward / norm) * tilt,
     yaw_ned_rad,
-    thrust: Math.min(1, Math.max(0, hoverThrust + sticks.up * room)),
+    thrust: Math.min(1, Math.max(0, hoverThrust + sticks.up * range)),
   };
 }

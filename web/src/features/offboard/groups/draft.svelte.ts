@@ -7,11 +7,11 @@ import { groups } from '../controllers';
 import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { editor } from '../setpoints/editor.svelte';
-import { commandable, listed, type Group } from './group';
+import { commandable, joinNames, type Group } from './group';
 import {
   axesKindOf,
   formText,
-  lastingOf,
+  validityOf,
   NEW_DRAFT,
   problemsOf,
   setpointsFor,
@@ -41,20 +41,24 @@ class GroupDraft {
   }
 
   /** Shows all errors of the form, or opens the confirmation if there are none. */
-  askStart(shown: VehicleFacts): void {
+  askStart(selected: VehicleFacts): void {
     const draft = this.now;
     this.tried = true;
     if (Object.keys(problemsOf(draft, false)).length > 0) return;
     const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
-    actions.requestTogether({ what: 'Group', names: listed(names), question: () => startQuestion(names, draft), run: () => this.start(draft) }, shown, 'room');
+    actions.requestTogether(
+      { what: 'Group', names: joinNames(names), question: () => startQuestion(names, draft), run: () => this.start(draft) },
+      selected,
+      'room',
+    );
   }
 
   /** Offsets count from each vehicle's present position, not from the one when the confirmation was opened. */
   private async start(draft: Draft): Promise<Outcome<unknown>> {
-    const ordered = setpointsFor(factsOf(draft.members), draft);
-    if (!ordered.ok) return nowhere(ordered);
+    const result = setpointsFor(factsOf(draft.members), draft);
+    if (!result.ok) return noPositions(result);
     groups.dismissEnded();
-    return this.logged(draft.members, draft, () => groups.start(startBody(ordered.setpoints, draft, page.store.nowUnixS()), lastingOf(draft)));
+    return this.sendLogged(draft.members, draft, () => groups.start(startBody(result.setpoints, draft, page.store.nowUnixS()), validityOf(draft)));
   }
 
   /** Sends new setpoints to all members that still fly, without a confirmation, as the room's other forms do. */
@@ -63,27 +67,27 @@ class GroupDraft {
     this.tried = true;
     if (Object.keys(problemsOf(draft, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
-    await actions.attempt(`Group ${group.id}`, { name: listed(groups.names(group)) }, 'room', async (): Promise<Outcome<unknown>> => {
-      const ordered = setpointsFor(factsOf(members), draft);
-      return ordered.ok ? this.logged(members, draft, () => groups.send(group, ordered.setpoints, lastingOf(draft))) : nowhere(ordered);
+    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.names(group)) }, 'room', async (): Promise<Outcome<unknown>> => {
+      const result = setpointsFor(factsOf(members), draft);
+      return result.ok ? this.sendLogged(members, draft, () => groups.send(group, result.setpoints, validityOf(draft))) : noPositions(result);
     });
   }
 
   /** Renews the flying setpoints for their own validity, not the one being typed; keeps them renewed if that was chosen. */
   async renew(group: Group): Promise<void> {
-    const flown: Draft = { ...this.now, how: axesKindOf(group) };
+    const flown: Draft = { ...this.now, motion: axesKindOf(group) };
     this.tried = true;
     if ('valid' in problemsOf(flown, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: listed(groups.names(group)) }, 'room', () => groups.renew(group, lastingOf(flown)));
+    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'room', () => groups.renew(group, validityOf(flown)));
   }
 
-  private async logged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
-    const line = editor.noteSent('group', { type: `Group of ${listed(members)}: ${groupText(draft)}` });
+  private async sendLogged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
+    const line = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${groupText(draft)}` });
     const outcome = await send();
-    editor.answered(line, outcome, null);
+    editor.recordAnswer(line, outcome, null);
     if (outcome.ok) {
       // The form is cleared, because an offset sent twice would be flown twice.
-      if (draft.how === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });
+      if (draft.motion === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });
       return outcome;
     }
     const { detail, remedy } = outcome.problem;
@@ -101,12 +105,12 @@ function factsOf(ids: readonly string[]): VehicleFacts[] {
   return ids.map((id) => page.factsOf(id)).filter((facts) => facts !== null);
 }
 
-function nowhere(ordered: Extract<SetpointsResult, { ok: false }>): Outcome<never> {
+function noPositions(result: Extract<SetpointsResult, { ok: false }>): Outcome<never> {
   return {
     ok: false,
     problem: {
       title: 'Not sent',
-      detail: ordered.detail,
+      detail: result.detail,
       reasons: [],
       remedy: 'Wait until each vehicle reports its position, or use a velocity.',
       code: 'refused',

@@ -6,7 +6,7 @@ import { reading, vehicle } from './vehicle.fixture';
 
 const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
 const MOVE: Draft = { ...PAIR, axes: { ...PAIR.axes, move: ['5', '-2,5', '1'] } };
-const FLY: Draft = { ...PAIR, how: 'velocity', axes: { ...PAIR.axes, velocity: ['1', '0', '−0.5'] } };
+const FLY: Draft = { ...PAIR, motion: 'velocity', axes: { ...PAIR.axes, velocity: ['1', '0', '−0.5'] } };
 
 describe('the group form', () => {
   it('adds an offset to each vehicle’s position, up as minus down, and keeps the heading', () => {
@@ -24,9 +24,9 @@ describe('the group form', () => {
   });
 
   it('builds the API’s request; the start time uses the server’s clock', () => {
-    const ordered = setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', [1, 0, 0])], MOVE);
-    if (!ordered.ok) throw new Error(ordered.detail);
-    const body = startBody(ordered.setpoints, { ...MOVE, apart_m: '2,5', othersContinue: true }, 1000);
+    const result = setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', [1, 0, 0])], MOVE);
+    if (!result.ok) throw new Error(result.detail);
+    const body = startBody(result.setpoints, { ...MOVE, separation_m: '2,5', othersContinue: true }, 1000);
     expect(body).toMatchObject({
       minimum_separation_m: 2.5,
       valid_for_s: 10,
@@ -35,7 +35,7 @@ describe('the group form', () => {
       members: [{ vehicle: '1' }, { vehicle: '2' }],
     });
     expect(body).not.toHaveProperty('start_at_unix_s');
-    expect(startBody(ordered.setpoints, { ...MOVE, startIn_s: '20' }, 1000)).toMatchObject({ start_at_unix_s: 1020 });
+    expect(startBody(result.setpoints, { ...MOVE, startIn_s: '20' }, 1000)).toMatchObject({ start_at_unix_s: 1020 });
   });
 
   it('reports each invalid field; a flying group has fewer fields', () => {
@@ -44,7 +44,7 @@ describe('the group form', () => {
       ...MOVE,
       members: ['1'],
       axes: { ...MOVE.axes, move: ['far', '0', ''] },
-      apart_m: '0',
+      separation_m: '0',
       startIn_s: '1',
       valid_s: { move: '601', velocity: '5' },
     };

@@ -5,20 +5,20 @@ import type { VehicleFacts } from '../../../vehicle/facts';
 import { fixed } from '../../../ui/format';
 import type { Question } from '../../../app/actions/actions';
 import { ON_EXPIRY, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
-import { typed } from '../setpoints/form';
-import { listed, type Group } from './group';
+import { parseTyped } from '../setpoints/form';
+import { joinNames, type Group } from './group';
 
-export type Together = 'move' | 'velocity';
+export type GroupMotion = 'move' | 'velocity';
 
 export interface Draft {
   /** Ids, in the order they were chosen. */
   members: readonly string[];
-  how: Together;
+  motion: GroupMotion;
   /** North, east, up as typed: [m] or [m/s]. */
-  axes: Readonly<Record<Together, readonly string[]>>;
-  valid_s: Readonly<Record<Together, string>>;
-  renew: Readonly<Record<Together, boolean>>;
-  apart_m: string;
+  axes: Readonly<Record<GroupMotion, readonly string[]>>;
+  valid_s: Readonly<Record<GroupMotion, string>>;
+  renew: Readonly<Record<GroupMotion, boolean>>;
+  separation_m: string;
   /** Empty: as soon as all members are in Offboard mode. */
   startIn_s: string;
   othersContinue: boolean;
@@ -27,11 +27,11 @@ export interface Draft {
 /** Position setpoints are renewed while the page is visible; velocities expire unless the person chooses to renew them. */
 export const NEW_DRAFT: Draft = {
   members: [],
-  how: 'move',
+  motion: 'move',
   axes: { move: ['0', '0', '0'], velocity: ['0', '0', '0'] },
   valid_s: { move: '10', velocity: '5' },
   renew: { move: true, velocity: false },
-  apart_m: '5',
+  separation_m: '5',
   startIn_s: '',
   othersContinue: false,
 };
@@ -45,44 +45,44 @@ const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, '
 export type Problems = Readonly<Record<string, string>>;
 
 function outside(text: string, [least, most, unit]: readonly [number, number, string]): string | null {
-  const value = typed(text);
+  const value = parseTyped(text);
   return value !== null && value >= least && value <= most ? null : `From ${least} to ${most} ${unit}.`;
 }
 
 /** Errors by field; `flying` checks only the fields that can change a flying group. */
 export function problemsOf(draft: Draft, flying: boolean): Problems {
   const found: Record<string, string> = {};
-  const note = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
-  AXES.forEach((axis, i) => note(`axis${i}`, typed(draft.axes[draft.how][i] ?? '') === null ? `${axis}: enter a number.` : null));
-  note('valid', outside(draft.valid_s[draft.how], RANGES.valid));
+  const add = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
+  AXES.forEach((axis, i) => add(`axis${i}`, parseTyped(draft.axes[draft.motion][i] ?? '') === null ? `${axis}: enter a number.` : null));
+  add('valid', outside(draft.valid_s[draft.motion], RANGES.valid));
   if (flying) return found;
-  if (draft.members.length < 2) note('members', 'Choose two vehicles or more.');
-  if (draft.members.length > MAX_MEMBERS) note('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
-  note('apart', outside(draft.apart_m, RANGES.apart));
-  if (draft.startIn_s.trim() !== '') note('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start at once.') ?? null);
+  if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
+  if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
+  add('apart', outside(draft.separation_m, RANGES.apart));
+  if (draft.startIn_s.trim() !== '') add('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start at once.') ?? null);
   return found;
 }
 
 function vector(draft: Draft): [number, number, number] {
-  return draft.axes[draft.how].map((text) => typed(text) ?? 0) as [number, number, number];
+  return draft.axes[draft.motion].map((text) => parseTyped(text) ?? 0) as [number, number, number];
 }
 
-export function lastingOf(draft: Draft): Validity {
-  return { valid_for_s: typed(draft.valid_s[draft.how]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.how] };
+export function validityOf(draft: Draft): Validity {
+  return { valid_for_s: parseTyped(draft.valid_s[draft.motion]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.motion] };
 }
 
 /** The setpoint of one vehicle, from its present position in its local frame; null if its position is not known. */
 export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | null {
   const [north, east, up] = vector(draft);
   const yaw = facts.attitude === null || facts.attitude.stale ? {} : { yaw_ned_rad: facts.attitude.value.yaw_ned_rad };
-  if (draft.how === 'velocity') return { type: 'velocity', velocity_ned_m_s: [north, east, -up + 0], ...yaw };
+  if (draft.motion === 'velocity') return { type: 'velocity', velocity_ned_m_s: [north, east, -up + 0], ...yaw };
   if (facts.local === null || facts.local.stale) return null;
   const [n, e, d] = facts.local.value.position_ned_m;
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
 }
 
 /** The form's kind of a flying group's setpoints, so that velocities are not renewed as positions are. */
-export function axesKindOf(group: Group): Together {
+export function axesKindOf(group: Group): GroupMotion {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
 
@@ -99,26 +99,26 @@ export type SetpointsResult = { ok: true; setpoints: MemberSetpoint[] } | { ok: 
 /** The setpoints of all members, or the members without a known position. */
 export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): SetpointsResult {
   const setpoints: MemberSetpoint[] = [];
-  const nowhere: string[] = [];
+  const withoutPosition: string[] = [];
   for (const facts of all) {
     const setpoint = setpointFor(facts, draft);
-    if (setpoint === null) nowhere.push(facts.name);
+    if (setpoint === null) withoutPosition.push(facts.name);
     else setpoints.push({ vehicle: facts.id, setpoint });
   }
-  if (nowhere.length === 0) return { ok: true, setpoints };
+  if (withoutPosition.length === 0) return { ok: true, setpoints };
   return {
     ok: false,
-    detail: `${listed(nowhere)} ${nowhere.length === 1 ? 'reports' : 'report'} no local position now, so the offset has no reference.`,
+    detail: `${joinNames(withoutPosition)} ${withoutPosition.length === 1 ? 'reports' : 'report'} no local position now, so the offset has no reference.`,
   };
 }
 
 /** The body that starts a group; the instant is counted from `now_unix_s`, the server's clock. */
 export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, now_unix_s: number): GroupBody {
-  const { valid_for_s, on_expiry } = lastingOf(draft);
-  const startIn_s = typed(draft.startIn_s);
+  const { valid_for_s, on_expiry } = validityOf(draft);
+  const startIn_s = parseTyped(draft.startIn_s);
   return {
     members: setpoints,
-    minimum_separation_m: typed(draft.apart_m) ?? 0,
+    minimum_separation_m: parseTyped(draft.separation_m) ?? 0,
     valid_for_s,
     on_expiry,
     others_go_on: draft.othersContinue,
@@ -131,7 +131,7 @@ export function formText(words: string): string {
   return words.replaceAll('minimum_separation_m', '“Minimum separation”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
 
-const WAYS: readonly (readonly [string, string])[] = [
+const DIRECTIONS: readonly (readonly [string, string])[] = [
   ['north', 'south'],
   ['east', 'west'],
   ['up', 'down'],
@@ -139,23 +139,23 @@ const WAYS: readonly (readonly [string, string])[] = [
 
 /** "move 5.0 m north, 2.0 m down". */
 export function groupText(draft: Draft): string {
-  const unit = draft.how === 'move' ? 'm' : 'm/s';
+  const unit = draft.motion === 'move' ? 'm' : 'm/s';
   const parts = vector(draft)
-    .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${WAYS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
+    .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
     .filter((p) => p !== null);
-  if (parts.length === 0) return draft.how === 'move' ? 'hold their positions' : 'stand still';
-  return `${draft.how === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
+  if (parts.length === 0) return draft.motion === 'move' ? 'hold their positions' : 'stand still';
+  return `${draft.motion === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
 }
 
 /** Vehicles, action and effect of a start, before it is confirmed. */
 export function startQuestion(names: readonly string[], draft: Draft): Question {
-  const start = typed(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
-  const { valid_for_s, renew } = lastingOf(draft);
+  const start = parseTyped(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(parseTyped(draft.startIn_s), 0)} s`;
+  const { valid_for_s, renew } = validityOf(draft);
   const ends = renew ? 'Renewed while this page is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
   const near = draft.othersContinue ? 'only a vehicle that comes closer holds' : 'if two vehicles come closer, all vehicles hold';
   return {
-    title: `Group: ${listed(names)}`,
-    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(typed(draft.apart_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,
+    title: `Group: ${joinNames(names)}`,
+    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(parseTyped(draft.separation_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,
     verb: 'Start',
     danger: false,
   };

@@ -35,16 +35,16 @@ export function readGroup(value: unknown): Group | null {
 }
 
 /** The list with one group updated, in the server's order. */
-export function withGroup(list: readonly ReceivedGroup[], heard: ReceivedGroup): ReceivedGroup[] {
-  const key = keyOf(heard.group);
-  const there = list.some((one) => keyOf(one.group) === key);
-  return there ? list.map((one) => (keyOf(one.group) === key ? heard : one)) : [...list, heard];
+export function withGroup(list: readonly ReceivedGroup[], received: ReceivedGroup): ReceivedGroup[] {
+  const key = keyOf(received.group);
+  const exists = list.some((one) => keyOf(one.group) === key);
+  return exists ? list.map((one) => (keyOf(one.group) === key ? received : one)) : [...list, received];
 }
 
 /** The newest ended group that this page has seen flying, until it is dismissed. */
 export function lastEnded(list: readonly ReceivedGroup[], seenLive: ReadonlySet<string>): Group | null {
-  const over = list.map((one) => one.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(keyOf(g)));
-  return over[over.length - 1] ?? null;
+  const ended = list.map((one) => one.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(keyOf(g)));
+  return ended[ended.length - 1] ?? null;
 }
 
 /**
@@ -85,10 +85,10 @@ const STREAMS: Readonly<Record<string, string>> = {
 };
 
 /** What a member flies: its stream, then its reported mode. */
-export function memberWords(member: Member, modeLabel: string | null, waits = false): { text: string; tone: Tone } {
+export function memberWords(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
-  if (waits && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
+  if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
   if (member.held) return { text: `${member.mode === 'hold' ? 'held' : 'left the group'} · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
@@ -133,6 +133,6 @@ export function nearestNow(all: readonly VehicleFacts[]): { vehicles: [string, s
 }
 
 /** "1 Quad, 2 Quad and 3 Hexa". */
-export function listed(names: readonly string[]): string {
+export function joinNames(names: readonly string[]): string {
   return names.length < 2 ? names.join('') : `${names.slice(0, -1).join(', ')} and ${names[names.length - 1] ?? ''}`;
 }

@@ -20,7 +20,7 @@ export class GroupController {
   /** Key of this page's group whose setpoints are renewed. */
   renewedKey = $state<string | null>(null);
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
-  private readonly renewer = new GroupRenewer((group, lasting) => this.sendRenewal(group, lasting));
+  private readonly renewer = new GroupRenewer((group, validity) => this.sendRenewal(group, validity));
   /**
    * This page's setpoints of the members, by group. Each renewal sends them again, except for members that got their
    * own setpoint since.
@@ -89,37 +89,37 @@ export class GroupController {
     this.updateRenewedKey();
   }
 
-  async start(body: GroupBody, lasting: Validity): Promise<Outcome<Group>> {
+  async start(body: GroupBody, validity: Validity): Promise<Outcome<Group>> {
     for (const { vehicle } of body.members) this.stopOwnRenewal(vehicle);
     const members = body.members.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) }));
     const outcome = await this.api.post('/groups', { body: { ...body, members } });
-    if (outcome.ok) this.onAccepted(outcome.value, body.members, lasting);
+    if (outcome.ok) this.onAccepted(outcome.value, body.members, validity);
     return outcome;
   }
 
   /** Sends new setpoints to some members and renews the others; without new ones, renews all. */
-  async send(group: Group, setpoints: readonly MemberSetpoint[], lasting: Validity): Promise<Outcome<Group>> {
+  async send(group: Group, setpoints: readonly MemberSetpoint[], validity: Validity): Promise<Outcome<Group>> {
     for (const { vehicle } of setpoints) this.stopOwnRenewal(vehicle);
     return this.enqueue(group, async () => {
-      const outcome = await this.post(group, setpoints, lasting);
-      if (outcome.ok) this.onAccepted(outcome.value, setpoints, lasting);
+      const outcome = await this.post(group, setpoints, validity);
+      if (outcome.ok) this.onAccepted(outcome.value, setpoints, validity);
       else if (outcome.problem.status === 0) this.stopRenewing(); // it is unknown which setpoints are flown: a renewal might undo the new ones
       return outcome;
     });
   }
 
   /** Renews all present setpoints. */
-  renew(group: Group, lasting: Validity): Promise<Outcome<Group>> {
+  renew(group: Group, validity: Validity): Promise<Outcome<Group>> {
     return this.enqueue(group, async () => {
-      const outcome = await this.post(group, this.currentSetpoints(group), lasting);
-      if (outcome.ok) this.onAccepted(outcome.value, [], lasting);
+      const outcome = await this.post(group, this.currentSetpoints(group), validity);
+      if (outcome.ok) this.onAccepted(outcome.value, [], validity);
       return outcome;
     });
   }
 
   /** The vehicle got its own setpoint: renewals of the group leave it out. */
   onOwnSetpoint(vehicle: string): void {
-    for (const asked of this.setpoints.values()) asked.delete(vehicle);
+    for (const sentSetpoints of this.setpoints.values()) sentSetpoints.delete(vehicle);
   }
 
   async hold(group: Group): Promise<void> {
@@ -136,8 +136,8 @@ export class GroupController {
     await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
   }
 
-  private async sendRenewal(group: Group, lasting: Validity): Promise<RenewalResult> {
-    const outcome = await this.enqueue(group, () => this.post(group, this.currentSetpoints(group), lasting));
+  private async sendRenewal(group: Group, validity: Validity): Promise<RenewalResult> {
+    const outcome = await this.enqueue(group, () => this.post(group, this.currentSetpoints(group), validity));
     if (outcome.ok) {
       this.update(outcome.value);
       return 'accepted';
@@ -149,9 +149,9 @@ export class GroupController {
 
   /** This page's setpoints of the members that still follow the group. */
   private currentSetpoints(group: Group): MemberSetpoint[] {
-    const asked = this.setpoints.get(keyOf(group));
+    const sentSetpoints = this.setpoints.get(keyOf(group));
     return group.members.flatMap(({ vehicle, held }) => {
-      const setpoint = asked?.get(vehicle);
+      const setpoint = sentSetpoints?.get(vehicle);
       return held || setpoint === undefined ? [] : [{ vehicle, setpoint }];
     });
   }
@@ -168,13 +168,13 @@ export class GroupController {
     });
   }
 
-  private onAccepted(group: Group, setpoints: readonly MemberSetpoint[], lasting: Validity): void {
+  private onAccepted(group: Group, setpoints: readonly MemberSetpoint[], validity: Validity): void {
     this.update(group);
-    const asked = this.setpoints.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
-    for (const { vehicle, setpoint } of setpoints) asked.set(vehicle, setpoint);
+    const sentSetpoints = this.setpoints.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
+    for (const { vehicle, setpoint } of setpoints) sentSetpoints.set(vehicle, setpoint);
     this.setpoints.clear(); // those of earlier groups have ended
-    this.setpoints.set(keyOf(group), asked);
-    this.renewer.start(group, lasting, this.nowS());
+    this.setpoints.set(keyOf(group), sentSetpoints);
+    this.renewer.start(group, validity, this.nowS());
     this.updateRenewedKey();
   }
 

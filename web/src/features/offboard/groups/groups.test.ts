@@ -7,7 +7,7 @@ import {
   commandable,
   distanceTone,
   findingsShown,
-  listed,
+  joinNames,
   memberWords,
   nearestNow,
   lastEnded,
@@ -79,17 +79,17 @@ describe('a group’s state', () => {
     const [a, b, c] = [vehicle('1', null), vehicle('2', null, 47.0002), vehicle('3', null, 47.0003)];
     expect(nearestNow([a, b, c])).toMatchObject({ vehicles: ['2', '3'], distance_m: expect.closeTo(11.1, 1) as number });
     expect(nearestNow([a, { ...b, global: null }])).toBeNull();
-    expect(listed(['a', 'b', 'c'])).toBe('a, b and c');
+    expect(joinNames(['a', 'b', 'c'])).toBe('a, b and c');
   });
 
   it('distinguishes groups of one number by their creation, and shows only ended groups that were seen flying', () => {
     const old = as({ state: 'ended', created_unix_s: 1, ended: 'x' });
     const list: ReceivedGroup[] = withGroup([{ group: old, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
     expect(list).toHaveLength(2);
-    const over = withGroup(list, { group: as({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
-    expect(over).toHaveLength(2);
-    expect(lastEnded(over, new Set([keyOf(GROUP)]))?.ended).toBe('me commanded Hold.');
-    expect(lastEnded(over, new Set())).toBeNull();
+    const ended = withGroup(list, { group: as({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
+    expect(ended).toHaveLength(2);
+    expect(lastEnded(ended, new Set([keyOf(GROUP)]))?.ended).toBe('me commanded Hold.');
+    expect(lastEnded(ended, new Set())).toBeNull();
     expect(lastEnded([{ group: as({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([keyOf(GROUP)]))).toBeNull();
   });
 
@@ -108,25 +108,25 @@ describe('a group’s state', () => {
 });
 
 describe('the renewer of a group', () => {
-  const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
-  function renewer(answers: RenewalResult[] = []): { said: number[]; renewer: GroupRenewer; at: { now_s: number } } {
-    const said: number[] = [];
+  const VALIDITY = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
+  function renewer(answers: RenewalResult[] = []): { renewedAt_s: number[]; renewer: GroupRenewer; at: { now_s: number } } {
+    const renewedAt_s: number[] = [];
     const at = { now_s: 0 };
     const one = new GroupRenewer(() => {
-      said.push(at.now_s);
+      renewedAt_s.push(at.now_s);
       return Promise.resolve(answers.shift() ?? 'accepted');
     });
-    one.start(GROUP, LASTING, 0);
-    return { said, renewer: one, at };
+    one.start(GROUP, VALIDITY, 0);
+    return { renewedAt_s, renewer: one, at };
   }
   async function run(
     one: ReturnType<typeof renewer>,
     until_s: number,
     groups: (s: number) => Group[],
-    seen: (s: number) => boolean = () => true,
+    visible: (s: number) => boolean = () => true,
   ): Promise<void> {
     for (; one.at.now_s < until_s; one.at.now_s += 1) {
-      one.renewer.tick(one.at.now_s, groups(one.at.now_s), seen(one.at.now_s));
+      one.renewer.tick(one.at.now_s, groups(one.at.now_s), visible(one.at.now_s));
       await Promise.resolve();
       await Promise.resolve();
     }
@@ -140,47 +140,47 @@ describe('the renewer of a group', () => {
       () => [GROUP],
       (s) => s < 8 || s > 15,
     );
-    expect(one.said).toEqual([3, 6, 16, 19]);
+    expect(one.renewedAt_s).toEqual([3, 6, 16, 19]);
   });
 
   it('waits for the start, and renews no group that is stopping or ended', async () => {
     const one = renewer();
     await run(one, 30, (s) => [as({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
-    expect(one.said).toEqual([10]);
+    expect(one.renewedAt_s).toEqual([10]);
     const other = renewer();
     await run(other, 10, () => [as({ created_unix_s: 999 })]);
-    expect(other.said).toEqual([]);
+    expect(other.renewedAt_s).toEqual([]);
     expect(other.renewer.isRenewing(GROUP)).toBe(false);
   });
 
   it('retries without an answer, and not after a refusal', async () => {
     const one = renewer(['no answer', 'refused']);
     await run(one, 30, () => [GROUP]);
-    expect(one.said).toEqual([3, 6]);
+    expect(one.renewedAt_s).toEqual([3, 6]);
   });
 
   it('does not renew a group for which renewal is off', async () => {
     const one = renewer();
-    one.renewer.start(GROUP, { ...LASTING, renew: false }, 0);
+    one.renewer.start(GROUP, { ...VALIDITY, renew: false }, 0);
     await run(one, 30, () => [GROUP]);
-    expect(one.said).toEqual([]);
+    expect(one.renewedAt_s).toEqual([]);
   });
 });
 
 describe('the group controller', () => {
-  const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
+  const VALIDITY = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
   const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
 
-  function station(): {
+  function setup(): {
     controller: GroupController;
     calls: { call: string; body: unknown }[];
-    at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> };
+    at: { now_s: number; visible: boolean; group: Group; status: number; answer: Promise<void> };
     dropped: string[];
     refused: Refusal[];
     settle: () => Promise<void>;
   } {
     const calls: { call: string; body: unknown }[] = [];
-    const at = { now_s: 0, seen: true, group: GROUP, status: 200, answer: Promise.resolve() };
+    const at = { now_s: 0, visible: true, group: GROUP, status: 200, answer: Promise.resolve() };
     const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
       calls.push({
         call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`,
@@ -210,7 +210,7 @@ describe('the group controller', () => {
       new CommandQueue(),
       actions,
       () => at.now_s,
-      () => at.seen,
+      () => at.visible,
       (id) => `${id} Quad`,
       (id) => dropped.push(id),
     );
@@ -219,8 +219,8 @@ describe('the group controller', () => {
   }
 
   it('renews each member’s setpoint, except of members that got their own or were held', async () => {
-    const { controller, calls, at, dropped, settle } = station();
-    expect((await controller.start({ members: MEMBERS }, LASTING)).ok).toBe(true);
+    const { controller, calls, at, dropped, settle } = setup();
+    expect((await controller.start({ members: MEMBERS }, VALIDITY)).ok).toBe(true);
     expect(dropped).toEqual(['1', '2']);
     expect([controller.own?.group.id, controller.renewedKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
@@ -232,7 +232,7 @@ describe('the group controller', () => {
     controller.tick('open');
     await settle();
     expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
-    at.seen = false;
+    at.visible = false;
     at.now_s = 20;
     controller.tick('open');
     await settle();
@@ -240,35 +240,35 @@ describe('the group controller', () => {
   });
 
   it('lets no renewal overtake a new setpoint', async () => {
-    const { controller, calls, at, settle } = station();
-    await controller.start({ members: MEMBERS }, LASTING);
-    const held = (): (() => void) => {
+    const { controller, calls, at, settle } = setup();
+    await controller.start({ members: MEMBERS }, VALIDITY);
+    const delayAnswer = (): (() => void) => {
       let answered = (): void => undefined;
       at.answer = new Promise((done) => (answered = done));
       return answered;
     };
     const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
-    const anew = MEMBERS.map(({ vehicle }) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [0, 2, 0] } }));
+    const newSetpoints = MEMBERS.map(({ vehicle }) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [0, 2, 0] } }));
 
     // Sent while a renewal is under way: it is sent after the renewal's answer.
-    const renewed = held();
+    const answerRenewal = delayAnswer();
     at.now_s = 3;
     controller.tick('open');
     await settle();
-    const ordered = controller.send(GROUP, anew, { ...LASTING, valid_for_s: 30 });
+    const sending = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
     await settle();
-    expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: LASTING.on_expiry }]);
-    renewed();
-    const taken = held();
+    expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: VALIDITY.on_expiry }]);
+    answerRenewal();
+    const answerNew = delayAnswer();
     await settle();
-    expect(posts().slice(1)).toEqual([{ setpoints: anew, valid_for_s: 30, on_expiry: LASTING.on_expiry }]);
+    expect(posts().slice(1)).toEqual([{ setpoints: newSetpoints, valid_for_s: 30, on_expiry: VALIDITY.on_expiry }]);
 
     // A renewal that is due meanwhile is not sent; the next one renews the new setpoint with its validity.
     at.now_s = 8;
     controller.tick('open');
     await settle();
-    taken();
-    expect((await ordered).ok).toBe(true);
+    answerNew();
+    expect((await sending).ok).toBe(true);
     controller.tick('open');
     await settle();
     expect(posts()).toHaveLength(2);
@@ -279,7 +279,7 @@ describe('the group controller', () => {
 
     // Without an answer it is unknown what is flown, and nothing is renewed.
     at.answer = Promise.reject(new TypeError('network'));
-    expect((await controller.send(GROUP, MEMBERS, LASTING)).ok).toBe(false);
+    expect((await controller.send(GROUP, MEMBERS, VALIDITY)).ok).toBe(false);
     at.answer = Promise.resolve();
     at.now_s = 60;
     controller.tick('open');
@@ -288,7 +288,7 @@ describe('the group controller', () => {
   });
 
   it('polls once a second while there is a group and the page is visible, and after each new connection', async () => {
-    const { controller, calls, at, settle } = station();
+    const { controller, calls, at, settle } = setup();
     const asked = (): number => calls.filter((c) => c.call === 'GET /groups').length;
     for (; at.now_s < 2.95; at.now_s += 0.1) {
       controller.tick('open');
@@ -310,8 +310,8 @@ describe('the group controller', () => {
   });
 
   it('shows why a renewal was refused, and stops renewing', async () => {
-    const { controller, at, refused, calls, settle } = station();
-    await controller.start({ members: MEMBERS }, LASTING);
+    const { controller, at, refused, calls, settle } = setup();
+    await controller.start({ members: MEMBERS }, VALIDITY);
     at.status = 409;
     for (const now_s of [3, 6, 9]) {
       at.now_s = now_s;

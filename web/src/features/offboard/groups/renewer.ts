@@ -11,7 +11,7 @@ const REFRESH_AT = 0.3;
 
 interface RenewedGroup {
   key: string;
-  lasting: Validity;
+  validity: Validity;
   sentAt_s: number;
   busy: boolean;
 }
@@ -23,11 +23,11 @@ export class GroupRenewer {
   private current: RenewedGroup | null = null;
 
   /** @param send renews the setpoints of all members. */
-  constructor(private readonly send: (group: Group, lasting: Validity) => Promise<RenewalResult>) {}
+  constructor(private readonly send: (group: Group, validity: Validity) => Promise<RenewalResult>) {}
 
   /** Starts to renew this group, if that was chosen; the caller has just sent its setpoints. */
-  start(group: Group, lasting: Validity, now_s: number): void {
-    this.current = lasting.renew ? { key: keyOf(group), lasting, sentAt_s: now_s, busy: false } : null;
+  start(group: Group, validity: Validity, now_s: number): void {
+    this.current = validity.renew ? { key: keyOf(group), validity, sentAt_s: now_s, busy: false } : null;
   }
 
   stop(): void {
@@ -50,10 +50,10 @@ export class GroupRenewer {
       this.stop(); // ended or being stopped: only a person may start it again
       return;
     }
-    if (group.state !== 'flying' || !isVisible || now_s - current.sentAt_s < REFRESH_AT * current.lasting.valid_for_s) return;
+    if (group.state !== 'flying' || !isVisible || now_s - current.sentAt_s < REFRESH_AT * current.validity.valid_for_s) return;
     current.busy = true;
     current.sentAt_s = now_s;
-    void this.send(group, current.lasting).then((result) => {
+    void this.send(group, current.validity).then((result) => {
       current.busy = false;
       if (result === 'refused' && this.current === current) this.stop();
     });

@@ -14,7 +14,7 @@ import { build, formHere, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
-import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
+import { SentLog, setpointWords, type SentLine, type InputMethod } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
 /** Position kinds: renewed while this page is open, unless that is switched off. */
@@ -33,14 +33,14 @@ export interface DragTarget {
 }
 
 class SetpointEditor {
-  way = $state<Way>('form');
+  input = $state<InputMethod>('form');
   kind = $state<SetpointKind>('position');
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
   /** Errors are shown after the first press of a button, and then while typing. */
   tried = $state(false);
   expiry = $state<OnExpiry['action']>('hold');
-  private lasts = $state.raw<Readonly<Record<string, string>>>({});
-  private renews = $state.raw<Readonly<Record<string, boolean>>>({});
+  private validForTexts = $state.raw<Readonly<Record<string, string>>>({});
+  private renewChoices = $state.raw<Readonly<Record<string, boolean>>>({});
   view = $state.raw<OffboardView | null>(null);
   lines = $state.raw<readonly SentLine[]>([]);
   drag = $state.raw<DragTarget | null>(null);
@@ -68,8 +68,8 @@ class SetpointEditor {
   }
 
   /** Filled once, so that the values do not change while a person reads them. */
-  fill(facts: VehicleFacts, anew = false): void {
-    if (!anew && this.forms[this.kind] !== undefined) return;
+  fill(facts: VehicleFacts, again = false): void {
+    if (!again && this.forms[this.kind] !== undefined) return;
     this.edit(formHere(this.kind, facts, this.hoverThrust));
   }
 
@@ -86,33 +86,33 @@ class SetpointEditor {
     return this.view?.limits.vehicle.hover_thrust ?? null;
   }
 
-  get lasting(): string {
-    return this.lasts[this.kind] ?? String(POSITION_KINDS.includes(this.kind) ? POSITION_VALIDITY_S : MOTION_VALIDITY_S);
+  get validForText(): string {
+    return this.validForTexts[this.kind] ?? String(POSITION_KINDS.includes(this.kind) ? POSITION_VALIDITY_S : MOTION_VALIDITY_S);
   }
-  set lasting(text: string) {
-    this.lasts = { ...this.lasts, [this.kind]: text };
+  set validForText(text: string) {
+    this.validForTexts = { ...this.validForTexts, [this.kind]: text };
   }
 
   get renew(): boolean {
-    return this.renews[this.kind] ?? POSITION_KINDS.includes(this.kind);
+    return this.renewChoices[this.kind] ?? POSITION_KINDS.includes(this.kind);
   }
   set renew(renew: boolean) {
-    this.renews = { ...this.renews, [this.kind]: renew };
+    this.renewChoices = { ...this.renewChoices, [this.kind]: renew };
   }
 
-  get lastingProblem(): string | null {
-    const seconds = Number(this.lasting.replace(',', '.'));
+  get validForProblem(): string | null {
+    const seconds = Number(this.validForText.replace(',', '.'));
     return seconds >= 0.05 && seconds <= 3600 ? null : 'From 0.05 to 3600 s.';
   }
 
-  get lastingNow(): Validity {
+  get validity(): Validity {
     const on_expiry: OnExpiry = this.expiry === 'hold' ? { action: 'hold', hold_for_s: 5 } : { action: this.expiry };
-    return { valid_for_s: Number(this.lasting.replace(',', '.')), on_expiry, renew: this.renew };
+    return { valid_for_s: Number(this.validForText.replace(',', '.')), on_expiry, renew: this.renew };
   }
 
   preview(facts: VehicleFacts): Preview | null {
-    if (this.way === 'gamepad' || this.way === 'group') return null;
-    if (this.way === 'drag') return this.drag === null ? null : { ...this.drag, leads: false };
+    if (this.input === 'gamepad' || this.input === 'group') return null;
+    if (this.input === 'drag') return this.drag === null ? null : { ...this.drag, isExtrapolated: false };
     const built = build(this.form(facts));
     return built.ok ? previewOf(built.setpoint, facts) : null;
   }
@@ -144,25 +144,25 @@ class SetpointEditor {
 
   /** Starts the stream, or sends to a running one. */
   go(facts: VehicleFacts, streaming: boolean): void {
-    const setpoint = this.way === 'drag' ? this.dragSetpoint() : this.built(facts);
-    const lasting = this.way === 'drag' ? { ...this.lastingNow, valid_for_s: POSITION_VALIDITY_S, renew: true } : this.lastingNow;
-    if (setpoint === null || (this.way === 'form' && this.lastingProblem !== null)) return;
-    if (streaming) void this.send(facts, setpoint, lasting);
-    else this.start(facts, setpoint, lasting);
+    const setpoint = this.input === 'drag' ? this.dragSetpoint() : this.built(facts);
+    const validity = this.input === 'drag' ? { ...this.validity, valid_for_s: POSITION_VALIDITY_S, renew: true } : this.validity;
+    if (setpoint === null || (this.input === 'form' && this.validForProblem !== null)) return;
+    if (streaming) void this.send(facts, setpoint, validity);
+    else this.start(facts, setpoint, validity);
   }
 
-  start(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Validity): void {
-    const way = setpoint.type === 'position' || this.way === 'form' ? previewOf(setpoint as never, facts) : null;
-    const where = way === null ? '' : ` (${previewText(way, facts)})`;
-    const after = lasting.on_expiry.action === 'hold' ? 'holds, then Hold mode' : lasting.on_expiry.action === 'land' ? 'lands' : 'stops the stream';
-    const lasts = lasting.renew ? 'for as long as this page is open' : `for ${fixed(lasting.valid_for_s, 1)} s, then it ${after}`;
-    const sent = this.way;
+  start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
+    const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
+    const where = target === null ? '' : ` (${previewText(target, facts)})`;
+    const after = validity.on_expiry.action === 'hold' ? 'holds, then Hold mode' : validity.on_expiry.action === 'land' ? 'lands' : 'stops the stream';
+    const howLong = validity.renew ? 'for as long as this page is open' : `for ${fixed(validity.valid_for_s, 1)} s, then it ${after}`;
+    const sent = this.input;
     actions.request('offboard_start', facts, 'room', null, {
       setpoint,
-      lasting,
+      validity,
       rate_hz: 50,
-      text: `${setpointWords(setpoint)}${where}, ${lasts}`,
-      onOutcome: (outcome) => this.answered(this.noteSent(sent, setpoint), outcome, null),
+      text: `${setpointWords(setpoint)}${where}, ${howLong}`,
+      onOutcome: (outcome) => this.recordAnswer(this.recordSent(sent, setpoint), outcome, null),
     });
   }
 
@@ -176,23 +176,23 @@ class SetpointEditor {
     return this.drag === null ? null : { type: 'position', ...this.drag };
   }
 
-  private async send(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Validity): Promise<void> {
-    const line = this.noteSent(this.way, setpoint);
+  private async send(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): Promise<void> {
+    const line = this.recordSent(this.input, setpoint);
     const began_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
-    await actions.attempt('Setpoint', facts, 'room', async () => (outcome = await offboard.send(facts.id, setpoint, lasting)));
+    await actions.attempt('Setpoint', facts, 'room', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
     const answer = outcome as Outcome<unknown> | null;
-    if (answer !== null) this.answered(line, answer, performance.now() / 1000 - began_s);
+    if (answer !== null) this.recordAnswer(line, answer, performance.now() / 1000 - began_s);
   }
 
-  answered(line: number, answer: Outcome<unknown>, took_s: number | null): void {
+  recordAnswer(line: number, answer: Outcome<unknown>, took_s: number | null): void {
     const limited = answer.ok ? (readOffboard(answer.value)?.limited ?? []) : [];
     this.log.answer(line, { note: answer.ok ? limited.join(' ') || null : answer.problem.detail, refused: !answer.ok, took_s });
     this.lines = this.log.lines;
   }
 
-  noteSent(way: Way, setpoint: AnySetpoint): number {
-    const id = this.log.add(way, setpoint, page.store.nowUnixS(this.vehicle));
+  recordSent(input: InputMethod, setpoint: AnySetpoint): number {
+    const id = this.log.add(input, setpoint, page.store.nowUnixS(this.vehicle));
     this.lines = this.log.lines;
     return id;
   }
@@ -211,7 +211,7 @@ class SetpointEditor {
       stream: new SetpointStream(
         url,
         () => performance.now() / 1000,
-        (ack) => this.heard(ack, onEnd),
+        (ack) => this.onAck(ack, onEnd),
         ended,
       ),
     };
@@ -236,16 +236,16 @@ class SetpointEditor {
   }
 
   /** Sends one setpoint of gamepad or drag. */
-  sendDirect(way: Way, setpoint: AnySetpoint, lasting: Validity = DIRECT_VALIDITY): void {
+  sendDirect(input: InputMethod, setpoint: AnySetpoint, validity: Validity = DIRECT_VALIDITY): void {
     if (this.socket === null) return;
-    const { valid_for_s, on_expiry } = lasting;
+    const { valid_for_s, on_expiry } = validity;
     const seq = this.socket.stream.send({ setpoint, valid_for_s, on_expiry });
     if (seq === null) return;
     offboard.onDirectControl(this.socket.id);
-    this.waiting.set(seq, this.noteSent(way, setpoint));
+    this.waiting.set(seq, this.recordSent(input, setpoint));
   }
 
-  private heard(ack: Ack, onEnd: (why: string) => void): void {
+  private onAck(ack: Ack, onEnd: (why: string) => void): void {
     const line = this.waiting.get(ack.seq);
     this.waiting.delete(ack.seq);
     if (line === undefined) return;

@@ -17,7 +17,7 @@ export interface Form {
   kind: SetpointKind;
   fields: Readonly<Record<string, Field>>;
   /** Optional groups that are left out. */
-  without: readonly string[];
+  omitted: readonly string[];
   yawChoice: YawChoice;
   yaw: string;
   altReference: AltReference;
@@ -33,13 +33,13 @@ export type Built = { ok: true; setpoint: SetpointJson } | { ok: false; errors: 
 const RAD = Math.PI / 180;
 
 /** A typed number, with comma or point and either minus sign; null if it is not a number. */
-export function typed(text: string): number | null {
+export function parseTyped(text: string): number | null {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   const value = Number(plain);
   return plain === '' || !Number.isFinite(value) ? null : value;
 }
 
-function shown(value: number, step: number): string {
+function numberText(value: number, step: number): string {
   const decimals = step >= 1 ? 0 : Math.min(7, Math.ceil(-Math.log10(step) - 1e-9));
   const text = value.toFixed(Math.max(decimals, step === 0.00001 ? 7 : decimals));
   return Number(text) === 0 ? (0).toFixed(decimals) : text;
@@ -56,7 +56,7 @@ export function formHere(kind: SetpointKind, facts: VehicleFacts, hoverThrust: n
   const local = facts.local?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
   const global = facts.global?.value ?? null;
-  const heading = yaw_rad === null ? '' : shown((((yaw_rad / RAD) % 360) + 360) % 360, 1);
+  const heading = yaw_rad === null ? '' : numberText((((yaw_rad / RAD) % 360) + 360) % 360, 1);
   const now: Record<string, number | null> = {
     p0: local?.[0] ?? null,
     p1: local?.[1] ?? null,
@@ -72,14 +72,14 @@ export function formHere(kind: SetpointKind, facts: VehicleFacts, hoverThrust: n
   for (const axis of spec.groups.flatMap((g) => g.axes)) {
     const value = axis.key in now ? (now[axis.key] ?? null) : 0;
     fields[axis.key] = {
-      text: value === null ? '' : shown(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step),
+      text: value === null ? '' : numberText(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step),
       off: false,
     };
   }
   return {
     kind,
     fields,
-    without: spec.groups.filter((g) => g.optional).map((g) => g.field),
+    omitted: spec.groups.filter((g) => g.optional).map((g) => g.field),
     altReference: 'alt_home_m',
     other: '',
     followYaw: 'keep',
@@ -89,9 +89,9 @@ export function formHere(kind: SetpointKind, facts: VehicleFacts, hoverThrust: n
 }
 
 /** The API value of a typed axis, or its error. */
-function read(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
+function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
   if (nullable && field?.off === true) return { value: null };
-  const value = typed(field?.text ?? '');
+  const value = parseTyped(field?.text ?? '');
   if (value === null) return { error: nullable ? `${axis.label}: enter a number, or leave it uncontrolled.` : `${axis.label}: enter a number.` };
   if (axis.min !== undefined && value < axis.min) return { error: `${axis.label}: at least ${axis.min}${axis.unit && ` ${axis.unit}`}.` };
   if (axis.max !== undefined && value > axis.max) return { error: `${axis.label}: at most ${axis.max}${axis.unit && ` ${axis.unit}`}.` };
@@ -100,7 +100,7 @@ function read(axis: Axis, field: Field | undefined, nullable: boolean): { value:
 
 function readGroup(group: Group, form: Form, errors: Record<string, string>): unknown {
   const values = group.axes.map((axis) => {
-    const got = read(axis, form.fields[axis.key], group.nullable);
+    const got = readAxis(axis, form.fields[axis.key], group.nullable);
     if ('error' in got) errors[axis.key] = got.error;
     return 'error' in got ? null : got.value;
   });
@@ -112,10 +112,10 @@ export function build(form: Form): Built {
   const errors: Record<string, string> = {};
   const setpoint: Record<string, unknown> & { type: SetpointKind } = { type: form.kind };
   for (const group of spec.groups) {
-    if (group.optional && form.without.includes(group.field)) continue;
+    if (group.optional && form.omitted.includes(group.field)) continue;
     setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);
   }
-  if (form.kind === 'trajectory') controlled(spec.groups, form, errors);
+  if (form.kind === 'trajectory') checkControlled(spec.groups, form, errors);
   if (form.kind === 'follow') {
     if (form.other === '') errors['other'] = 'Choose the vehicle to follow.';
     const offset = setpoint['offset_frd_m'] as (number | null)[];
@@ -123,7 +123,7 @@ export function build(form: Form): Built {
       errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
     Object.assign(setpoint, { vehicle: form.other, yaw: form.followYaw });
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
-    const value = typed(form.yaw);
+    const value = parseTyped(form.yaw);
     if (value === null) errors['yaw'] = 'Yaw: enter a number, or leave it uncontrolled.';
     else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD);
     else if (form.yawChoice === 'angle') setpoint['yaw_ned_rad'] = wrapPi(value * RAD);
@@ -135,8 +135,8 @@ export function build(form: Form): Built {
 }
 
 /** Every axis must be controlled by some quantity, because the vehicle does not move along an uncontrolled axis. */
-function controlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
-  const given = groups.filter((g) => !form.without.includes(g.field));
+function checkControlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
+  const given = groups.filter((g) => !form.omitted.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
     const axes = given.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;

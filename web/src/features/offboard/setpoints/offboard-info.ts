@@ -15,18 +15,18 @@ export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 /** The server's text with the form's names of kinds: "thrust and torque" instead of "thrust_torque". */
 export function displayText(words: string): string {
   return KINDS.reduce(
-    (said, one) =>
+    (text, one) =>
       one.kind.includes('_') || one.kind === 'actuators'
-        ? said.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by '))
-        : said,
+        ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by '))
+        : text,
     words,
   );
 }
 
 /** Why a kind is not possible now; null if it is, or if the server has not reported it. */
 export function whyNot(view: OffboardView | null, kind: SetpointKind): string | null {
-  const said = view?.available[kind];
-  return said === undefined || said.can ? null : displayText(said.why_not ?? 'Not on this vehicle.');
+  const availability = view?.available[kind];
+  return availability === undefined || availability.can ? null : displayText(availability.why_not ?? 'Not on this vehicle.');
 }
 
 export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[] = [
@@ -69,12 +69,12 @@ export function limitText(value: number | null | undefined, field: LimitField): 
 /** The operator's limits in one line; unlimited values are left out. */
 export function limitsWords(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
-  const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
+  const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
   );
-  if (limits.operator.fence != null) said.push('fence');
-  if (!limits.operator.obstacle_brake) said.push('does not stop before obstacles');
-  return said.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : said.join(', ');
+  if (limits.operator.fence != null) parts.push('fence');
+  if (!limits.operator.obstacle_brake) parts.push('does not stop before obstacles');
+  return parts.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : parts.join(', ');
 }
 
 /** The vehicle's own limit for the field's placeholder, for example "5.0 m/s". */

@@ -13,12 +13,12 @@ export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
   /** True if the position is where a velocity leads, not a position setpoint. */
-  leads: boolean;
+  isExtrapolated: boolean;
 }
 
-type Maybe = readonly (number | null)[] | undefined;
+type MaybeTriple = readonly (number | null)[] | undefined;
 
-function three(value: unknown): Maybe {
+function triple(value: unknown): MaybeTriple {
   return Array.isArray(value) && value.length === 3 ? (value as (number | null)[]) : undefined;
 }
 
@@ -40,20 +40,20 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (at === undefined) return null;
   const yaw_ned_rad = yawOf(setpoint, yaw);
-  const shifted = (by: Maybe, times: number, leads: boolean): Preview => ({
+  const shifted = (by: MaybeTriple, times: number, isExtrapolated: boolean): Preview => ({
     position_ned_m: at.map((v, i) => v + (by?.[i] ?? 0) * times) as Vector3,
     yaw_ned_rad,
-    leads,
+    isExtrapolated,
   });
-  const place = three(setpoint['position_ned_m']);
-  if (place !== undefined) return { position_ned_m: at.map((v, i) => place[i] ?? v) as Vector3, yaw_ned_rad, leads: false };
+  const place = triple(setpoint['position_ned_m']);
+  if (place !== undefined) return { position_ned_m: at.map((v, i) => place[i] ?? v) as Vector3, yaw_ned_rad, isExtrapolated: false };
   if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, at, yaw_ned_rad);
-  const offset = setpoint.type === 'follow' ? undefined : three(setpoint['offset_frd_m']);
+  const offset = setpoint.type === 'follow' ? undefined : triple(setpoint['offset_frd_m']);
   if (offset !== undefined) return yaw === null ? null : shifted(fromHeading(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
-  const velocity = three(setpoint['velocity_ned_m_s']);
+  const velocity = triple(setpoint['velocity_ned_m_s']);
   if (velocity !== undefined) return shifted(velocity, AHEAD_S, true);
-  const along = three(setpoint['velocity_frd_m_s']);
-  if (along !== undefined) return yaw === null ? null : shifted(fromHeading(along.map((v) => v ?? 0) as Vector3, yaw), AHEAD_S, true);
+  const bodyVelocity = triple(setpoint['velocity_frd_m_s']);
+  if (bodyVelocity !== undefined) return yaw === null ? null : shifted(fromHeading(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), AHEAD_S, true);
   return null;
 }
 
@@ -63,7 +63,7 @@ function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Readonly
   const { east_m, north_m } = eastNorth(here, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });
   const [home, amsl] = [setpoint['alt_home_m'], setpoint['alt_amsl_m']];
   const up_m = typeof home === 'number' ? home - here.alt_home_m : typeof amsl === 'number' ? amsl - here.alt_amsl_m : 0;
-  return { position_ned_m: [at[0] + north_m, at[1] + east_m, at[2] - up_m], yaw_ned_rad, leads: false };
+  return { position_ned_m: [at[0] + north_m, at[1] + east_m, at[2] - up_m], yaw_ned_rad, isExtrapolated: false };
 }
 
 /** The preview on the earth, by the difference between the vehicle's global and local position. */
@@ -81,7 +81,7 @@ export function previewText(preview: Preview, facts: VehicleFacts): string {
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
   const away = Math.hypot(n, e);
   const { text, unit } = metres(away);
-  const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.leads ? `after ${AHEAD_S} s` : 'away'}`];
+  const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `after ${AHEAD_S} s` : 'away'}`];
   if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'up' : 'down'}`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (preview.yaw_ned_rad !== null && yaw !== null) {

@@ -6,11 +6,11 @@
 import { fixed } from '../../../ui/format';
 import { kindName } from '../../../vehicle/setpoint-kinds';
 
-export type Way = 'form' | 'drag' | 'gamepad' | 'group';
+export type InputMethod = 'form' | 'drag' | 'gamepad' | 'group';
 
 export interface SentLine {
   id: number;
-  way: Way;
+  input: InputMethod;
   unix_s: number;
   /** Time of the newest one. */
   words: string;
@@ -24,9 +24,9 @@ export interface SentLine {
   took_s: number | null;
 }
 
-const KEPT = 60;
+const MAX_LINES = 60;
 /** Setpoints of one kind closer together than this share a line [s]. */
-const RUN_S = 1;
+const MERGE_S = 1;
 
 export class SentLog {
   lines: readonly SentLine[] = [];
@@ -34,15 +34,15 @@ export class SentLog {
   private last_unix_s = 0;
 
   /** Adds a setpoint; returns the id of its line, for the answer. */
-  add(way: Way, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
+  add(input: InputMethod, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
     const [newest, ...rest] = this.lines;
     const words = setpointWords(setpoint);
     const joins =
       newest !== undefined &&
-      way !== 'form' &&
-      way !== 'group' &&
-      newest.way === way &&
-      unix_s - this.last_unix_s < RUN_S &&
+      input !== 'form' &&
+      input !== 'group' &&
+      newest.input === input &&
+      unix_s - this.last_unix_s < MERGE_S &&
       !newest.refused &&
       newest.words.split(' ')[0] === words.split(' ')[0];
     this.last_unix_s = unix_s;
@@ -50,14 +50,14 @@ export class SentLog {
       this.lines = [{ ...newest, words, count: newest.count + 1 }, ...rest];
       return newest.id;
     }
-    const line: SentLine = { id: this.nextId++, way, unix_s, words, count: 1, answered: 0, note: null, refused: false, took_s: null };
-    this.lines = [line, ...this.lines].slice(0, KEPT);
+    const line: SentLine = { id: this.nextId++, input, unix_s, words, count: 1, answered: 0, note: null, refused: false, took_s: null };
+    this.lines = [line, ...this.lines].slice(0, MAX_LINES);
     return line.id;
   }
 
-  answer(id: number, told: { note: string | null; refused: boolean; took_s: number | null }): void {
+  answer(id: number, answer: { note: string | null; refused: boolean; took_s: number | null }): void {
     this.lines = this.lines.map((l) =>
-      l.id === id ? { ...l, ...told, answered: l.answered + 1, note: told.note ?? l.note, refused: told.refused || l.refused } : l,
+      l.id === id ? { ...l, ...answer, answered: l.answered + 1, note: answer.note ?? l.note, refused: answer.refused || l.refused } : l,
     );
   }
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { build, formHere, setOff, typed, type Form } from './form';
+import { build, formHere, setOff, parseTyped, type Form } from './form';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
 import { fromHeading, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointWords } from './sent-log';
@@ -54,9 +54,9 @@ describe('forms', () => {
   });
 
   it('leave axes to other quantities, north and east together, and none without control', () => {
-    const mixed = setOff({ ...formHere('trajectory', FACTS, null), without: ['acceleration_ned_m_s2'] }, 'p1', true);
+    const mixed = setOff({ ...formHere('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
-    expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
+    expect(bad({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
       p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
     });
@@ -68,7 +68,7 @@ describe('forms', () => {
     expect(bad(put(formHere('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
     expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
     expect(bad(formHere('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
-    expect(typed(' 1e400 ')).toBeNull();
+    expect(parseTyped(' 1e400 ')).toBeNull();
   });
 
   it('require a vehicle to follow, and a minimum offset', () => {
@@ -82,7 +82,7 @@ describe('forms', () => {
   it('add feedforward only if chosen', () => {
     const form = formHere('trajectory', FACTS, null);
     expect(good(form)).not.toHaveProperty('velocity_ned_m_s');
-    expect(good({ ...form, without: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
+    expect(good({ ...form, omitted: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
   });
 });
 
@@ -96,7 +96,7 @@ describe('preview', () => {
 
   it('shows the position that a velocity leads to, and marks it', () => {
     const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
-    expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], leads: true });
+    expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], isExtrapolated: true });
     expect(preview && previewText(preview, FACTS)).toBe('3.0 m after 3 s, 3.0 m up');
   });
 
@@ -128,7 +128,7 @@ class FakeSocket implements SocketLike {
   close(): void {
     this.readyState = 3;
   }
-  hear(value: unknown): void {
+  receive(value: unknown): void {
     this.onmessage?.({ data: typeof value === 'string' ? value : JSON.stringify(value) } as MessageEvent);
   }
 }
@@ -163,9 +163,9 @@ describe('the stream', () => {
     const { stream, socket, acks, later } = opened();
     expect(stream.send({ type: 'velocity' })).toBe(1);
     later(0.02);
-    socket.hear({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
-    socket.hear({ seq: 1, applied: {} });
-    socket.hear('{');
+    socket.receive({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
+    socket.receive({ seq: 1, applied: {} });
+    socket.receive('{');
     expect(socket.sent).toEqual([{ type: 'velocity', seq: 1 }]);
     expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, took_s: 0.02 }]);
   });
@@ -173,7 +173,7 @@ describe('the stream', () => {
   it('returns a refusal with the server’s text', () => {
     const { stream, socket, acks } = opened();
     stream.send({});
-    socket.hear({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is held by tablet.', code: 'not_in_control' } });
+    socket.receive({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is held by tablet.', code: 'not_in_control' } });
     expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is held by tablet.' });
     expect(acks[0]?.applied).toBeNull();
   });
@@ -229,7 +229,7 @@ describe('traces', () => {
     unix_s,
     local: { position_ned_m: [0, 0, -up], velocity_ned_m_s: [0, 0, 0] } as never,
     attitude: null,
-    asked: target === null ? null : { position_ned_m: [0, 0, -target], velocity_ned_m_s: null, attitude_rad: null },
+    target: target === null ? null : { position_ned_m: [0, 0, -target], velocity_ned_m_s: null, attitude_rad: null },
   });
 
   it('keep a minute, oldest first, up positive, with gaps without a setpoint', () => {

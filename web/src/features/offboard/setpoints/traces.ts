@@ -62,7 +62,7 @@ export interface TelemetrySample {
   local: LocalPosition | null;
   attitude: Attitude | null;
   /** The present target; null while nothing is streamed. */
-  asked: Target | null;
+  target: Target | null;
 }
 
 export interface Target {
@@ -93,11 +93,11 @@ export class Traces {
   }
 
   add(seen: TelemetrySample): void {
-    const { local, attitude, asked, unix_s } = seen;
-    this.push('position', unix_s, upwards(asked?.position_ned_m ?? null), upwards(local?.position_ned_m ?? null));
-    this.push('velocity', unix_s, upwards(asked?.velocity_ned_m_s ?? null), upwards(local?.velocity_ned_m_s ?? null));
+    const { local, attitude, target, unix_s } = seen;
+    this.push('position', unix_s, upwards(target?.position_ned_m ?? null), upwards(local?.position_ned_m ?? null));
+    this.push('velocity', unix_s, upwards(target?.velocity_ned_m_s ?? null), upwards(local?.velocity_ned_m_s ?? null));
     const now: MaybeVector3 = attitude === null ? NOTHING : [attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad];
-    this.push('attitude', unix_s, degrees(asked?.attitude_rad ?? NOTHING), degrees(now));
+    this.push('attitude', unix_s, degrees(target?.attitude_rad ?? NOTHING), degrees(now));
     this.revision += 1;
   }
 

@@ -103,11 +103,11 @@ function newPlace(mission: Mission, at: GeoPosition | null, frame: Frame, after:
     .slice(0, after)
     .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
   const like = before.at(-1);
-  const way: PositionFrame = like !== undefined ? frameOfPosition(like) : frame.known && mission.home != null ? 'home' : 'offset';
+  const positionFrame: PositionFrame = like !== undefined ? frameOfPosition(like) : frame.known && mission.home != null ? 'home' : 'offset';
   const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
   const up_m = like !== undefined ? geoPointOf(like, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
   const geoPoint: GeoPoint = { ...(at ?? (like === undefined ? frame.start : geoPointOf(like, frame))), up_m };
-  return inFrame(way, geoPoint, frame);
+  return inFrame(positionFrame, geoPoint, frame);
 }
 
 /**

@@ -180,7 +180,7 @@ function condition(of: string): Spec {
   return (step) => {
     const now = (step[of] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
     const side = now.above != null ? 'above' : 'below';
-    const share = now.value === 'battery_share' ? PER_CENT : 1;
+    const scale = now.value === 'battery_share' ? PER_CENT : 1;
     const put = (old: Step, fields: object): Step => ({ ...old, [of]: { ...(old[of] as object), ...fields } });
     return [
       {
@@ -209,8 +209,8 @@ function condition(of: string): Spec {
         label: 'Threshold',
         of: 'number',
         unit: VALUES[now.value ?? '']?.[1] ?? '',
-        value: (now.above ?? now.below ?? 0) * share,
-        set: (old, next) => put(old, { [side]: typeof next === 'number' ? next / share : 0 }),
+        value: (now.above ?? now.below ?? 0) * scale,
+        set: (old, next) => put(old, { [side]: typeof next === 'number' ? next / scale : 0 }),
       },
       {
         name: `${of}-for`,
@@ -247,12 +247,12 @@ const velocity: Spec = (step) => {
     ['East', 1, 1],
     ['Up', 2, -1],
   ].map(([label, index, sign]): Field<Step> => {
-    const [at, way] = [index as number, sign as number];
+    const [at, factor] = [index as number, sign as number];
     const set = (old: Step, next: FieldValue): Step => ({
       ...old,
-      velocity_ned_m_s: now.map((one, i) => (i === at ? way * (typeof next === 'number' ? next : 0) : one)),
+      velocity_ned_m_s: now.map((one, i) => (i === at ? factor * (typeof next === 'number' ? next : 0) : one)),
     });
-    return { name: `velocity-${at}`, label: String(label), of: 'number', unit: 'm/s', step: 0.5, min: -50, max: 50, value: way * (now[at] ?? 0) + 0, set };
+    return { name: `velocity-${at}`, label: String(label), of: 'number', unit: 'm/s', step: 0.5, min: -50, max: 50, value: factor * (now[at] ?? 0) + 0, set };
   });
 };
 
@@ -344,7 +344,7 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
   ];
 }
 
-const ON: Readonly<Record<string, string>> = {
+const EVENT_LABELS: Readonly<Record<string, string>> = {
   failure: 'If a step cannot be flown',
   low_battery: 'Low battery',
   link_loss: 'Link lost',
@@ -363,7 +363,7 @@ export function missionFields(mission: Mission): Field<Mission>[] {
     };
   };
   return [
-    ...Object.entries(ON)
+    ...Object.entries(EVENT_LABELS)
       .filter(([name]) => actions[name] !== undefined)
       .map(([name, label]): Field<Mission> => {
         const { set: _, ...row } = choiceField(actions, name, label, ACTIONS);

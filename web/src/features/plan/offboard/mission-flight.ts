@@ -66,9 +66,9 @@ export function progress(flown: Flown): number | null {
 }
 
 /** The confirmation of a command that moves the vehicle; null: it is sent at once. */
-export function commandQuestion(order: FlightCommand, flown: Flown, vehicleName: string): Question | null {
+export function commandQuestion(command: FlightCommand, flown: Flown, vehicleName: string): Question | null {
   const step = flown.title === null ? 'the current step' : `“${flown.title}”`;
-  switch (order) {
+  switch (command) {
     case 'pause':
     case 'go_on':
       return null;

@@ -87,10 +87,10 @@ export function betweenOf(id: string): { index: number; place: string } | null {
 
 /** The steps with their durations; a step with nested steps has the sum of theirs. */
 export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[] {
-  const taken = new Map(times.map((time) => [time.place, time]));
+  const timeOfStep = new Map(times.map((time) => [time.place, time]));
   const seconds = (node: StepNode, below: readonly StepNode[]): number | null => {
-    const own = taken.get(node.place);
-    const inner = below.flatMap((one) => taken.get(one.place)?.duration_s ?? []);
+    const own = timeOfStep.get(node.place);
+    const inner = below.flatMap((one) => timeOfStep.get(one.place)?.duration_s ?? []);
     return own === undefined && inner.length === 0 ? null : (own?.duration_s ?? 0) + inner.reduce((sum, one) => sum + one, 0);
   };
   const nodes = nodesOf(mission);
@@ -99,7 +99,7 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
     ...nodes.map((node, index): TreeEntry => {
       const end = nodes.findIndex((one, i) => i > index && one.depth <= node.depth);
       const time_s = seconds(node, nodes.slice(index + 1, end < 0 ? nodes.length : end));
-      const photos = taken.get(node.place)?.photos ?? 0;
+      const photos = timeOfStep.get(node.place)?.photos ?? 0;
       const side = [time_s === null || time_s < 0.5 ? '' : duration(time_s), photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '']
         .filter(Boolean)
         .join('\n');

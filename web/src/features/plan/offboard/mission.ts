@@ -102,11 +102,11 @@ export function nodesOf(mission: Mission): StepNode[] {
 export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
 
 /** Why these vehicles cannot fly the roles; null: each role has its own vehicle. */
-export function assignmentProblem(roles: readonly string[], cast: Readonly<Record<string, string>>): string | null {
-  const open = roles.find((role) => (cast[role] ?? '') === '');
-  if (open !== undefined) return `Choose a vehicle for the role ${open}.`;
-  const twice = roles.find((role, index) => roles.slice(0, index).some((other) => cast[other] === cast[role]));
-  return twice === undefined ? null : `Vehicle ${cast[twice] ?? ''} has two roles: choose another vehicle for ${twice}.`;
+export function assignmentProblem(roles: readonly string[], vehicles: Readonly<Record<string, string>>): string | null {
+  const unassigned = roles.find((role) => (vehicles[role] ?? '') === '');
+  if (unassigned !== undefined) return `Choose a vehicle for the role ${unassigned}.`;
+  const twice = roles.find((role, index) => roles.slice(0, index).some((other) => vehicles[other] === vehicles[role]));
+  return twice === undefined ? null : `Vehicle ${vehicles[twice] ?? ''} has two roles: choose another vehicle for ${twice}.`;
 }
 
 /** One position of a step: a point by its index, or the only position of a field. */

@@ -22,20 +22,20 @@ const HEIGHTS: Readonly<Record<PositionFrame, string>> = {
  * names of its rows unique.
  */
 export function positionFields<T>(place: MissionPosition, frame: Frame, put: (target: T, place: MissionPosition) => T, label: string, key: string): Field<T>[] {
-  const way = frameOfPosition(place);
+  const positionFrame = frameOfPosition(place);
   const geoPoint = geoPointOf(place, frame);
   const height = (): number => {
-    if (way === 'home') return place.alt_home_m ?? 0;
-    if (way === 'amsl') return place.alt_amsl_m ?? 0;
+    if (positionFrame === 'home') return place.alt_home_m ?? 0;
+    if (positionFrame === 'amsl') return place.alt_amsl_m ?? 0;
     return -((place.offset_ned_m ?? place.position_ned_m)?.[2] ?? 0) + 0;
   };
   const setHeight = (next: number): MissionPosition => {
-    if (way === 'home') return { ...place, alt_home_m: next };
-    if (way === 'amsl') return { ...place, alt_amsl_m: next };
+    if (positionFrame === 'home') return { ...place, alt_home_m: next };
+    if (positionFrame === 'amsl') return { ...place, alt_amsl_m: next };
     return axis(2, -next);
   };
   const axis = (index: number, value: number): MissionPosition => {
-    const field = way === 'offset' ? 'offset_ned_m' : 'position_ned_m';
+    const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
     return { ...place, [field]: (place[field] ?? [0, 0, 0]).map((one, i) => (i === index ? value : one)) };
   };
   const row = (name: string, text: string, value: number, change: (value: number) => MissionPosition, more: Partial<Field<T>> = {}): Field<T> => ({
@@ -61,11 +61,11 @@ export function positionFields<T>(place: MissionPosition, frame: Frame, put: (ta
       name: `${key}-way`,
       label,
       of: 'choice',
-      value: way,
+      value: positionFrame,
       options: (Object.keys(WAYS) as PositionFrame[]).map((value) => ({ value, text: WAYS[value] })),
       set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, place)),
     },
-    row('height', HEIGHTS[way], height(), setHeight),
+    row('height', HEIGHTS[positionFrame], height(), setHeight),
     ...where,
   ];
 }

@@ -46,7 +46,7 @@ export function geoPointOf(place: MissionPosition, frame: Frame): GeoPoint {
   return { lat_deg: place.lat_deg ?? 0, lon_deg: place.lon_deg ?? 0, up_m };
 }
 
-const cm = (value_m: number): number => Number(value_m.toFixed(2));
+const roundCm = (value_m: number): number => Number(value_m.toFixed(2));
 const NO_POSITION = {
   position_ned_m: undefined,
   offset_ned_m: undefined,
@@ -57,28 +57,28 @@ const NO_POSITION = {
 };
 
 /** The point in another frame; its other fields are kept. */
-export function inFrame(way: PositionFrame, geoPoint: GeoPoint, frame: Frame, rest: MissionPosition = {}): MissionPosition {
+export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame: Frame, rest: MissionPosition = {}): MissionPosition {
   const kept: MissionPosition = Object.fromEntries(Object.entries({ ...rest, ...NO_POSITION }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
-  if (way === 'home' || way === 'amsl') {
+  if (positionFrame === 'home' || positionFrame === 'amsl') {
     const on_earth = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
-    return way === 'amsl' ? { ...kept, ...on_earth, alt_amsl_m: cm(amsl_m) } : { ...kept, ...on_earth, alt_home_m: cm(geoPoint.up_m) };
+    return positionFrame === 'amsl' ? { ...kept, ...on_earth, alt_amsl_m: roundCm(amsl_m) } : { ...kept, ...on_earth, alt_home_m: roundCm(geoPoint.up_m) };
   }
-  const from = way === 'offset' ? frame.start : frame.origin;
+  const from = positionFrame === 'offset' ? frame.start : frame.origin;
   const { north_m, east_m } = eastNorth(from, geoPoint);
-  const vector: Vector = [cm(north_m), cm(east_m), cm(from.alt_amsl_m - amsl_m)];
-  return way === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
+  const vector: Vector = [roundCm(north_m), roundCm(east_m), roundCm(from.alt_amsl_m - amsl_m)];
+  return positionFrame === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
 }
 
 /** Moves a point horizontally; height and frame are kept. */
 export function movedTo(place: MissionPosition, at: GeoPosition, frame: Frame): MissionPosition {
-  const way = frameOfPosition(place);
+  const positionFrame = frameOfPosition(place);
   const { up_m } = geoPointOf(place, frame);
-  const moved = inFrame(way, { ...at, up_m }, frame, place);
+  const moved = inFrame(positionFrame, { ...at, up_m }, frame, place);
   // Keeps the typed height exactly, without rounding.
-  if (way === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };
-  if (way === 'amsl') return { ...moved, alt_amsl_m: place.alt_amsl_m ?? 0 };
-  const field = way === 'offset' ? 'offset_ned_m' : 'position_ned_m';
+  if (positionFrame === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };
+  if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: place.alt_amsl_m ?? 0 };
+  const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
   const [before, after] = [place[field] as Vector, moved[field] as Vector];
   return { ...moved, [field]: [after[0], after[1], before[2]] };
 }

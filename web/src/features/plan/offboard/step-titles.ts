@@ -67,18 +67,18 @@ export function conditionText(condition: unknown): string {
 
 /** Text below the title. */
 export function detailOf(step: Step): string {
-  const said: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
+  const parts: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
   const metres = (field: string, words: string): void => {
     const value = number(step[field]);
-    if (value !== null && value !== 0) said.push(words.replace('#', fixed(value, 1).replace(/\.0$/, '')));
+    if (value !== null && value !== 0) parts.push(words.replace('#', fixed(value, 1).replace(/\.0$/, '')));
   };
   switch (step.step) {
     case 'take_off':
       metres('height_m', '# m above the ground');
       break;
     case 'fly':
-      said.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
-      if (step['curve'] === 'smooth') said.push('smooth');
+      parts.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
+      if (step['curve'] === 'smooth') parts.push('smooth');
       break;
     case 'hold':
     case 'velocity':
@@ -90,27 +90,27 @@ export function detailOf(step: Step): string {
       metres('rounds', step['rounds'] === 1 ? '# round' : '# rounds');
       break;
     case 'table':
-      said.push(String(step['file'] ?? ''));
+      parts.push(String(step['file'] ?? ''));
       break;
     case 'gimbal':
-      said.push(TRACKS[String(step['track'])] ?? '');
-      if (step['track'] !== 'look_at' && step['track'] !== 'release') said.push(`pitch ${deg(step['pitch_rad'])}`);
+      parts.push(TRACKS[String(step['track'])] ?? '');
+      if (step['track'] !== 'look_at' && step['track'] !== 'release') parts.push(`pitch ${deg(step['pitch_rad'])}`);
       break;
     case 'photo':
-      said.push(step['count'] === 1 || step['count'] === undefined ? 'one' : `${String(step['count'])} every ${fixed(number(step['interval_s']) ?? 1, 1)} s`);
-      if (step['component'] != null) said.push(`camera ${String(step['component'])}`);
+      parts.push(step['count'] === 1 || step['count'] === undefined ? 'one' : `${String(step['count'])} every ${fixed(number(step['interval_s']) ?? 1, 1)} s`);
+      if (step['component'] != null) parts.push(`camera ${String(step['component'])}`);
       break;
     case 'wait':
-      said.push(step['until'] === 'person' ? 'for the operator' : `until ${conditionText(step['until'])}`);
+      parts.push(step['until'] === 'person' ? 'for the operator' : `until ${conditionText(step['until'])}`);
       break;
     case 'repeat':
-      said.push(step['times'] === 1 ? 'once' : `${String(step['times'])} times`);
+      parts.push(step['times'] === 1 ? 'once' : `${String(step['times'])} times`);
       break;
     case 'branch':
-      said.push(`if ${conditionText(step['condition'])}`);
+      parts.push(`if ${conditionText(step['condition'])}`);
       break;
     case 'call':
-      said.push(step.mission ?? '');
+      parts.push(step.mission ?? '');
       break;
     case 'orbit':
     case 'helix':
@@ -121,15 +121,15 @@ export function detailOf(step: Step): string {
       metres('end_radius_m', 'to R # m');
       break;
     case 'meet':
-      said.push(String(step['meeting'] ?? ''));
+      parts.push(String(step['meeting'] ?? ''));
       break;
     case 'land':
   }
   metres('speed_m_s', '≤ # m/s');
   metres('photo_every_m', 'photo every # m');
-  if (step['look_at'] != null) said.push('heading towards a point');
-  else if (step['heading'] === 'along_path') said.push('heading along the path');
-  return said.join(' · ');
+  if (step['look_at'] != null) parts.push('heading towards a point');
+  else if (step['heading'] === 'along_path') parts.push('heading along the path');
+  return parts.join(' · ');
 }
 
 const HERE: MissionPosition = { offset_ned_m: [0, 0, -10] };
