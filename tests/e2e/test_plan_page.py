@@ -141,7 +141,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         page.get_by_role("button", name="Open", exact=True).click()
         room.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
         start = room.get_by_role("region", name="Fly this mission")
-        expect(start).to_contain_text("101 Quad can fly it.")
+        expect(start).to_contain_text("101 Quad can fly this mission.")
         start.get_by_role("button", name="Fly…").click()
         expect(page.get_by_text("If the server or its link fails:")).to_be_visible()
         hold_space(page)

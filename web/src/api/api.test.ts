@@ -23,7 +23,7 @@ describe('problems', () => {
     const plain = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
     expect(plain).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });
   });
-  it('has a detail where the body is empty', () => {
+  it('has a detail even if the body is empty', () => {
     for (const body of [null, 'oops', [], {}]) {
       expect(parseProblem(502, body)).toMatchObject({ title: 'The server answered 502', detail: 'The server gave no reason.', reasons: [] });
     }
@@ -142,7 +142,7 @@ describe('requests of one vehicle', () => {
     expect(commandQueue.busy(['2'])).toBe(false);
   });
 
-  it('are not sent after waiting too long, nor past an unanswered one', async () => {
+  it('are not sent after too long a wait, nor before an earlier request is answered', async () => {
     const { commandQueue, sent, answer, request } = setup();
     void request('renewal', ['1']);
     const late = request('late', ['1']);

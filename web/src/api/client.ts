@@ -41,7 +41,7 @@ export class ApiClient {
 
   /**
    * @param who this page's name in the journal, and its unique id.
-   * @param signedOut called when the server rejects this page's token, which may have been changed.
+   * @param onSignedOut called when the server rejects this page's token, which may have been changed.
    */
   constructor(
     private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
@@ -51,7 +51,7 @@ export class ApiClient {
     this.server = createClient<Api>({ baseUrl: BASE, Request: PendingRequest as never, fetch: (request) => this.send(request as unknown as PendingRequest) });
   }
 
-  /** The present identity; a person may rename the page. */
+  /** This page's present name; a person may change it. */
   get name(): string {
     return typeof this.who === 'string' ? this.who : this.who.name;
   }
@@ -61,7 +61,7 @@ export class ApiClient {
     return typeof this.who === 'string' ? null : this.who.key;
   }
 
-  /** Downloads a file; `notes` are texts about it from a JSON header. */
+  /** Downloads a file; `notes` are the texts of a JSON header. */
   download<P extends Path<'post'>>(path: P, init: Init<'post', P>, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
     return this.outcome('post', path, { ...init, parseAs: 'blob' }, (file, response) => {
       const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');

@@ -71,7 +71,7 @@ export function parseProblem(status: number, body: unknown): Problem {
 export function unreachable(): Problem {
   return {
     title: 'The server did not answer',
-    detail: 'The command may or may not have reached the vehicle: check what it does.',
+    detail: 'The command may or may not have reached the vehicle: check what the vehicle does.',
     reasons: [],
     remedy: 'Check that the server is running. The page reconnects by itself.',
     code: 'unreachable',

@@ -15,8 +15,8 @@ function list(answer: unknown, name: string): Raw[] {
 
 /**
  * Loads the fleet into the store.
- * @returns the ids, and whether vehicles were removed: one of them may have reappeared meanwhile, and its data from
- * the socket was then removed, too.
+ * @returns the ids, and whether vehicles were removed. Such a vehicle may have reappeared during the request: the data
+ * that the socket sent for it is then removed too.
  */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removed: boolean }> {
   const before = new Map(store.vehicles);
@@ -37,7 +37,7 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
   const samples: WireSample[] = [];
   const add = (topic: string, value: unknown, received_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
-    // Without a time it counts as older than any sample from the socket, which sends some values only once.
+    // A value without a time counts as older than any sample from the socket, which sends some values only once.
     const at = typeof received_unix_s === 'number' ? received_unix_s : 0;
     samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: at, value });
   };

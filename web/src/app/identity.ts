@@ -1,8 +1,8 @@
 /**
  * This page's identity: a name for people, and an id that distinguishes this tab from every other.
  * The id stays the same until the tab is closed, also after a reload. A duplicated tab starts with a copy of the
- * original's id. It is detected because a page sets a mark when it unloads, and the copy of an open page has no such
- * mark.
+ * original's id and must get a new one. A page sets a mark when it unloads: an id without that mark belongs to a page
+ * that is still open.
  */
 
 import { pageName } from '../api/client';

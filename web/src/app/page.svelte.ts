@@ -46,7 +46,7 @@ class Page {
   private chosen = $state<string | null>(null);
   /** Called for each frame of telemetry, also in a hidden tab. */
   readonly onTelemetry: (() => void)[] = [];
-  /** Called for each event, of whichever vehicle. */
+  /** Called for each event of any vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];
   /** Topics of the chosen values, in addition to those that the page reads itself. */
   private chosenTopics: readonly string[] = [];
@@ -73,7 +73,7 @@ class Page {
       (state) => {
         this.connection = state;
         this.store.connected = state.phase === 'open';
-        // A refused socket gives no reason; a request does.
+        // The browser does not say why a socket was refused. This request does: if the token is rejected, the page is reloaded.
         if (state.phase === 'waiting') void this.api.get('/version');
       },
       () => this.store.vehicles.size > 0,
@@ -106,7 +106,7 @@ class Page {
     );
   }
 
-  /** Learns this page's own key, by which the server names its clients. */
+  /** Loads this page's key, by which the server identifies its clients. */
   private async loadKey(): Promise<void> {
     const me = await this.api.get('/me');
     if (me.ok) this.who.key = me.value.key;
@@ -151,7 +151,7 @@ class Page {
     this.loadHistory();
   }
 
-  /** The selected vehicle itself, for lists too long to copy each frame. */
+  /** The selected vehicle itself, for lists that are too long to be copied in each frame. */
   get vehicle(): VehicleState | null {
     return this.selectedId === null ? null : (this.store.vehicles.get(this.selectedId) ?? null);
   }
@@ -168,7 +168,7 @@ class Page {
     return this.factsNow(id);
   }
 
-  /** The same without a repaint at each frame, for views of all vehicles, which use `fleetTick`. */
+  /** The same as `factsOf`, but without a repaint in each frame: for views of all vehicles, which use `fleetTick`. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);

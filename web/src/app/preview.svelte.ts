@@ -1,4 +1,4 @@
-/** What a room shows in map and 3D view without being flown: an unsent setpoint or a dry run. */
+/** What a room shows in map and 3D view before it is flown: an unsent setpoint or a dry run. */
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';

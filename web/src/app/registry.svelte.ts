@@ -49,9 +49,9 @@ export interface Panel extends Part {
   place: 'side' | 'over';
   /** Its button on the rail; missing if another part of the page opens it. */
   rail?: { title: string; icon: IconName; hint: string };
-  /** The panel is offered only while the selected vehicle's links carry this. */
+  /** The panel is offered only while the selected vehicle's links carry this feature. */
   needs?: Feature;
-  /** The panel is offered only while the selected vehicle is heard over this protocol. */
+  /** The panel is offered only while the selected vehicle is connected over this protocol. */
   protocol?: 'MAVLink' | 'ROS 2';
   isOpen: () => boolean;
   toggle: () => void;

@@ -28,7 +28,7 @@ export interface Services {
     /** Whether yaw is held relative to north. */
     lock: (facts: VehicleFacts) => boolean;
     roiOf: (facts: VehicleFacts) => Roi | null;
-    /** Asks the server again who controls the gimbal and what its ROI is. */
+    /** Reads from the server who controls the gimbal, and its ROI. */
     askHolder: (facts: VehicleFacts) => Promise<void>;
   };
   stage: {

@@ -49,7 +49,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
 }
 
 describe('the catalogue of values', () => {
-  it('has every id once, a label and no quaternion', () => {
+  it('has unique ids, a label for each value, and no quaternions', () => {
     expect(new Set(CATALOGUE.map((q) => q.id)).size).toBe(CATALOGUE.length);
     expect(CATALOGUE.length).toBeGreaterThan(50);
     for (const q of CATALOGUE) expect(q.label).toMatch(/^[A-Z±]/);
@@ -84,7 +84,7 @@ describe('the catalogue of values', () => {
     expect(moveItem(['a', 'b', 'c'], 2, 0)).toEqual(['c', 'a', 'b']);
     expect(moveItem(['a'], 4, 0)).toEqual(['a']);
   });
-  it('finds values by name, unit and group, and offers none twice', () => {
+  it('finds values by name, unit and group, except those already chosen', () => {
     expect(searchValues('battery volt', []).map((q) => q.id)).toContain('battery.voltage_v');
     expect(searchValues('battery volt', ['battery.voltage_v']).map((q) => q.id)).not.toContain('battery.voltage_v');
     expect(searchValues('µs', []).every((q) => q.group === 'Motors')).toBe(true);
@@ -255,7 +255,7 @@ describe('a confirmation', () => {
 });
 
 describe('the gimbal', () => {
-  it('requests the final angles after the last command, and shows them until the next', async () => {
+  it('asks where the camera stopped after the last command, and shows the limit until the next command', async () => {
     vi.useFakeTimers();
     const { facts } = source({});
     const sent: { path: string; wait?: boolean }[] = [];

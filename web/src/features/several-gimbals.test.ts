@@ -1,4 +1,4 @@
-/** A vehicle with two gimbals: the one selected on the gimbal card is the one that the map's menu points. */
+/** A vehicle with two gimbals: the map's menu points the gimbal that is selected on the gimbal card. */
 
 import { beforeEach, describe, expect, it } from 'vitest';
 import type { ApiClient } from '../api/client';
@@ -70,7 +70,7 @@ describe('a vehicle with two gimbals', () => {
   ])('points the %s one at a map point if it is selected', async (_, index, query) => {
     gimbal.select(facts, gimbalKey(gimbalsOf(facts)[index] ?? facts));
     for (const act of [() => menu.lookAt(gimbal.selected(facts)), () => menu.setRoi(gimbal.selected(facts))]) {
-      menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, in3d: null }, facts); // it closes when the gimbal has taken the command
+      menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, in3d: null }, facts); // the menu closes when the server has accepted the command
       await act();
     }
     const posts = calls.filter((call) => !call.path.endsWith('/gimbal'));

@@ -61,7 +61,7 @@ describe('age', () => {
 });
 
 describe('flight time', () => {
-  it('runs from take-off to landing, and keeps the last one', () => {
+  it('runs from take-off to landing, and keeps the duration of the last flight', () => {
     let clock = advance(NO_FLIGHT, status(), 10);
     clock = advance(clock, status({ armed: true, landed_state: 'taking_off' }), 20);
     expect(clock.airborneSince_unix_s).toBeNull();
@@ -82,12 +82,12 @@ describe('store', () => {
     store.apply({ type: 'samples', samples: [sample('status', status(), 4998)] });
     expect(store.vehicle('1').read('status', store.nowUnixS())?.age_s).toBeCloseTo(2);
   });
-  it('corrects its estimate of the server’s clock by a sample from its future', () => {
+  it('corrects its estimate of the server’s clock when a sample has a later time', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000), sample('status', status(), 1003)] });
     expect(store.nowUnixS()).toBe(1003);
   });
-  it('never takes its clock from a replay, before or after it is known to be one', () => {
+  it('never takes the server’s clock from a replay, even before the replay is identified', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 1000 });
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 999), sample('status', status(), 999.5)] });

@@ -65,7 +65,7 @@ describe('telemetry socket', () => {
     expect(socket.state.phase).toBe('open');
     expect(frames).toHaveLength(1);
   });
-  it('asks a silent server to send everything again, and closes the connection without an answer', () => {
+  it('subscribes again if the server is silent, and closes the connection if there is no answer', () => {
     const { socket, sockets, pass } = setup();
     socket.start();
     const first = sockets[0];
@@ -83,7 +83,7 @@ describe('telemetry socket', () => {
     expect(socket.state.phase).toBe('waiting');
     expect(first?.closed).toBe(true);
   });
-  it('does not ask a server without vehicles', () => {
+  it('does not subscribe again while the server has no vehicles', () => {
     const { socket, sockets, pass, server } = setup();
     server.vehicles = false;
     socket.start();

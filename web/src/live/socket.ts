@@ -26,7 +26,7 @@ export interface SocketDeps {
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 8000;
 const OPEN_DEADLINE_MS = 8000;
-/** Without frames for this long, although vehicles are known, the page asks the server to send everything again. */
+/** Without frames for this long, although vehicles are known, the page subscribes again, so that the server sends all values. */
 export const SILENT_MS = 6000;
 /** Without an answer for this long the connection counts as lost; the browser may not notice an unplugged network. */
 export const ANSWER_MS = 4000;

@@ -9,7 +9,7 @@ import type { Frame, Replay, WireEvent, WireSample } from './wire';
 
 export class TelemetryStore {
   readonly vehicles = new Map<string, VehicleState>();
-  /** Incremented by each arrival; the painter compares it. */
+  /** Incremented with each frame; the page repaints when it has changed. */
   revision = 0;
   /** Events without a vehicle, such as links and warnings; newest first. */
   stationEvents: WireEvent[] = [];
@@ -97,7 +97,7 @@ export class TelemetryStore {
     }
     if (event.kind === 'progress' || event.kind === 'operation') return; // belongs to one command or operation, whose sender handles it itself
     if (event.kind === 'readiness') return; // the topic of the same name has the content
-    // The messages of a replay have the recording's time; the event that it was opened is not one of them.
+    // A live event about a replayed vehicle has the present time, so it is not added to the messages of the recording.
     if (event.vehicle !== null && event['replayed'] === true) this.vehicle(event.vehicle);
     else if (event.vehicle !== null) this.vehicle(event.vehicle).addMessage(event);
     else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);

@@ -21,7 +21,7 @@ describe('subscription', () => {
     expect(fleetSubscription(100, [], false)).toEqual(fleetSubscription(100, [], true));
   });
 
-  it('has state and position of every vehicle, of any number', () => {
+  it('has state and position of every vehicle for any number of vehicles', () => {
     for (const count of [1, SMALL_FLEET + 1, 100])
       expect(fleetSubscription(count, [], false).topics).toEqual(expect.arrayContaining(['status', 'global_position', 'identity']));
   });

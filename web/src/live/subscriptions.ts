@@ -32,7 +32,7 @@ export function fleetSubscription(count: number, more: readonly string[], armed:
   return { vehicles: '*', ...allTopics(more, armed) };
 }
 
-/** Subscription to the vehicles that are displayed or commanded here; null if `ofAll` already includes all topics. */
+/** Subscription to the vehicles that are displayed or commanded here; null if `fleetSubscription` already includes all topics. */
 export function detailSubscription(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
   if (!isLarge(count) || ids.length === 0) return null;
   return { vehicles: [...new Set(ids)].sort(), ...allTopics(more, armed) };

@@ -1,4 +1,4 @@
-/** The state of one vehicle in one frame, as several features need it; unknown is null. */
+/** The state of one vehicle at one time, as several features need it; unknown is null. */
 
 import { readOffboard, type OffboardStatus } from './offboard';
 import { groundDistance_m } from './geo';
@@ -31,12 +31,12 @@ export interface VehicleFacts {
   health: Reading<Health> | null;
   gimbal: Reading<Gimbal> | null;
   offboard: (OffboardStatus & { age_s: number }) | null;
-  /** Who may command it; null for a replay, and before the server has sent it. */
+  /** Who may command the vehicle; null for a replay, and before the server has sent it. */
   control: Control | null;
   fromHome_m: number | null;
   /** Components that have sent a heartbeat: autopilot, gimbals, cameras, companion computers. */
   components: readonly Component[];
-  /** Over which protocols it is reached; null before the server has sent it. */
+  /** Over which protocols the vehicle is reached; null before the server has sent it. */
   reach: Reach | null;
 }
 

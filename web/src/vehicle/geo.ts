@@ -73,7 +73,7 @@ export interface MapView {
   centre: Mercator;
   /** Width of the whole world [px]. */
   world_px: number;
-  /** Direction of the screen's up, clockwise from north [rad]. */
+  /** Direction that is up on the screen, clockwise from north [rad]. */
   up_rad: number;
   width: number;
   height: number;
@@ -103,7 +103,7 @@ export function pixelsPerMetre(view: MapView): number {
   return view.world_px / (2 * Math.PI * EARTH_RADIUS_M * Math.cos(lat_rad));
 }
 
-/** A round length [m] with a bar of about `pixels`: 1, 2 or 5 times a power of ten. */
+/** A round length [m] for a scale bar of about `pixels`: 1, 2 or 5 times a power of ten. */
 export function niceLength_m(px_per_m: number, pixels: number): number {
   const raw = pixels / px_per_m;
   const power = 10 ** Math.floor(Math.log10(raw));

@@ -8,13 +8,13 @@ const ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 
 const facts = (reach: Reach | null): VehicleFacts => ({ reach }) as VehicleFacts;
 
 describe('the protocols of a vehicle', () => {
-  it('over ROS 2 alone carry nothing that needs MAVLink', () => {
+  it('do not carry features that need MAVLink over ROS 2 alone', () => {
     expect(carries(facts(ROS_2), 'parameters')).toBe(false);
     expect(carries(facts(ROS_2), 'gimbal')).toBe(true);
     expect(carries(facts(BOTH), 'parameters')).toBe(true);
     expect(carries(facts(null), 'parameters')).toBe(true);
   });
-  it('are named with the way of telemetry, commands and setpoints where these differ', () => {
+  it('are listed for telemetry, commands and setpoints where these differ', () => {
     expect(reachLines(null)).toEqual([]);
     expect(reachLines(BOTH)).toEqual([
       ['Protocol', 'MAVLink and ROS 2'],
@@ -27,7 +27,7 @@ describe('the protocols of a vehicle', () => {
       ['Needs MAVLink', 'parameters, files'],
     ]);
   });
-  it('decide which panels are offered', () => {
+  it('determine which panels are offered', () => {
     const panel = { needs: 'parameters' } as Panel;
     expect(isOffered(panel, facts(ROS_2))).toBe(false);
     expect(isOffered(panel, facts(BOTH))).toBe(true);

@@ -11,7 +11,7 @@ export function carries(facts: { readonly reach: Reach | null }, feature: Featur
   return facts.reach === null || !facts.reach.missing.includes(feature);
 }
 
-/** Lines for the details of the link: the protocols, and which way telemetry, commands and setpoints take. */
+/** Lines for the details of the link: the protocols, and which of them carries telemetry, commands and setpoints. */
 export function reachLines(reach: Reach | null): [string, string][] {
   if (reach === null || reach.protocols.length === 0) return [];
   const ways = [...new Set([reach.telemetry, reach.commands, reach.setpoints])];

@@ -34,7 +34,7 @@ export interface Group {
   field: string;
   title: string;
   axes: readonly Axis[];
-  /** Axes may be null if another quantity controls them: north and east together, and each axis by some quantity. */
+  /** An axis may be null (not controlled by this quantity). North and east are null together; some quantity must control each axis. */
   nullable: boolean;
   /** The whole quantity may be missing. */
   optional: boolean;
@@ -42,7 +42,7 @@ export interface Group {
   scalar?: boolean;
 }
 
-/** The possible ways to set the yaw. */
+/** How the form sets the yaw. */
 export type YawInput = 'angle_or_rate' | 'offset' | 'follow' | 'none';
 
 export interface KindSpec {
@@ -93,7 +93,7 @@ export const KINDS: readonly KindSpec[] = [
     groups: [
       group('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
       group('lon_deg', 'Longitude', [{ key: 'lon', label: 'Longitude', unit: '°', scale: 1, min: -180, max: 180, step: 0.00001 }], { scalar: true }),
-      group('alt', 'Height', [{ key: 'alt', label: 'Height', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
+      group('alt', 'Altitude', [{ key: 'alt', label: 'Altitude', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
     ],
   },
   {

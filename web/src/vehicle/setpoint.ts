@@ -29,7 +29,7 @@ export const STEPS: readonly Steps[] = [
 /** Any setpoint in the API's format. */
 export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
 
-/** A setpoint for a request. A form has named its fields; the server checks them. */
+/** A setpoint for a request. The form has chosen the fields; the server validates them. */
 export const asBody = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][number]['setpoint'] => setpoint as never;
 
 export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };

@@ -56,7 +56,7 @@ function tickFrames(c: Confirmation, from_s: number, to_s: number): Confirmation
 }
 
 describe('confirmation', () => {
-  it('expires after five seconds without a touch', () => {
+  it('expires five seconds after the last input', () => {
     const c = new Confirmation(false, 100);
     expect(c.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
     expect(c.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
@@ -72,7 +72,7 @@ describe('confirmation', () => {
     expect(tickFrames(kill, 0, HOLD_S)).toBe('asking');
     expect(tickFrames(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
-  it('starts over after an early release, and does not expire while touched', () => {
+  it('starts over after an early release, and does not expire while the knob is held', () => {
     const c = new Confirmation(true, 0);
     c.press(4.5);
     expect(tickFrames(c, 4.5, 5.5)).toBe('asking');

@@ -107,8 +107,8 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       return {
         title: `Fly the mission of ${name}`,
         effect: facts.inAir
-          ? `Continues the mission stored on the vehicle from its current step. Hold pauses it.${end}`
-          : `${facts.armed ? 'Takes' : 'Arms, takes'} off and flies the mission stored on the vehicle from its first step. Hold pauses it.`,
+          ? `Continues the mission stored on the vehicle from its current step. Hold pauses the mission.${end}`
+          : `${facts.armed ? 'Takes' : 'Arms, takes'} off and flies the mission stored on the vehicle from its first step. Hold pauses the mission.`,
         verb: 'Fly',
         danger: false,
       };
@@ -131,7 +131,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         };
       return {
         title: `Offboard ${name}`,
-        effect: 'The server holds this position by streaming setpoints. Move it in steps in the Offboard card. Hold ends the stream.',
+        effect: 'The server holds this position by streaming setpoints. You can move the vehicle in steps in the Offboard card. Hold ends the stream.',
         verb: 'Start',
         danger: false,
       };
@@ -186,7 +186,7 @@ export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start
   }
 }
 
-/** Tooltip that says why an action is not possible now; null if it is. Hold and Stop motors always are. */
+/** Tooltip that says why an action is not possible now; null if it is possible. Hold and Stop motors are always possible. */
 export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A recording takes no commands.';
   if (action === 'hold' || action === 'kill' || action === 'force_control') return null;

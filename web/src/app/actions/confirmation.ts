@@ -1,6 +1,6 @@
 /**
  * State machine of a confirmation: asking, confirmed (knob held or slid to its end), expired, cancelled. Callers pass the time.
- * It expires after five seconds without a touch, never while a finger or a key is on it.
+ * It expires five seconds after the last input, never while the knob is held by a pointer or a key.
  */
 
 export const EXPIRES_AFTER_S = 5;
@@ -9,8 +9,8 @@ export const HOLD_DANGER_S = 1.5;
 /** Number of arrow key presses from one end of the track to the other. */
 export const KNOB_STEPS = 10;
 /**
- * Longest interval between two calls while a key counts as held [s]: after a longer pause the key may have been
- * released unseen.
+ * Longest interval between two calls of `tick` that counts as holding [s]: during a longer pause the key may have been
+ * released.
  */
 export const MAX_TICK_S = 0.25;
 
@@ -21,7 +21,7 @@ export class Confirmation {
   /** The typed value is not valid: confirmation is blocked. */
   blocked = false;
   private deadline_s: number;
-  /** Time of the last call while a key is held; null if none is held. */
+  /** Time of the last call of `tick` while a key is held; null if no key is held. */
   private lastTick_s: number | null = null;
   private held_s = 0;
   /** Position of the knob, 0–1, set by a pointer or by arrow keys. */

@@ -189,7 +189,7 @@ export class ActionController {
     else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
   }
 
-  /** Shows a problem that no button caused, as a refusal in that part of the page. */
+  /** Shows a problem that was not caused by a button, as a refusal in that part of the page. */
   showProblem(what: string, vehicleName: string, place: PagePart, problem: Problem): void {
     this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
   }

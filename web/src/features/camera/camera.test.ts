@@ -43,7 +43,7 @@ describe('the cameras of a vehicle', () => {
     expect(control.hasTaken(facts, other)).toBe(true);
     expect(control.hasTaken(facts, one)).toBe(false);
   });
-  it('report no picture that was refused, and take the next one', async () => {
+  it('report no picture after a refusal, and can then take the next one', async () => {
     accepted = false;
     await control.takePicture(facts, one);
     expect(control.hasTaken(facts, one)).toBe(false);

@@ -9,7 +9,8 @@ import { gimbalKey, limits, ofGimbal, withGimbal, type Angles } from '../../vehi
 import { clamp } from './pad';
 
 /**
- * After this time without a drag or key [ms] the last angles are sent once more, to learn where the camera stopped.
+ * After this time without a drag or key [ms] the last angles are sent once more, and the answer says where the camera
+ * stopped.
  */
 const SETTLE_MS = 400;
 /** Rate of the camera while an arrow is held [deg/s]. */
@@ -54,7 +55,7 @@ export class GimbalControl {
     return answer !== undefined && answer.mine && answer.holder === holderKey(facts);
   }
 
-  /** Asks the server whose id the controlling id is; called when it changes. */
+  /** Reads from the server whether it controls the gimbal, and the gimbal's ROI; called when the reported holder of control changes. */
   async askHolder(facts: VehicleFacts): Promise<void> {
     const [key, holder] = [gimbalKey(facts), holderKey(facts)];
     const answer = await this.api.get('/vehicles/{v}/gimbal', ofGimbal(facts));
@@ -63,7 +64,7 @@ export class GimbalControl {
   }
 
   /**
-   * The ROI set by this server, until another command of it ended the ROI; null if there is none or it is not known.
+   * The ROI that this server has set and not ended by another command; null if there is none or it is not known.
    */
   roiOf(facts: VehicleFacts): Roi | null {
     return this.answers[gimbalKey(facts)]?.roi ?? null;
@@ -116,7 +117,7 @@ export class GimbalControl {
     if (number === this.sent && answer.ok && answer.value.limited != null) this.limited = { id: gimbalKey(facts), text: answer.value.limited.text };
   }
 
-  /** A new command was sent: the result of the previous one no longer applies. */
+  /** Sends a command; the result of the previous command no longer applies. */
   private push(command: QueuedCommand): void {
     clearTimeout(this.settleTimer);
     this.sent += 1;
@@ -124,14 +125,14 @@ export class GimbalControl {
     this.sender.push(command);
   }
 
-  /** Turns while held: signs of pitch (up) and yaw (right). */
+  /** Turns the camera while an arrow is held. @param pitch, yaw signs: up and right are positive. */
   turn(facts: VehicleFacts, pitch: number, yaw: number): void {
     this.target = null;
     this.turning = facts;
     this.rates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
   }
 
-  /** Let go: both axes stop. */
+  /** The arrow was released: both axes stop. */
   stop(): void {
     const turning = this.turning;
     this.turning = null;
@@ -161,7 +162,7 @@ export class GimbalControl {
   }
 }
 
-/** Changes when the vehicle or its gimbal's holder does. */
+/** A key that changes when another vehicle, another gimbal or another holder of control is shown. */
 export function holderKey(facts: VehicleFacts): string {
   return `${gimbalKey(facts)}/${facts.gimbal?.value.primary_control?.join('.') ?? 'nobody'}`;
 }

@@ -31,7 +31,7 @@ function noPosition(age_s: number | null): Outcome<never> {
           ? 'The vehicle reports no local position, so there is nothing to hold.'
           : `The last local position is ${ageText(age_s)} old: the current position is not known.`,
       reasons: [],
-      remedy: 'Wait until it reports its position, then try again.',
+      remedy: 'Wait until the vehicle reports its position, then try again.',
       code: 'refused',
       status: 0,
       field: null,
@@ -74,7 +74,10 @@ export class OffboardControl {
     return this.begin(facts.id, { ...setpoint }, DEFAULT_VALIDITY);
   }
 
-  /** Sends a new setpoint of any kind. If it is refused, the previous one is still renewed; without an answer it is unknown which one is flown, and none is renewed. */
+  /**
+   * Sends a new setpoint of any kind. If the server refuses it, the previous setpoint is still renewed. Without an answer
+   * it is unknown which of the two is flown, and neither is renewed.
+   */
   async send(id: string, setpoint: AnySetpoint, validity: Validity): Promise<Outcome<unknown>> {
     const renewer = this.renewer(id);
     this.onOwnSetpoint(id);

@@ -22,7 +22,7 @@ describe('offboard', () => {
     sends_failed: 0,
     ended: null,
   };
-  it('reports limits that a restart kept or lost, and no others', () => {
+  it('reports only limits that a restart of the server kept or lost', () => {
     const origin = {
       active: true,
       restored: false,

@@ -6,7 +6,7 @@
 
 import type { AnySetpoint, Validity } from '../../vehicle/setpoint';
 
-/** Fraction of the validity after which it is renewed. */
+/** Fraction of the validity after which the setpoint is renewed. */
 const REFRESH_AT = 0.3;
 
 export interface RenewedSetpoint {
@@ -31,8 +31,8 @@ export class SetpointRenewer {
   }
 
   /**
-   * Starts to renew this setpoint, if that was chosen; the caller is sending it now.
-   * @returns a function to call if it is refused: the vehicle keeps its previous setpoint, which is then renewed again.
+   * Starts to renew this setpoint if `validity.renew` is set; the caller is sending the setpoint now.
+   * @returns a function to call if the server refuses it: the previous setpoint, which the vehicle keeps, is then renewed again.
    */
   start(setpoint: AnySetpoint, validity: Validity, now_s: number): () => void {
     const [before, sentBeforeAt_s, acceptedBeforeAt_s] = [this.current, this.sentAt_s, this.acceptedAt_s];

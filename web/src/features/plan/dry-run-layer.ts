@@ -35,7 +35,7 @@ const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 /** The flights of all vehicles, or the one flight. */
 const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
 
-/** The many flights of each vehicle, with its role; of one vehicle without a role. */
+/** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
 function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [string | null, MonteCarlo])[] {
   if (monte_carlo === null) return [];
   return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);

@@ -141,7 +141,7 @@ describe('a dry run', () => {
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
   });
 
-  it('is scrubbed by keys within its ends', () => {
+  it('moves in time by keys, within its start and end', () => {
     expect(timeAfterKey('ArrowRight', false, 5, 20)).toBe(6);
     expect(timeAfterKey('ArrowLeft', true, 5, 20)).toBeCloseTo(4.9);
     expect(timeAfterKey('PageUp', false, 15, 20)).toBe(20);
@@ -175,7 +175,7 @@ describe('a dry run', () => {
     expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
   });
 
-  it('is followed to its end, and belongs to the simulated document', async () => {
+  it('shows its result for exactly the document that was simulated', async () => {
     const operation = (state: string, result: object | null = null) => ({ id: 'o1', kind: 'dry_run', state, progress: 0.5, text: 'Step 3.', result });
     const answers: unknown[] = [operation('running'), VIEW];
     const asked: string[] = [];

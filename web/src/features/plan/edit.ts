@@ -17,8 +17,8 @@ function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
 }
 
 /**
- * Text of an item or zone from an imported file keeps its unknown keys; changed values replace it when the file is
- * written.
+ * Changes only these fields. An imported item keeps its text (`original`) with keys that this editor does not know; when
+ * the plan is written to a file, the changed values replace those in the text.
  */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];

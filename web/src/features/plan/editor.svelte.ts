@@ -135,7 +135,7 @@ export class PlanEditor implements LayerEditor {
     this.selected = new Set(ids);
   }
 
-  /** Selects one entry, adds it to the selection, or selects a range. */
+  /** Selects one point, or with `more` adds it to or removes it from the selection; inserts a point if it is a midpoint. */
   pick(id: string, more: boolean): void {
     if (kinds.isInsertion(id)) {
       const at = this.picture.points.find((point) => point.id === id);

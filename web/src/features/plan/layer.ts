@@ -11,7 +11,7 @@ const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;
 
 /**
- * Parses the id of a leg's midpoint: `middle:` and the row before which it inserts; of a fence edge, zone and corner.
+ * Parses the id of a midpoint. `middle:` inserts an item before this row; `side:` inserts a corner into this zone.
  */
 export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | null {
   const [of, a, b] = id.split(':');

@@ -16,7 +16,7 @@ export function startQuestion(vehicleName: string, inAir: boolean, row: number |
   const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
     title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
-    effect: [flies, acceptedErrorsText(despite.map(findingText)), 'Hold pauses it.'].filter((part) => part !== '').join(' '),
+    effect: [flies, acceptedErrorsText(despite.map(findingText)), 'Hold pauses the mission.'].filter((part) => part !== '').join(' '),
     verb: 'Fly',
     danger: despite.length > 0,
   };

@@ -136,7 +136,7 @@ export class Plans {
     return null;
   }
 
-  /** Opens an older version without saving it. To save it adds a new version after the newest. */
+  /** Opens an older version without saving it. Saving then adds a new version after the newest one. */
   async openVersion({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
     const answer = await this.call(this.api.open(id, version));
     if (!answer.ok) {

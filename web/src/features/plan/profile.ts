@@ -6,7 +6,7 @@ import type { Flight } from './offboard/compiled-path';
 
 export interface ProfilePoint {
   readonly row: number;
-  /** Id that a click on the point selects. Of the points of a mission's path only the first of a step has one. */
+  /** Id that a click on the point selects; null if it selects nothing. On a mission's path only the first point of each step has an id. */
   readonly id: string | null;
   /** Time since the start of the flight; null if it is not known. */
   readonly t_s?: number;
@@ -70,13 +70,14 @@ function withRange(points: readonly ProfilePoint[], ground: Ground): Profile {
   return { points, length_m: along_m, top_m, bottom_m };
 }
 
-/** The known parts as polylines in a box of this size, y downwards. */
+/** A vertex of a polyline, y downwards. */
 export interface PolylinePoint {
   readonly x: number;
   readonly y: number;
   readonly id: string | null;
 }
 
+/** The parts of the profile with known altitudes, as polylines in a box of this size. */
 export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): PolylinePoint[][] {
   const parts: PolylinePoint[][] = [[]];
   for (const point of points) {

@@ -33,7 +33,7 @@ describe('the plan on the vehicle', () => {
     return { asked, mission: new VehicleMission(api) };
   }
 
-  it('matches only in exactly the same version', async () => {
+  it('matches the open plan only in exactly the same version', async () => {
     const { mission } = vehicle([200, view('plan', named)]);
     mission.selectVehicle('1');
     await settled();
@@ -98,7 +98,7 @@ describe('the plan on the vehicle', () => {
     expect(asked.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
   });
 
-  it('differs with a text that contains item, value and both sides', () => {
+  it('lists each difference with item, field and both values', () => {
     const found = (over: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...over });
     const one = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true } as const;
     expect(differenceText(one)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
@@ -123,7 +123,7 @@ describe('flying the plan on the vehicle', () => {
     ...over,
   });
 
-  it('with an error needs a person’s acceptance, for exactly this plan and vehicle', () => {
+  it('needs a person’s acceptance of each error, for exactly this plan and vehicle', () => {
     const accepted = new AcceptedErrors();
     const [one, other] = [finding({}), finding({ text: 'It leaves it again.' })];
     accepted.set(one, EMPTY, '1', true);
@@ -133,7 +133,7 @@ describe('flying the plan on the vehicle', () => {
     expect(accepted.has(one, EMPTY, '1')).toBe(false);
   });
 
-  it('with an error found at the start needs acceptance, for exactly this plan and vehicles', async () => {
+  it('needs acceptance of errors found at the start, for exactly this plan and vehicles', async () => {
     const refusal = { code: 'plan_findings', detail: 'Errors.', codes: ['separation'], reasons: ['lead, step 2: They come too near.'] };
     const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
     const found = new StartErrors();
@@ -150,7 +150,7 @@ describe('flying the plan on the vehicle', () => {
   it('lists the accepted errors, and confirms as a dangerous action', () => {
     const question = startQuestion('1 Quad', false, null, [finding({})]);
     expect(question.effect).toBe(
-      'Arms, takes off and flies the mission stored on the vehicle from its first step. Despite an error: It leaves the fence. Hold pauses it.',
+      'Arms, takes off and flies the mission stored on the vehicle from its first step. Despite an error: It leaves the fence. Hold pauses the mission.',
     );
     expect([question.danger, startQuestion('1 Quad', true, 3, []).danger]).toEqual([true, false]);
     expect(startQuestion('1 Quad', true, 3, [])).toMatchObject({

@@ -57,7 +57,7 @@ test('unknown values are not guessed', () => {
   expect(readReadiness(report)).toBe(report);
 });
 
-test('blocking findings come first and list what they block', () => {
+test('blocking findings come first, each with the modes that it blocks', () => {
   const dull: Cause = { ...battery, id: 4, cause: 'Wind.' };
   const rows = findings({ ...report, findings: [dull, ...report.findings] });
   expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([

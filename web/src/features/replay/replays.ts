@@ -16,7 +16,7 @@ export const LONG_STEP_S = 30;
 /** Messages up to this MAV_SEVERITY (warning) are marked on the bar and can be jumped to. */
 const SERIOUS = 4;
 
-/** Begin and end of a replay that can be steered; null while it is being read. */
+/** Begin and end of a replay; null while the recording is being read, and its time cannot be set yet. */
 export function bounds(replay: Replay): { begin_s: number; end_s: number } | null {
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }

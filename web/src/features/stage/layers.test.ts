@@ -34,12 +34,12 @@ class RecordingEditor implements LayerEditor {
 }
 
 describe('the point under a pointer', () => {
-  it('is the nearest within reach', () => {
+  it('is the nearest point within reach', () => {
     const points = [point('a', 0), point('b', 10)];
     expect(pointAt(view, { x: 512, y: 400 }, points, 14)?.id).toBe('b');
     expect(pointAt(view, { x: 540, y: 400 }, points, 14)).toBeNull();
   });
-  it('is a point of the plan before a midpoint, even if the midpoint is nearer', () => {
+  it('prefers a point of the plan to a midpoint, even if the midpoint is nearer', () => {
     const points = [point('a', 0), point('middle', 3, 'middle')];
     expect(pointAt(view, { x: 505, y: 400 }, points, 14)?.id).toBe('a');
     expect(pointAt(view, { x: 515, y: 400 }, points, 14)?.id).toBe('middle');
@@ -47,7 +47,7 @@ describe('the point under a pointer', () => {
 });
 
 describe('a gesture', () => {
-  it('without movement selects', () => {
+  it('selects the point if the pointer does not move', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 503, y: 402 }, point('a', 0), true);
@@ -56,7 +56,7 @@ describe('a gesture', () => {
     expect(editor.calls).toEqual([['pick', 'a', true]]);
   });
 
-  it('with movement drags, with a constant offset to the pointer', () => {
+  it('drags the point with a constant offset to the pointer', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 503, y: 402 }, point('a', 0), false);
@@ -70,7 +70,7 @@ describe('a gesture', () => {
     expect(at.y).toBeCloseTo(400, 3);
   });
 
-  it('on a midpoint drags the inserted point', () => {
+  it('drags the inserted point if it begins on a midpoint', () => {
     const editor = new RecordingEditor('new');
     const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 500, y: 400 }, point('middle', 0, 'middle'), false);
@@ -78,7 +78,7 @@ describe('a gesture', () => {
     expect(editor.calls.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
 
-  it('moves everything back when it is cancelled', () => {
+  it('moves all points back when it is cancelled', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
@@ -88,7 +88,7 @@ describe('a gesture', () => {
     expect(editor.calls.at(-1)).toEqual(['drop', false]);
   });
 
-  it('on a point that cannot move only selects', () => {
+  it('only selects a point that cannot move', () => {
     const editor = new RecordingEditor(null);
     const gesture = new LayerGesture(editor);
     gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
@@ -101,7 +101,7 @@ describe('a gesture', () => {
     ]);
   });
 
-  it('by keys moves from the first key press', () => {
+  it('moves the point from the first key press when it is made by keys', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
     expect(gesture.grabByKeyboard(view, point('a', 0))).toBe(true);
@@ -114,7 +114,7 @@ describe('a gesture', () => {
 });
 
 describe('the MapLibre data', () => {
-  it('has areas, lines and points, the area closed', () => {
+  it('has closed areas, lines and points', () => {
     const ring = [0, 10, 20].map((east_m) => positionAt(HERE, { east_m, north_m: east_m % 20 }));
     const drawn = features([
       {

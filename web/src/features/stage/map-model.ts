@@ -87,7 +87,7 @@ function look(facts: VehicleFacts): number | null {
   return gimbal.value.yaw_frd_rad === null || yaw === null ? null : gimbal.value.yaw_frd_rad + yaw;
 }
 
-/** Positions of the obstacles that its distance sensors detect now. */
+/** Positions of the obstacles that the vehicle's distance sensors detect now. */
 function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
   const around = vehicle.read('obstacle_distance', facts.now_unix_s);

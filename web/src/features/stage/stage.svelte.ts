@@ -79,8 +79,8 @@ class StageState {
   }
 
   /**
-   * Sends the state to the running 3D view, one request at a time and then the newest. A failure is visible in the
-   * view and needs no message.
+   * Sends the state to the running 3D view: one request at a time, and after each request only the newest state. A
+   * failure is visible in the view and needs no message.
    */
   async show(view: SceneView): Promise<void> {
     const isSending = this.pendingView !== null;

@@ -108,7 +108,7 @@ export function componentLines(components: readonly Component[], now_unix_s: num
     ]);
 }
 
-/** The vehicle's link by its heartbeats; `links` adds the server's counters. */
+/** The state of the vehicle's link, from its heartbeats; `details` are the server's counters. */
 export function linkIndicator(
   heartbeatAge_s: number | null,
   lost: boolean,

@@ -39,7 +39,7 @@ describe('status words', () => {
     expect(words({ status: down }).title).toBe('Disarmed');
     expect(words({ status: null }).title).toBe('No vehicle state');
   });
-  it('shows lost, replay and failsafe before the mode', () => {
+  it('shows a lost connection, a replay or a failsafe instead of the mode', () => {
     expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
     expect(words({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
     expect(words({ replayed: true }).title).toBe('Replay');
@@ -71,7 +71,7 @@ it('shows severity with a word, and unknown as unknown', () => {
   });
 });
 
-it('shows a stopped recording, and none that was not reported', () => {
+it('shows a stopped recording, and no recording before the server has reported one', () => {
   const link: LinkLine = {
     name: 'a',
     url: 'udpin://x',

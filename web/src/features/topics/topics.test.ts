@@ -56,7 +56,7 @@ describe('the list of topics', () => {
     expect(valueText([1.5, null, true])).toBe('1.5, NaN, true');
   });
 
-  it('says how far the discovery is', () => {
+  it('shows the state of the discovery', () => {
     expect(stateText(null)).toBe('discovering topics …');
     expect(stateText(inspection([], { state: 'starting' }))).toBe('discovering topics …');
     expect(stateText(inspection([topic('a')], { left_out: 3 }))).toBe('DDS domain 7 · 4 topics');
@@ -65,7 +65,7 @@ describe('the list of topics', () => {
   });
 });
 
-it('is offered only for a vehicle that is heard over ROS 2', () => {
+it('is offered only for a vehicle that is connected over ROS 2', () => {
   const offered = (protocols: string[] | null): boolean => {
     const reach = protocols === null ? null : { protocols, telemetry: null, commands: null, setpoints: null, missing: [] };
     return isOffered({ protocol: 'ROS 2' } as Panel, { reach } as unknown as VehicleFacts);
@@ -73,7 +73,7 @@ it('is offered only for a vehicle that is heard over ROS 2', () => {
   expect([offered(null), offered(['MAVLink']), offered(['MAVLink', 'ROS 2'])]).toEqual([false, false, true]);
 });
 
-it('takes only the topics of the vehicle that is shown, and forgets them for another one', () => {
+it('keeps only the topics of the vehicle that is shown, and clears them for another vehicle', () => {
   let stopped = 0;
   const open = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
   const end = panel.watch('1', 'ws://x', open);

@@ -61,7 +61,7 @@ describe('list of vehicles', () => {
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
 
-  it('shows why none could be held', async () => {
+  it('shows why the request failed', async () => {
     const refusal = { title: 'Signed out', code: 'token', detail: 'The token is not valid.', remedy: 'Sign in again.' };
     const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);

@@ -1,4 +1,4 @@
-/** Reads the browser's gamepad 25 times a second, sends its setpoints, and keeps the reason why it ended. */
+/** Reads the browser's gamepad 25 times a second, sends its setpoints, and keeps the reason why control by the sticks ended. */
 
 import type { AnySetpoint } from '../../../vehicle/setpoint';
 import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
@@ -29,7 +29,7 @@ export class GamepadControl {
   /** Result of the last reading; null before the first. */
   step = $state.raw<Step | null>(null);
   axes = $state.raw<readonly number[]>([]);
-  /** Why it ended by itself. */
+  /** Why control by the sticks ended; null if a person ended it. */
   ended = $state<string | null>(null);
   private readonly pilot = new Pilot(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
   private host: GamepadHost | null = null;

@@ -8,7 +8,7 @@ const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pa
 const FORWARD = [0, 0, 0, -1];
 
 describe('sticks', () => {
-  it('command nothing within the dead zone and start there without a step', () => {
+  it('command nothing within the dead zone, and increase from zero at its edge', () => {
     expect(shapeAxis(0.1, SHAPE)).toBe(0);
     expect(shapeAxis(-0.09, SHAPE)).toBe(0);
     expect(shapeAxis(0.101, SHAPE)).toBeLessThan(0.01);
@@ -87,7 +87,7 @@ describe('the deadman button', () => {
     ['unplugged', null, HERE],
     ['tab hidden', pad(FORWARD, true), { ...HERE, visible: false }],
     ['window left', pad(FORWARD, true), { ...HERE, focused: false }],
-  ])('%s: stops, ends, and says why', (_, snapshot, inputs) => {
+  ])('%s: stops the vehicle, ends control by the sticks, and says why', (_, snapshot, inputs) => {
     const pilot = flying();
     const step = pilot.step(snapshot, inputs, 0.08);
     expect(step).toMatchObject({ phase: 'off', setpoint: STOP });
@@ -106,7 +106,7 @@ describe('the deadman button', () => {
     expect(pilot.step(pad(FORWARD, true), { ...HERE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
   });
 
-  it('sends one stop when a person ends it', () => {
+  it('sends one stop when a person ends control by the sticks', () => {
     const pilot = flying();
     expect(pilot.disengage()).toEqual(STOP);
     expect(pilot.disengage()).toBeNull();

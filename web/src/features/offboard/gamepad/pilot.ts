@@ -1,7 +1,7 @@
 /**
  * Turns a gamepad's state into setpoints, 25 times a second. The sticks count only while the deadman button is held;
- * the vehicle stops as soon as it is released. It ends when the sticks cannot be read (unplugged, hidden tab, window
- * without focus). Pure: callers pass the time.
+ * the vehicle stops as soon as the button is released. Control by the sticks ends when they cannot be read (gamepad
+ * unplugged, tab hidden, window without focus). Pure: callers pass the time.
  */
 
 import { attitudeSetpoint, SHAPE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
@@ -18,7 +18,7 @@ export interface PadSnapshot {
   pressed: readonly boolean[];
 }
 
-/** Whether the page is visible and has the focus, so that the gamepad can be read. */
+/** What the setpoints depend on besides the gamepad: the page must be visible and have the focus, or the sticks cannot be read. */
 export interface PilotInputs {
   visible: boolean;
   focused: boolean;
@@ -37,7 +37,7 @@ export interface Step {
   phase: PilotPhase;
   /** The setpoint to send now; null for none. */
   setpoint: PadSetpoint | null;
-  /** Why it ended by itself; null while it runs. */
+  /** Why control by the sticks ended; null while it continues. */
   ended: string | null;
   sticks: Sticks;
   held: boolean;
@@ -59,7 +59,7 @@ export class Pilot {
     this.last_s = null;
   }
 
-  /** The user ended it: sends one stop. */
+  /** The user ends control by the sticks. @returns one stop setpoint to send; null if it had ended already. */
   disengage(): PadSetpoint | null {
     const was = this.phase;
     this.phase = 'off';

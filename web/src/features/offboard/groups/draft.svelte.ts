@@ -73,7 +73,7 @@ class GroupDraft {
     });
   }
 
-  /** Renews the flying setpoints for their own validity, not the one being typed; keeps them renewed if that was chosen. */
+  /** Renews the flown setpoints with the validity of their own kind; they stay renewed if the form says so. */
   async renew(group: Group): Promise<void> {
     const flown: Draft = { ...this.now, motion: axesKindOf(group) };
     this.tried = true;

@@ -155,7 +155,7 @@ export function startQuestion(names: readonly string[], draft: Draft): Question 
   const near = draft.othersContinue ? 'only a vehicle that comes closer holds' : 'if two vehicles come closer, all vehicles hold';
   return {
     title: `Group: ${joinNames(names)}`,
-    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(parseTyped(draft.separation_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,
+    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(parseTyped(draft.separation_m), 1)} m; ${near}. ${ends}. “Hold group” stops all vehicles at any time.`,
     verb: 'Start',
     danger: false,
   };

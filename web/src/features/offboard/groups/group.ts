@@ -106,7 +106,7 @@ export function findingsShown(group: Group, most: number): Group['findings'] {
     .filter((finding) => finding.text !== group.ended);
 }
 
-/** The minimum distance that the guard ensures, and its margin for uncertain positions. */
+/** The minimum separation that the server monitors, and its margin for uncertain positions. */
 export function separationWords(group: Group): string {
   const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
   return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m margin`;

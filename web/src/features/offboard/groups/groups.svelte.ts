@@ -156,7 +156,7 @@ export class GroupController {
     });
   }
 
-  /** The setpoints are computed when they are sent. */
+  /** Calls `send` after earlier requests to these vehicles have been answered, so that `send` reads the present setpoints. */
   private enqueue(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
     return this.queue.run(vehiclesOf(group), send);
   }

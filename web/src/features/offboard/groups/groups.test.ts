@@ -63,7 +63,7 @@ describe('a group’s state', () => {
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
   });
 
-  it('shows the guard’s margin once the guard has measured it', () => {
+  it('shows the separation margin once the server has measured it', () => {
     expect(separationWords(GROUP)).toBe('at least 5.0 m + 1.6 m margin');
     expect(separationWords(as({ margin_m: null }))).toBe('at least 5.0 m');
   });
@@ -82,7 +82,7 @@ describe('a group’s state', () => {
     expect(joinNames(['a', 'b', 'c'])).toBe('a, b and c');
   });
 
-  it('distinguishes groups of one number by their creation, and shows only ended groups that were seen flying', () => {
+  it('distinguishes groups with the same number by their creation time, and shows only ended groups that this page saw flying', () => {
     const old = as({ state: 'ended', created_unix_s: 1, ended: 'x' });
     const list: ReceivedGroup[] = withGroup([{ group: old, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
     expect(list).toHaveLength(2);
@@ -143,7 +143,7 @@ describe('the renewer of a group', () => {
     expect(one.renewedAt_s).toEqual([3, 6, 16, 19]);
   });
 
-  it('waits for the start, and renews no group that is stopping or ended', async () => {
+  it('does not renew a group before its start, while it stops, or after its end', async () => {
     const one = renewer();
     await run(one, 30, (s) => [as({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
     expect(one.renewedAt_s).toEqual([10]);
@@ -239,7 +239,7 @@ describe('the group controller', () => {
     expect(renewals()).toHaveLength(2);
   });
 
-  it('lets no renewal overtake a new setpoint', async () => {
+  it('sends no renewal that could overtake a new setpoint', async () => {
     const { controller, calls, at, settle } = setup();
     await controller.start({ members: MEMBERS }, VALIDITY);
     const delayAnswer = (): (() => void) => {
@@ -323,7 +323,7 @@ describe('the group controller', () => {
     expect(controller.renewedKey).toBeNull();
   });
 
-  it('never renews a velocity by the rule for positions', () => {
+  it('distinguishes velocities from positions, which have different validities', () => {
     expect(axesKindOf(GROUP)).toBe('move');
     expect(axesKindOf(as({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
   });

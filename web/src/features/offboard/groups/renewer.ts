@@ -6,7 +6,7 @@
 import type { Validity } from '../../../vehicle/setpoint';
 import { keyOf, type Group } from './group';
 
-/** Fraction of the validity after which it is renewed. */
+/** Fraction of the validity after which the setpoints are renewed. */
 const REFRESH_AT = 0.3;
 
 interface RenewedGroup {
@@ -25,7 +25,7 @@ export class GroupRenewer {
   /** @param send renews the setpoints of all members. */
   constructor(private readonly send: (group: Group, validity: Validity) => Promise<RenewalResult>) {}
 
-  /** Starts to renew this group, if that was chosen; the caller has just sent its setpoints. */
+  /** Starts to renew this group if `validity.renew` is set; the caller has just sent its setpoints. */
   start(group: Group, validity: Validity, now_s: number): void {
     this.current = validity.renew ? { key: keyOf(group), validity, sentAt_s: now_s, busy: false } : null;
   }

@@ -67,7 +67,7 @@ class SetpointEditor {
     return this.forms[this.kind] ?? formHere(this.kind, facts, this.hoverThrust);
   }
 
-  /** Filled once, so that the values do not change while a person reads them. */
+  /** Fills the form with the vehicle's state. This is done only once, so that the values do not change while a person reads them. */
   fill(facts: VehicleFacts, again = false): void {
     if (!again && this.forms[this.kind] !== undefined) return;
     this.edit(formHere(this.kind, facts, this.hoverThrust));
@@ -154,8 +154,13 @@ class SetpointEditor {
   start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const where = target === null ? '' : ` (${previewText(target, facts)})`;
-    const after = validity.on_expiry.action === 'hold' ? 'holds, then Hold mode' : validity.on_expiry.action === 'land' ? 'lands' : 'stops the stream';
-    const howLong = validity.renew ? 'for as long as this page is open' : `for ${fixed(validity.valid_for_s, 1)} s, then it ${after}`;
+    const after =
+      validity.on_expiry.action === 'hold'
+        ? 'the vehicle holds, then switches to Hold mode'
+        : validity.on_expiry.action === 'land'
+          ? 'the vehicle lands'
+          : 'the server stops the stream';
+    const howLong = validity.renew ? 'for as long as this page is open' : `for ${fixed(validity.valid_for_s, 1)} s, then ${after}`;
     const sent = this.input;
     actions.request('offboard_start', facts, 'room', null, {
       setpoint,

@@ -55,8 +55,8 @@ export const LIMIT_FIELDS: readonly LimitField[] = [
   { name: 'climb_max_m_s', label: 'Climb', unit: 'm/s', scale: 1, own: 'climb_max_m_s' },
   { name: 'sink_max_m_s', label: 'Descent', unit: 'm/s', scale: 1, own: 'sink_max_m_s' },
   { name: 'tilt_max_rad', label: 'Tilt', unit: '°', scale: RAD, own: 'tilt_max_rad' },
-  { name: 'height_min_m', label: 'Minimum height', unit: 'm', scale: 1, own: null },
-  { name: 'height_max_m', label: 'Maximum height', unit: 'm', scale: 1, own: 'height_max_m' },
+  { name: 'height_min_m', label: 'Minimum altitude above home', unit: 'm', scale: 1, own: null },
+  { name: 'height_max_m', label: 'Maximum altitude above home', unit: 'm', scale: 1, own: 'height_max_m' },
   { name: 'distance_max_m', label: 'Distance from home', unit: 'm', scale: 1, own: 'distance_max_m' },
   { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, own: null },
 ];

@@ -12,7 +12,7 @@ export const AHEAD_S = 3;
 export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
-  /** True if the position is where a velocity leads, not a position setpoint. */
+  /** The position is reached by a velocity after `AHEAD_S`; it is not a position setpoint. */
   isExtrapolated: boolean;
 }
 

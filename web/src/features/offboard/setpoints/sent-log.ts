@@ -1,5 +1,5 @@
 /**
- * The log of sent setpoints, newest first, each with the applied values. Setpoints repeated 25 times a second share a
+ * The log of sent setpoints, newest first, each with the server's answer. Setpoints repeated 25 times a second share a
  * line. Pure.
  */
 
@@ -12,12 +12,12 @@ export interface SentLine {
   id: number;
   input: InputMethod;
   unix_s: number;
-  /** Time of the newest one. */
+  /** Text of the newest setpoint of this line. */
   words: string;
   /** Number of setpoints in this line. */
   count: number;
   answered: number;
-  /** The server's changes or its refusal; null if all were taken unchanged. */
+  /** The server's changes or its refusal; null if all setpoints were accepted unchanged. */
   note: string | null;
   refused: boolean;
   /** Round-trip time of the newest answer [s]. */

@@ -29,7 +29,7 @@ function bad(form: Form): Readonly<Record<string, string>> {
 const put = (form: Form, key: string, text: string, off = false): Form => ({ ...form, fields: { ...form.fields, [key]: { text, off } } });
 
 describe('forms', () => {
-  it('start with the present state: sent unchanged they move nothing', () => {
+  it('start with the present state, so that they hold the vehicle if sent unchanged', () => {
     expect(good(formHere('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
     expect(good(formHere('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
     expect(good(formHere('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
@@ -53,7 +53,7 @@ describe('forms', () => {
     expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
   });
 
-  it('leave axes to other quantities, north and east together, and none without control', () => {
+  it('allow uncontrolled axes, north and east only together, if another quantity controls them', () => {
     const mixed = setOff({ ...formHere('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
     expect(bad({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
@@ -94,7 +94,7 @@ describe('preview', () => {
     expect(preview?.yaw_ned_rad).toBeCloseTo(Math.PI / 2 + 0.5);
   });
 
-  it('shows the position that a velocity leads to, and marks it', () => {
+  it('shows the position that a velocity reaches, and marks it as extrapolated', () => {
     const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
     expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], isExtrapolated: true });
     expect(preview && previewText(preview, FACTS)).toBe('3.0 m after 3 s, 3.0 m up');
@@ -248,7 +248,7 @@ describe('traces', () => {
     expect(traces.columns('position', 2, 100)[0]).toEqual([]);
   });
 
-  it('draw no line across when a heading passes south', () => {
+  it('draw no line across the plot when a heading passes south', () => {
     const traces = new Traces();
     [170, 179, -179].forEach((deg, i) =>
       traces.add({ ...seen(i, 0, null), attitude: { roll_rad: 0, pitch_rad: 0, yaw_ned_rad: deg * (Math.PI / 180) } as never }),
@@ -256,7 +256,7 @@ describe('traces', () => {
     expect(traces.columns('attitude', 2, 2)[2].map((v) => v && Math.round(v))).toEqual([170, 179, null]);
   });
 
-  it('read every form of an attitude', () => {
+  it('read an attitude from a quaternion, from a yaw, or from a velocity along the heading', () => {
     expect(eulerOf([Math.SQRT1_2, 0, 0, Math.SQRT1_2])).toEqual([0, 0, expect.closeTo(Math.PI / 2)]);
     expect(targetOf(null, null)).toBeNull();
     const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;

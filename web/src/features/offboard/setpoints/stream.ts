@@ -13,7 +13,7 @@ export interface Ack {
   /** What was changed and why, as the server's text. */
   limited: readonly string[];
   problem: Problem | null;
-  /** True if a newer setpoint replaced it before it was sent. */
+  /** True if a newer setpoint replaced this one before the server sent it to the vehicle. */
   superseded: boolean;
   /** From sending to its answer [s]. */
   took_s: number;
@@ -58,7 +58,7 @@ export class SetpointStream {
     this.socket.onmessage = (event) => this.onMessage(event.data);
   }
 
-  /** Sends it now; returns its number, or null if it could not be sent. */
+  /** Sends the request now; returns its sequence number, or null if it could not be sent. */
   send(request: object): number | null {
     if (this.socket.readyState !== OPEN) return null;
     if (this.socket.bufferedAmount > MAX_BUFFERED_BYTES) {

@@ -148,7 +148,7 @@ export function eulerOf(q: readonly number[]): MaybeVector3 {
   ];
 }
 
-/** The drawable part of the target against the actual state; values along the heading are rotated to north. */
+/** The part of the target that the plots show; values along the heading are rotated to north. */
 export function targetOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Target | null {
   if (stream === null || !stream.streaming) return null;
   const q = setpoint?.['q_ned_frd'];

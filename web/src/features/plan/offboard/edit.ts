@@ -156,7 +156,7 @@ export function addToBranch(mission: Mission, node: StepNode, list: 'then' | 'ot
   return { mission: next, id: stepId(`${node.place} ${list} ${steps.length + 1}`) };
 }
 
-/** Adds a list of steps of its own, which the call step then names. */
+/** Adds a new list of steps to the mission, and makes the call step call it. */
 export function addCalled(mission: Mission, node: StepNode): Mission {
   let number = 1;
   while (mission.missions[`part ${number}`] !== undefined) number += 1;

@@ -26,7 +26,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
       return node === null ? null : heights(mission, node, frame, `Raise to ${LOWEST_M} m`, (up_m) => Math.max(up_m, LOWEST_M));
     case 'estimate_missing':
     case 'fence_unknown':
-      return frame.known && mission.home == null ? { text: 'Plan from the vehicle’s home', plan: { ...mission, home: frame.start } } : null;
+      return frame.known && mission.home == null ? { text: 'Use the vehicle’s home', plan: { ...mission, home: frame.start } } : null;
     case 'duration_too_short':
       return node === null
         ? null

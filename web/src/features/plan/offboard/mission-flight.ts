@@ -120,7 +120,7 @@ export function startQuestion(
     acceptedErrorsText(despite),
     `Low battery: the vehicle ${does(low_battery)}. Control lost: it ${does(control_lost)}. After a lost link is restored: it ${does(link_loss)}.`,
     `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),
-    'Hold stops it at any time.',
+    'Hold stops the mission at any time.',
   ];
   return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.filter((part) => part !== '').join(' '), verb: 'Fly', danger: despite.length > 0 };
 }

@@ -18,11 +18,11 @@ export function modeName(mission: string): string {
 
 /**
  * Why a mission cannot be registered under this name; null if it can.
- * @param open errors that are not accepted; null: the mission has not been checked. The mode begins in the air, so a
- *   missing take-off is none.
+ * @param open errors that are not accepted; null: the mission has not been checked. A missing take-off is not an error
+ *   here, because the mode begins in the air.
  */
 export function registerProblem(name: string, mission: Mission, open: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
-  if (!NAME.test(name)) return `The name of the mode needs 1 to ${NAME_LENGTH} letters, digits or signs of ASCII.`;
+  if (!NAME.test(name)) return `The name of the mode must have 1 to ${NAME_LENGTH} ASCII characters.`;
   if (modes.some((mode) => mode.name === name && (mode.state === 'registered' || mode.state === 'registering')))
     return `A mode “${name}” is already registered. Remove it first, or choose another name.`;
   if (mission.steps?.[0]?.step === 'take_off') return 'A flight mode begins in the air: remove the take-off from the mission.';
@@ -60,7 +60,7 @@ export function selectQuestion(mode: MissionMode, vehicleName: string): Question
     title: `Start “${mode.name}” with ${vehicleName}`,
     effect:
       `Switches to the flight mode “${mode.name}”, and flies the mission “${mode.mission}”${version} from its current position. ` +
-      'If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops it at any time.',
+      'If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.',
     verb: 'Start',
     danger: false,
   };
