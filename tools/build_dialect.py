@@ -25,23 +25,23 @@ PACKAGES = ("gcs_server", "vehicle_sim")
 BASE_DEFINITIONS = ("minimal.xml", "standard.xml", "common.xml", "development.xml")
 
 
-def compile_dialect(ours: Path, target: Path) -> None:
-    """Generates the Python dialect of `ours` merged with pymavlink's definitions.
+def compile_dialect(overlay: Path, target: Path) -> None:
+    """Generates the Python dialect of `overlay` merged with pymavlink's definitions.
 
     Args:
-        ours: the overlay, including `development.xml`.
+        overlay: our definitions, including `development.xml`.
         target: the module to write.
 
     Raises:
         RuntimeError: pymavlink's generator refused the definitions.
     """
-    overlaid = {message.get("id") for message in ET.parse(ours).iter("message")}
+    overlaid = {message.get("id") for message in ET.parse(overlay).iter("message")}
     bundled = Path(v20.__path__[0])
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for name in BASE_DEFINITIONS:
             _copy_without(bundled / name, folder / name, overlaid)
-        shutil.copy(ours, folder / "px4.xml")
+        shutil.copy(overlay, folder / "px4.xml")
         options = mavgen.Opts(
             output=str(folder / "dialect"),
             wire_protocol=mavparse.PROTOCOL_2_0,
@@ -53,7 +53,7 @@ def compile_dialect(ours: Path, target: Path) -> None:
         with contextlib.redirect_stdout(generator_output):
             compiled = mavgen.mavgen(options, [str(folder / "px4.xml")])
         if not compiled:
-            raise RuntimeError(f"pymavlink could not compile {ours}:\n{generator_output.getvalue()}")
+            raise RuntimeError(f"pymavlink could not compile {overlay}:\n{generator_output.getvalue()}")
         text = (folder / "dialect.py").read_text(encoding="utf-8")
     target.write_text("# Generated from px4.xml by tools/build_dialect.py; not kept in git.\n" + text)
 
@@ -71,12 +71,12 @@ def _copy_without(source: Path, target: Path, ids: set[str | None]) -> None:
 def build_all(root: Path, *, force: bool = False) -> None:
     """Compiles each package's dialect whose sources are newer than the module."""
     for package in PACKAGES:
-        ours = root / package / "mavlink" / "px4.xml"
+        overlay = root / package / "mavlink" / "px4.xml"
         target = root / package / "mavlink" / "generated_dialect.py"
-        newest_source = max(ours.stat().st_mtime, Path(__file__).stat().st_mtime)
+        newest_source = max(overlay.stat().st_mtime, Path(__file__).stat().st_mtime)
         if force or not target.exists() or target.stat().st_mtime < newest_source:
             print(f"compiling the MAVLink dialect of {package} …", file=sys.stderr)
-            compile_dialect(ours, target)
+            compile_dialect(overlay, target)
 
 
 if __name__ == "__main__":

@@ -31,9 +31,9 @@ FILES = {
 CLASSES = tuple(name for names in FILES.values() for name in names)
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
-STEERING = ("Offboard", "LiveOffboard")
-"""Classes whose methods for the kinds of setpoints are inherited; these methods call `send`."""
-LEFT_OUT = ("socket",)
+SETPOINT_CLASSES = ("Offboard", "LiveOffboard")
+"""Classes whose methods for each setpoint type are inherited; these methods call `send`."""
+OMITTED_METHODS = ("socket",)
 """Methods that return a WebSocket, which belongs to the event loop."""
 
 HEADER = '''"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
@@ -66,7 +66,7 @@ from gcs_server.client.setpoints import Body, Expiry, PathPoints
 
 
 @dataclass(frozen=True)
-class Twin:
+class AsyncClass:
     """An asynchronous class and its module."""
 
     module: str
@@ -74,7 +74,7 @@ class Twin:
 
     def lines(self) -> str:
         """The blocking class as source."""
-        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(STEERING, "(SetpointCalls[Answer])")
+        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(SETPOINT_CLASSES, "(SetpointCalls[Answer])")
         head = f"class Sync{self.node.name}{bases.get(self.node.name, '')}:\n"
         body = [_doc(self.node), _init(self), *(_method(m) for m in _public(self.node))]
         return head + "\n\n".join(part for part in body if part)
@@ -82,13 +82,13 @@ class Twin:
 
 def build(file: str) -> str:
     """One module of `FILES`, as `ruff format` leaves it."""
-    twins = {twin.node.name: twin for module in MODULES for twin in _classes(module)}
+    classes = {found.node.name: found for module in MODULES for found in _classes(module)}
     others = "".join(
         f"from gcs_server.client.{other} import {', '.join(f'Sync{name}' for name in names)}\n"
         for other, names in FILES.items()
         if file == MAIN and other != MAIN
     )
-    source = "\n\n\n".join([HEADER + others, *(twins[name].lines() for name in FILES[file])])
+    source = "\n\n\n".join([HEADER + others, *(classes[name].lines() for name in FILES[file])])
     ruff = [sys.executable, "-m", "ruff"]
     for step in (["check", "--fix", "--quiet", "--select", "F401,I"], ["format", "--quiet"]):
         command = [*ruff, *step, "--stdin-filename", str(path(file)), "-"]
@@ -101,14 +101,14 @@ def path(file: str) -> Path:
     return CLIENT / f"{file}.py"
 
 
-def _classes(module: str) -> list[Twin]:
+def _classes(module: str) -> list[AsyncClass]:
     tree = ast.parse((CLIENT / f"{module}.py").read_text("utf-8"))
-    return [Twin(module, n) for n in tree.body if isinstance(n, ast.ClassDef) and n.name in CLASSES]
+    return [AsyncClass(module, n) for n in tree.body if isinstance(n, ast.ClassDef) and n.name in CLASSES]
 
 
 def _public(node: ast.ClassDef) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
     methods = [m for m in node.body if isinstance(m, ast.FunctionDef | ast.AsyncFunctionDef)]
-    return [m for m in methods if not m.name.startswith("_") and m.name not in LEFT_OUT]
+    return [m for m in methods if not m.name.startswith("_") and m.name not in OMITTED_METHODS]
 
 
 def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
@@ -119,17 +119,17 @@ def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
     return f'{indent}"""{lines}{end}"""'
 
 
-def _init(twin: Twin) -> str:
-    made = next(m for m in twin.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
+def _init(source: AsyncClass) -> str:
+    made = next(m for m in source.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
     kept = "\n".join(f"        {line}" for line in _attributes(made))
-    if twin.node.name == ROOT:
+    if source.node.name == ROOT:
         return (
             f"    def __init__({ast.unparse(made.args)}) -> None:\n"
             f"        self._inner = aio.{ROOT}({_passed(made.args)})\n"
             f"        super().__init__(self._inner.__aexit__)\n{kept}"
         )
     return (
-        f"    def __init__(self, inner: {twin.module}.{twin.node.name}, portal: BlockingPortal) -> None:\n"
+        f"    def __init__(self, inner: {source.module}.{source.node.name}, portal: BlockingPortal) -> None:\n"
         f"        self._inner = inner\n        self._portal = portal\n{kept}"
     )
 
