@@ -33,7 +33,7 @@ ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
 SETPOINT_CLASSES = ("Offboard", "LiveOffboard")
 """Classes whose methods for each setpoint type are inherited; these methods call `send`."""
-OMITTED_METHODS = ("socket",)
+LEFT_OUT = ("socket",)
 """Methods that return a WebSocket, which belongs to the event loop."""
 
 HEADER = '''"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
@@ -108,7 +108,7 @@ def _classes(module: str) -> list[AsyncClass]:
 
 def _public(node: ast.ClassDef) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
     methods = [m for m in node.body if isinstance(m, ast.FunctionDef | ast.AsyncFunctionDef)]
-    return [m for m in methods if not m.name.startswith("_") and m.name not in OMITTED_METHODS]
+    return [m for m in methods if not m.name.startswith("_") and m.name not in LEFT_OUT]
 
 
 def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
@@ -119,17 +119,17 @@ def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
     return f'{indent}"""{lines}{end}"""'
 
 
-def _init(source: AsyncClass) -> str:
-    made = next(m for m in source.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
+def _init(cls: AsyncClass) -> str:
+    made = next(m for m in cls.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
     kept = "\n".join(f"        {line}" for line in _attributes(made))
-    if source.node.name == ROOT:
+    if cls.node.name == ROOT:
         return (
             f"    def __init__({ast.unparse(made.args)}) -> None:\n"
             f"        self._inner = aio.{ROOT}({_passed(made.args)})\n"
             f"        super().__init__(self._inner.__aexit__)\n{kept}"
         )
     return (
-        f"    def __init__(self, inner: {source.module}.{source.node.name}, portal: BlockingPortal) -> None:\n"
+        f"    def __init__(self, inner: {cls.module}.{cls.node.name}, portal: BlockingPortal) -> None:\n"
         f"        self._inner = inner\n        self._portal = portal\n{kept}"
     )
 

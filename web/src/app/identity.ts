@@ -8,9 +8,9 @@
 import { pageName } from '../api/client';
 
 const ID = 'gcs.client-id';
-const LEFT = 'gcs.left';
+const UNLOADED = 'gcs.left';
 const NAME = 'gcs.client-name';
-const LONGEST_NAME = 40;
+const MAX_NAME_LENGTH = 40;
 
 export interface Identity {
   name: string;
@@ -28,15 +28,15 @@ export function memory(storage: () => Memory): Memory {
     found.getItem(ID);
     return found;
   } catch {
-    const kept = new Map<string, string>();
-    return { getItem: (key) => kept.get(key) ?? null, setItem: (key, value) => void kept.set(key, value), removeItem: (key) => void kept.delete(key) };
+    const values = new Map<string, string>();
+    return { getItem: (key) => values.get(key) ?? null, setItem: (key, value) => void values.set(key, value), removeItem: (key) => void values.delete(key) };
   }
 }
 
 /** The identity of this tab; a new one if there is none, or if the stored one belongs to another tab. */
 export function identity(tab: Memory, browser: Memory, random: () => number = Math.random): Identity {
-  const known = tab.getItem(LEFT) === null ? null : tab.getItem(ID);
-  tab.removeItem(LEFT);
+  const known = tab.getItem(UNLOADED) === null ? null : tab.getItem(ID);
+  tab.removeItem(UNLOADED);
   const id =
     known ??
     Array.from({ length: 4 }, () =>
@@ -50,12 +50,12 @@ export function identity(tab: Memory, browser: Memory, random: () => number = Ma
 
 /** Call when the page unloads, so that the next page in this tab is the same client. */
 export function leave(tab: Memory): void {
-  tab.setItem(LEFT, '1');
+  tab.setItem(UNLOADED, '1');
 }
 
 /** Sets the person's name for this browser's pages; empty restores the default name. */
 export function rename(who: Identity, name: string, browser: Memory): void {
-  const own = name.trim().slice(0, LONGEST_NAME);
+  const own = name.trim().slice(0, MAX_NAME_LENGTH);
   if (own === '') browser.removeItem(NAME);
   else browser.setItem(NAME, own);
   who.name = own || pageName(() => Number.parseInt(who.id.slice(0, 4), 16) / 0xffff || 0);

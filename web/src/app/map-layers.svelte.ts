@@ -25,7 +25,7 @@ export interface LayerPoint extends GeoPosition {
 }
 
 export interface LayerLine {
-  readonly places: readonly GeoPosition[];
+  readonly positions: readonly GeoPosition[];
   readonly tone: Tone;
   /** `dotted`: a path that the autopilot chooses; `dashed`: a limit. */
   readonly style: 'solid' | 'dotted' | 'dashed';

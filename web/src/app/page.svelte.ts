@@ -195,13 +195,13 @@ class Page {
 
   /** Changes the subscription if other vehicles are needed now. */
   private updateSubscription(): void {
-    const close = this.detailSubscription();
+    const details = this.detailSubscription();
     const all = JSON.stringify(this.fleetSubscription());
-    const both = all + JSON.stringify(close);
-    if (both === this.subscribed) return;
+    const text = all + JSON.stringify(details);
+    if (text === this.subscribed) return;
     if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
-    this.subscribed = both;
-    if (close === null) {
+    this.subscribed = text;
+    if (details === null) {
       this.detailSocket.stop();
       this.detailOpen = false;
     } else if (this.detailOpen) this.detailSocket.resubscribe();
@@ -217,9 +217,9 @@ class Page {
     if (removed) this.socket.resubscribe();
     if (removed && this.detailOpen) this.detailSocket.resubscribe();
     if (only === null) this.historyRequested.clear();
-    const wanted = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
-    for (const id of wanted) this.historyRequested.add(id);
-    await Promise.all(wanted.map((id) => loadPast(this.api, this.store, id)));
+    const detailIds = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
+    for (const id of detailIds) this.historyRequested.add(id);
+    await Promise.all(detailIds.map((id) => loadPast(this.api, this.store, id)));
     this.loadHistory();
   }
 

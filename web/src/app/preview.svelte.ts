@@ -7,7 +7,7 @@ import type { GeoPosition } from '../vehicle/geo';
 /** The unsent setpoint as a point on the map. */
 export interface MapPreview {
   vehicle: string;
-  place: GeoPosition;
+  position: GeoPosition;
   yaw_ned_rad: number | null;
   label: string;
 }

@@ -41,7 +41,7 @@ export interface Services {
     /** Makes the map large. */
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
-    showPlaces: (places: readonly GeoPosition[]) => void;
+    showPositions: (positions: readonly GeoPosition[]) => void;
   };
 }
 

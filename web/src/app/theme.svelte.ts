@@ -29,8 +29,8 @@ class Theme {
 
   /** Switches between light and dark; a choice equal to the system's theme follows the system again. */
   toggle(): void {
-    const wanted = this.shown === 'dark' ? 'light' : 'dark';
-    this.choice = wanted === (this.systemDark ? 'dark' : 'light') ? 'system' : wanted;
+    const other = this.shown === 'dark' ? 'light' : 'dark';
+    this.choice = other === (this.systemDark ? 'dark' : 'light') ? 'system' : other;
     try {
       localStorage.setItem(KEY, this.choice);
     } catch {

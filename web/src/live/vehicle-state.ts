@@ -87,12 +87,12 @@ export class VehicleState {
   /** Adds older samples, oldest first, to trail and flight time; the newest values do not change. */
   applyHistory(samples: readonly WireSample[]): void {
     let clock = NO_FLIGHT;
-    const places: GlobalPosition[] = [];
+    const positions: GlobalPosition[] = [];
     for (const sample of samples) {
       if (sample.topic === 'status') clock = advance(clock, sample.value as Status, sample.received_unix_s);
-      if (sample.topic === 'global_position') places.push(sample.value as GlobalPosition);
+      if (sample.topic === 'global_position') positions.push(sample.value as GlobalPosition);
     }
-    this.trail.prepend(places);
+    this.trail.prepend(positions);
     const status = this.stored.get('status');
     if (status !== undefined) clock = advance(clock, status.value as Status, status.received_unix_s);
     if (clock.updated_unix_s > 0) this.flight = clock;

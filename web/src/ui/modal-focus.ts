@@ -30,7 +30,7 @@ export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
  * @param first selector of the control that gets the focus first.
  */
 export function modalFocus(node: HTMLElement, first: string): { destroy: () => void } {
-  const back = givesFocusBack(node);
+  const focusReturn = givesFocusBack(node);
   let last = node.querySelector<HTMLElement>(first) ?? focusableIn(node)[0] ?? node;
   last.focus({ preventScroll: true });
 
@@ -60,7 +60,7 @@ export function modalFocus(node: HTMLElement, first: string): { destroy: () => v
       document.removeEventListener('focusin', onFocusIn);
       node.removeEventListener('keydown', tab);
       node.removeEventListener('focusout', keepFocus);
-      back.destroy();
+      focusReturn.destroy();
     },
   };
 }

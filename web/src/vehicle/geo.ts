@@ -24,11 +24,11 @@ export function wrapLongitude(lon_deg: number): number {
   return ((((lon_deg + 180) % 360) + 360) % 360) - 180;
 }
 
-/** Metres from `reference` to `place`; good to 0.1 % within tens of kilometres. */
-export function eastNorth(reference: GeoPosition, place: GeoPosition): EastNorth {
+/** Metres from `reference` to `position`; good to 0.1 % within tens of kilometres. */
+export function eastNorth(reference: GeoPosition, position: GeoPosition): EastNorth {
   return {
-    east_m: wrapLongitude(place.lon_deg - reference.lon_deg) * RAD * EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD),
-    north_m: (place.lat_deg - reference.lat_deg) * RAD * EARTH_RADIUS_M,
+    east_m: wrapLongitude(position.lon_deg - reference.lon_deg) * RAD * EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD),
+    north_m: (position.lat_deg - reference.lat_deg) * RAD * EARTH_RADIUS_M,
   };
 }
 
@@ -57,10 +57,10 @@ export interface Mercator {
   y: number;
 }
 
-export function mercator(place: GeoPosition): Mercator {
+export function mercator(position: GeoPosition): Mercator {
   return {
-    x: (180 + place.lon_deg) / 360,
-    y: (180 - Math.log(Math.tan(Math.PI / 4 + (place.lat_deg * RAD) / 2)) / RAD) / 360,
+    x: (180 + position.lon_deg) / 360,
+    y: (180 - Math.log(Math.tan(Math.PI / 4 + (position.lat_deg * RAD) / 2)) / RAD) / 360,
   };
 }
 
@@ -79,8 +79,8 @@ export interface MapView {
   height: number;
 }
 
-export function toPixel(view: MapView, place: GeoPosition): Pixel {
-  const at = mercator(place);
+export function toPixel(view: MapView, position: GeoPosition): Pixel {
+  const at = mercator(position);
   const turn = at.x - view.centre.x;
   const dx = (turn - Math.round(turn)) * view.world_px;
   const dy = (at.y - view.centre.y) * view.world_px;

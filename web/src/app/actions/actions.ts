@@ -164,25 +164,25 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
 /** Sends the request of an action. */
 export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Promise<Outcome<unknown>> {
   const id = facts.vehicleId;
-  const of = ofVehicle(id);
+  const params = ofVehicle(id);
   switch (action) {
     case 'takeoff':
-      return api.post('/vehicles/{v}/takeoff', { ...of, body: { alt_home_m: facts.takeoffAlt_home_m } });
+      return api.post('/vehicles/{v}/takeoff', { ...params, body: { alt_home_m: facts.takeoffAlt_home_m } });
     case 'land_now':
-      return api.post('/vehicles/{v}/land_now', { ...of, body: { confirm: `vehicle ${id} lands now` } });
+      return api.post('/vehicles/{v}/land_now', { ...params, body: { confirm: `vehicle ${id} lands now` } });
     case 'force_control':
-      return api.post('/vehicles/{v}/control/take', { ...of, body: { force: true } });
+      return api.post('/vehicles/{v}/control/take', { ...params, body: { force: true } });
     case 'kill':
-      return api.post('/vehicles/{v}/kill', { ...of, body: { confirm: `motors stop, vehicle ${id} falls` } });
+      return api.post('/vehicles/{v}/kill', { ...params, body: { confirm: `motors stop, vehicle ${id} falls` } });
     case 'mission/start':
-      return api.post('/vehicles/{v}/mission/start', { ...of, body: facts.inAir ? {} : { item: 0 } });
+      return api.post('/vehicles/{v}/mission/start', { ...params, body: facts.inAir ? {} : { item: 0 } });
     case 'goto': {
       if (goal === null) throw new Error('goto takes a goal');
       const { lat_deg, lon_deg, alt_home_m } = goal;
-      return api.post('/vehicles/{v}/goto', { ...of, body: { lat_deg, lon_deg, alt_home_m } });
+      return api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, alt_home_m } });
     }
     default:
-      return api.post(`/vehicles/{v}/${action}`, of);
+      return api.post(`/vehicles/{v}/${action}`, params);
   }
 }
 

@@ -26,7 +26,7 @@ export const SEVERAL_VEHICLES = 'together';
 
 export interface PendingConfirmation {
   action: ActionName;
-  place: PagePart;
+  pagePart: PagePart;
   facts: VehicleFacts;
   goal: Goal | null;
   /** The stream's first setpoint; null means the vehicle's position. */
@@ -40,7 +40,7 @@ export interface PendingConfirmation {
 export interface Running {
   id: number;
   action: ActionName;
-  place: PagePart;
+  pagePart: PagePart;
   vehicle: string;
   vehicleName: string;
   /** The server's latest progress text; null before the first. */
@@ -96,29 +96,29 @@ export class ActionController {
   }
 
   /** Handles a button or key: opens the confirmation, or acts at once if none is needed. */
-  request(action: ActionName, facts: VehicleFacts | null, place: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
+  request(action: ActionName, facts: VehicleFacts | null, pagePart: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
-    this.dismiss(place);
+    this.dismiss(pagePart);
     const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
       this.pending = null;
-      this.refusals = { ...this.refusals, [place]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notNow(reason) } };
+      this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notNow(reason) } };
       return;
     }
     const notInControl = controlProblem(action, this.facts(facts).holder ?? null);
     if (notInControl !== null) {
       this.pending = null;
       const problem: Problem = { ...notNow(notInControl.detail), title: 'Not in control', code: 'not_in_control', remedy: notInControl.remedy };
-      this.refusals = { ...this.refusals, [place]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
+      this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
       return;
     }
     const asks = question(action, this.facts(facts), goal, start);
     if (asks === null) {
       this.pending = null;
-      void this.run(action, facts, place);
+      void this.run(action, facts, pagePart);
       return;
     }
-    this.pending = { action, place, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.pending = { action, pagePart, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
     this.left_s = this.pending.confirmation.left_s(this.nowS());
     this.takeoffProblem = null;
@@ -126,11 +126,11 @@ export class ActionController {
   }
 
   /** Opens a confirmation for several vehicles; `facts` is the selected one. */
-  requestTogether(together: GroupConfirmation, facts: VehicleFacts, place: PagePart): void {
-    this.dismiss(place);
+  requestTogether(together: GroupConfirmation, facts: VehicleFacts, pagePart: PagePart): void {
+    this.dismiss(pagePart);
     const asks = together.question();
     const confirmation = new Confirmation(asks.danger, this.nowS());
-    this.pending = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: asks, confirmation };
+    this.pending = { action: 'offboard_start', pagePart, facts, goal: null, start: null, together, question: asks, confirmation };
     this.progress = 0;
     this.left_s = confirmation.left_s(this.nowS());
   }
@@ -141,11 +141,11 @@ export class ActionController {
    */
   enterTakeoffAltitude(alt_home_m: number): void {
     const { min, max } = TAKEOFF_RANGE_M;
-    const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
-    this.takeoffProblem = good ? null : `Enter an altitude from ${min} to ${max} m above home.`;
-    if (good) this.takeoffAlt_home_m = alt_home_m;
+    const isValid = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
+    this.takeoffProblem = isValid ? null : `Enter an altitude from ${min} to ${max} m above home.`;
+    if (isValid) this.takeoffAlt_home_m = alt_home_m;
     if (this.pending === null) return;
-    this.pending.confirmation.blocked = !good;
+    this.pending.confirmation.blocked = !isValid;
     this.pending.confirmation.touch(this.nowS());
   }
 
@@ -170,8 +170,8 @@ export class ActionController {
     return this.nowS() - this.closedByItself_s < QUIET_S;
   }
 
-  dismiss(place: PagePart): void {
-    this.refusals = { ...this.refusals, [place]: undefined };
+  dismiss(pagePart: PagePart): void {
+    this.refusals = { ...this.refusals, [pagePart]: undefined };
   }
 
   /** Once per animation frame: sends a confirmed command, closes a confirmation that expired or lost its vehicle. */
@@ -185,46 +185,46 @@ export class ActionController {
     if (phase === 'asking') return;
     this.pending = null;
     if (phase !== 'confirmed') this.closedByItself_s = now;
-    if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.place);
-    else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
+    if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.pagePart);
+    else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.pagePart, asked.goal, asked.start);
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in that part of the page. */
-  showProblem(what: string, vehicleName: string, place: PagePart, problem: Problem): void {
-    this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
+  showProblem(what: string, vehicleName: string, pagePart: PagePart, problem: Problem): void {
+    this.refusals = { ...this.refusals, [pagePart]: { what, vehicleName, problem } };
   }
 
   /**
    * Sends any other request and shows its refusal in that part of the page, for example nudges and gimbal commands.
    */
-  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
+  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
     const refusal = outcome.ok ? undefined : { what, vehicleName: facts.name, problem: outcome.problem };
-    this.refusals = { ...this.refusals, [place]: refusal };
+    this.refusals = { ...this.refusals, [pagePart]: refusal };
     return outcome.ok;
   }
 
-  private async run(action: ActionName, facts: VehicleFacts, place: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
-    const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, progressText: null, fraction: null };
+  private async run(action: ActionName, facts: VehicleFacts, pagePart: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
+    const entry: Running = { id: this.nextId++, action, pagePart, vehicle: facts.id, vehicleName: facts.name, progressText: null, fraction: null };
     this.running = [...this.running, entry];
     const now = this.now(facts);
-    const accepted = await this.attempt(PROGRESS_TEXTS[action], now, place, () => this.send(action, now, goal, start));
+    const accepted = await this.attempt(PROGRESS_TEXTS[action], now, pagePart, () => this.send(action, now, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
     goal?.onResult?.(accepted);
   }
 
-  private async runTogether({ what, names, run }: GroupConfirmation, place: PagePart): Promise<void> {
+  private async runTogether({ what, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
     const entry: Running = {
       id: this.nextId++,
       action: 'offboard_start',
-      place,
+      pagePart,
       vehicle: SEVERAL_VEHICLES,
       vehicleName: names,
       progressText: null,
       fraction: null,
     };
     this.running = [...this.running, entry];
-    await this.attempt(what, { name: names }, place, run);
+    await this.attempt(what, { name: names }, pagePart, run);
     this.running = this.running.filter((r) => r.id !== entry.id);
   }
 

@@ -19,5 +19,5 @@ export const groups = new GroupController(
 
 offboard.onOwnSetpoint = (id) => groups.onOwnSetpoint(id);
 offboard.onNotRenewed = (id, problem) => {
-  for (const place of ['offboard', 'room'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), place, problem);
+  for (const pagePart of ['offboard', 'room'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), pagePart, problem);
 };

@@ -28,17 +28,17 @@ class ParamPanel {
 
   /** Loads the parameters, starts reading them if needed, and polls until all are read. */
   async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
-    const mine = ++this.polls;
+    const pollNumber = ++this.polls;
     this.problem = null;
     if (this.content?.vehicle !== vehicle) {
       this.content = null;
       this.chosen = null;
     }
-    await this.poll(api, vehicle, mine);
-    if (mine !== this.polls) return;
+    await this.poll(api, vehicle, pollNumber);
+    if (pollNumber !== this.polls) return;
     if (again || this.content?.list.state !== 'ready') {
       const begun = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
-      if (mine !== this.polls) return;
+      if (pollNumber !== this.polls) return;
       if (!begun.ok) {
         this.problem = begun.problem;
         return;
@@ -46,9 +46,9 @@ class ParamPanel {
     }
     do {
       await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-      if (mine !== this.polls) return;
-      await this.poll(api, vehicle, mine);
-    } while (mine === this.polls && this.unfinished());
+      if (pollNumber !== this.polls) return;
+      await this.poll(api, vehicle, pollNumber);
+    } while (pollNumber === this.polls && this.unfinished());
   }
 
   /** Sets a parameter; the answer is the value that the vehicle then reports. */
@@ -74,9 +74,9 @@ class ParamPanel {
     return list === undefined || list.state === 'reading' || (list.state === 'ready' && !list.facts && list.facts_problem === null);
   }
 
-  private async poll(api: ApiClient, vehicle: string, mine: number): Promise<void> {
+  private async poll(api: ApiClient, vehicle: string, pollNumber: number): Promise<void> {
     const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
-    if (mine !== this.polls) return;
+    if (pollNumber !== this.polls) return;
     if (outcome.ok) this.content = outcome.value;
     else this.problem = outcome.problem;
   }

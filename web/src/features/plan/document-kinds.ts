@@ -10,7 +10,7 @@ import * as offboard from './offboard/edit';
 import type { Flight } from './offboard/compiled-path';
 import { isMission, nodesOf, pathOf, positionsOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
 import * as missionPicture from './offboard/mission-layer';
-import { geoPointOf, type Frame } from './offboard/places';
+import { geoPointOf, type Frame } from './offboard/positions';
 import { treeOf, type TreeEntry } from './list-entries';
 
 export type Document = Plan | Mission;

@@ -119,7 +119,7 @@ export function dryRunPicture(view: DryRunView): LayerPicture {
     ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m })),
   );
   return {
-    lines: paths.filter((places) => places.length > 1).map((places) => ({ places, tone: 'target', style: 'dotted' })),
+    lines: paths.filter((positions) => positions.length > 1).map((positions) => ({ positions, tone: 'target', style: 'dotted' })),
     areas: monteCarloByRole(view)
       .flatMap(([, monteCarlo]) => corridorRings(view.nominal.origin, monteCarlo))
       .map((ring) => ({ ring, tone: 'target' })),

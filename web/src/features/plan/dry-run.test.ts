@@ -95,7 +95,7 @@ describe('a dry run', () => {
 
   it('draws the path and the corridor of many flights', () => {
     const shown = dryRunPicture(MANY);
-    expect(shown.lines[0]?.places).toHaveLength(3);
+    expect(shown.lines[0]?.positions).toHaveLength(3);
     const [ring] = shown.areas;
     expect(ring?.ring).toHaveLength(4);
     expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);

@@ -11,7 +11,7 @@ import type { Document } from './document-kinds';
 import type { Sketch } from './layer';
 import * as offboard from './offboard/edit';
 import { isMission, type Mission, type StepKind } from './offboard/mission';
-import { frameOf, type Frame } from './offboard/places';
+import { frameOf, type Frame } from './offboard/positions';
 import { newMission, titleOf as stepKindTitle } from './offboard/step-titles';
 
 /** One state of the history. */

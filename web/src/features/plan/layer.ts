@@ -29,11 +29,12 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
   const { points, lines: fences, areas } = fencePicture(plan, selected, sketch);
   const add = adder(points, selected);
   const way = path(plan);
-  const few = way.length <= MAX_MIDPOINTS;
+  const showsAllMidpoints = way.length <= MAX_MIDPOINTS;
   way.forEach(({ row, item }, i) => {
     const before = way[i - 1];
     if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
-    if (few || selected.has(`item:${row}`) || selected.has(`item:${before.row}`)) add(`middle:${row}`, midpoint(before.item, item), 'middle', 'target');
+    if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${before.row}`))
+      add(`middle:${row}`, midpoint(before.item, item), 'middle', 'target');
   });
   plan.rally_points.forEach((point, index) => add(`rally:${index}`, point, 'disc', 'actual', 'R'));
   if (plan.planned_home !== null) add('home', plan.planned_home, 'home', 'text2');
@@ -69,7 +70,7 @@ export function fencePicture(
   sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
   const fences = plan.fence.map((zone): LayerLine => {
     const ring = ringOf(zone);
-    return { places: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
+    return { positions: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
   });
   return { points, lines: fences, areas: areas(plan, sketch) };
 }
@@ -95,11 +96,11 @@ function lines(plan: Plan): LayerLine[] {
   const way = path(plan).map(({ item }) => item);
   const home = plan.planned_home;
   const found: LayerLine[] = [];
-  if (way.length > 1) found.push({ places: way, tone: 'target', style: 'solid' });
+  if (way.length > 1) found.push({ positions: way, tone: 'target', style: 'solid' });
   const [first, last] = [way[0], way.at(-1)];
-  if (home !== null && first !== undefined) found.push({ places: [home, first], tone: 'target', style: 'dotted' });
+  if (home !== null && first !== undefined) found.push({ positions: [home, first], tone: 'target', style: 'dotted' });
   const returns = plan.items.some((item) => item.kind === 'return_home');
-  if (home !== null && last !== undefined && returns) found.push({ places: [last, home], tone: 'target', style: 'dotted' });
+  if (home !== null && last !== undefined && returns) found.push({ positions: [last, home], tone: 'target', style: 'dotted' });
   return found;
 }
 
@@ -107,7 +108,7 @@ export function sketchLines(sketch: Sketch | null): LayerLine[] {
   const corners = sketch?.corners ?? [];
   const [first, tone] = [corners[0], sketch?.tone];
   if (first === undefined || corners.length < 2 || tone === undefined) return [];
-  return [{ places: [...corners, first], tone, style: 'dashed' }];
+  return [{ positions: [...corners, first], tone, style: 'dashed' }];
 }
 
 function areas(plan: SharedParts, sketch: Sketch | null): LayerArea[] {

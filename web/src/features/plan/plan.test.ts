@@ -96,7 +96,7 @@ describe('the map', () => {
   it('draws no path to a point that the camera looks at', () => {
     const roi = newItem('roi_location', at(500), { value_m: 0, reference: 'home' });
     const shown = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null);
-    expect(shown.lines.find((line) => line.style === 'solid')?.places).toHaveLength(2);
+    expect(shown.lines.find((line) => line.style === 'solid')?.positions).toHaveLength(2);
     expect(shown.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
   });
 });

@@ -10,7 +10,7 @@ import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './document-kinds';
 import type { Downloaded } from './plan-transfer.svelte';
 import { isMission, roleNames } from './offboard/mission';
-import { frameOf } from './offboard/places';
+import { frameOf } from './offboard/positions';
 
 /** A plan as it was last read or written. */
 interface SavedPlan {
@@ -216,10 +216,10 @@ export class Plans {
       return false;
     }
     const { plan } = this.editor;
-    const longer = { ...plan, items: [...plan.items, ...answer.value.plan.items] };
+    const extended = { ...plan, items: [...plan.items, ...answer.value.plan.items] };
     this.notice = null;
-    if (tolerance_m === null) this.editor.change(longer);
-    else if (!(await this.followGround(tolerance_m, longer))) return false;
+    if (tolerance_m === null) this.editor.change(extended);
+    else if (!(await this.followGround(tolerance_m, extended))) return false;
     this.editor.stopPlacing();
     return true;
   }
@@ -328,9 +328,9 @@ export class Plans {
     this.savedPlans = Object.fromEntries(Object.entries(this.savedPlans).filter(([one]) => Number(one) !== document));
   }
 
-  private async call<T>(asked: Promise<Outcome<T>>): Promise<Outcome<T>> {
+  private async call<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
     this.busy = true;
-    const answer = await asked;
+    const answer = await request;
     this.busy = false;
     return answer;
   }

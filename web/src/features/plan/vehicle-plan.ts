@@ -46,18 +46,18 @@ export function comparisonText(name: string, { equal, differences, still_held }:
 export function differenceText({ part, seq, field, planned, held }: Difference): string {
   const [inPlan, onVehicle] = [valueText(field, planned), valueText(field, held)];
   if (seq === null) return `The ${PARTS[part]}: ${inPlan} items in the plan, ${onVehicle} on the vehicle.`;
-  const placed = isPlace(field, planned) || isPlace(field, held);
-  const words = field === 'x' ? (placed ? 'latitude' : 'parameter 5') : field === 'y' ? (placed ? 'longitude' : 'parameter 6') : null;
+  const isLatLonValue = isCoordinate(field, planned) || isCoordinate(field, held);
+  const words = field === 'x' ? (isLatLonValue ? 'latitude' : 'parameter 5') : field === 'y' ? (isLatLonValue ? 'longitude' : 'parameter 6') : null;
   return `Item ${seq + 1} of the ${PARTS[part]}, ${words ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
 }
 
 /** MAVLink sends positions in 1e-7 degrees. Items without a position have small numbers in these fields. */
-function isPlace(field: string, value: number | null): boolean {
+function isCoordinate(field: string, value: number | null): boolean {
   return (field === 'x' || field === 'y') && value !== null && Math.abs(value) > 1000;
 }
 
 function valueText(field: string, value: number | null): string {
   if (value === null) return 'not set';
-  if (isPlace(field, value)) return `${fixed(value / 1e7, 7)}°`;
+  if (isCoordinate(field, value)) return `${fixed(value / 1e7, 7)}°`;
   return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
 }

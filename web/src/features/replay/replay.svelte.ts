@@ -21,7 +21,7 @@ interface ReplayCommand {
   position_unix_s?: number;
 }
 
-const of = (name: string): { params: { path: { name: string } } } => ({ params: { path: { name } } });
+const pathOf = (name: string): { params: { path: { name: string } } } => ({ params: { path: { name } } });
 
 export interface ReplayDeps {
   api: ApiClient;
@@ -84,7 +84,7 @@ export class ReplayControl {
     const name = this.shown?.name;
     if (name === undefined) return;
     this.expected = null;
-    const answer = await this.deps.api.delete('/replays/{name}', of(name));
+    const answer = await this.deps.api.delete('/replays/{name}', pathOf(name));
     if (!answer.ok) this.problem = answer.problem;
   }
 
@@ -132,7 +132,7 @@ export class ReplayControl {
       const command: ReplayCommand = this.pendingCommand;
       this.pendingCommand = null;
       if (name === undefined) break;
-      const answer = await this.deps.api.post('/replays/{name}', { ...of(name), body: command });
+      const answer = await this.deps.api.post('/replays/{name}', { ...pathOf(name), body: command });
       this.problem = answer.ok ? null : answer.problem;
     }
     if (this.problem !== null) this.requested_unix_s = null;
@@ -149,15 +149,15 @@ export class ReplayControl {
     const shown = this.shown;
     const there = shown !== null && hasArrived(shown, this.requested_unix_s);
     this.framesSince += 1;
-    const enough = this.framesSince > SEEK_TIMEOUT_FRAMES && performance.now() - this.answered_ms > SEEK_TIMEOUT_MS;
-    if (there || enough) this.requested_unix_s = null;
+    const hasTimedOut = this.framesSince > SEEK_TIMEOUT_FRAMES && performance.now() - this.answered_ms > SEEK_TIMEOUT_MS;
+    if (there || hasTimedOut) this.requested_unix_s = null;
   }
 
   private async readIndex(name: string | null): Promise<void> {
     this.indexed = name;
     this.index = null;
     if (name === null) return;
-    const answer = await this.deps.api.get('/replays/{name}/index', of(name));
+    const answer = await this.deps.api.get('/replays/{name}/index', pathOf(name));
     if (this.indexed !== name) return;
     if (answer.ok) this.index = answer.value;
     else this.problem = answer.problem;

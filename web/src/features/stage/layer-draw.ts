@@ -26,7 +26,7 @@ const TONES: Readonly<Record<Tone, string>> = {
 
 type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number; yaw_deg?: number }>;
 
-const coordinates = (places: readonly GeoPosition[]): [number, number][] => places.map((place) => [place.lon_deg, place.lat_deg]);
+const coordinates = (positions: readonly GeoPosition[]): [number, number][] => positions.map((position) => [position.lon_deg, position.lat_deg]);
 
 /** Name of a point's icon; it contains everything that the icon shows. */
 export function iconName(point: LayerPoint): string {
@@ -41,8 +41,8 @@ export function features(pictures: readonly LayerPicture[]): FeatureCollection {
       const closed = [...coordinates(ring), ...coordinates(ring.slice(0, 1))];
       found.push({ type: 'Feature', properties: { kind: 'area', tone }, geometry: { type: 'Polygon', coordinates: [closed] } });
     }
-    for (const { places, tone, style } of lines) {
-      found.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(places) } });
+    for (const { positions, tone, style } of lines) {
+      found.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
     }
     for (const point of points) {
       const sort = point.selected ? 2 : point.mark === 'middle' ? 0 : 1;
@@ -56,17 +56,17 @@ export function features(pictures: readonly LayerPicture[]): FeatureCollection {
 
 export function layers(palette: Palette): LayerSpecification[] {
   const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.of(name)]), palette.text2] as never;
-  const of = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
+  const isKind = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
   const line = (kind: string, paint: object): LayerSpecification => ({
     id: `${PREFIX}${kind}`,
     type: 'line',
     source: SOURCE,
-    filter: of(kind.replace('-band', '')),
+    filter: isKind(kind.replace('-band', '')),
     layout: { 'line-cap': 'round', 'line-join': 'round' },
     paint: { 'line-color': colour, 'line-width': palette.stroke, ...paint },
   });
   return [
-    { id: `${PREFIX}area`, type: 'fill', source: SOURCE, filter: of('area'), paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 } },
+    { id: `${PREFIX}area`, type: 'fill', source: SOURCE, filter: isKind('area'), paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 } },
     line('dashed', { 'line-width': 1.6, 'line-dasharray': [4, 3.5] }),
     line('solid-band', { 'line-width': 14, 'line-opacity': 0.13 }),
     line('dotted', { 'line-width': 2, 'line-dasharray': [0.1, 3] }),
@@ -75,14 +75,14 @@ export function layers(palette: Palette): LayerSpecification[] {
       id: `${PREFIX}point`,
       type: 'symbol',
       source: SOURCE,
-      filter: of('point'),
+      filter: isKind('point'),
       layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sort'] },
     },
     {
       id: `${PREFIX}ghost`,
       type: 'symbol',
       source: SOURCE,
-      filter: of('ghost'),
+      filter: isKind('ghost'),
       layout: {
         'icon-image': ['get', 'icon'],
         'icon-rotate': ['get', 'yaw_deg'],

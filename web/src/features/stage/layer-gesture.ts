@@ -40,8 +40,8 @@ export class LayerGesture {
   }
 
   down(view: MapView, at: Pixel, point: LayerPoint, more: boolean): void {
-    const place = toPixel(view, point);
-    this.held = { point, began: at, offset: { x: place.x - at.x, y: place.y - at.y }, more, moving: null, fixed: false };
+    const pixel = toPixel(view, point);
+    this.held = { point, began: at, offset: { x: pixel.x - at.x, y: pixel.y - at.y }, more, moving: null, fixed: false };
   }
 
   /** Starts a move by keyboard. @returns false: the point cannot move. */

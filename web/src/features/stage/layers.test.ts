@@ -119,7 +119,7 @@ describe('the MapLibre data', () => {
     const drawn = features([
       {
         points: [point('1', 0), { ...point('2', 10), selected: true }],
-        lines: [{ places: ring, tone: 'target', style: 'dotted' }],
+        lines: [{ positions: ring, tone: 'target', style: 'dotted' }],
         areas: [{ ring, tone: 'caution' }],
       },
     ]).features;

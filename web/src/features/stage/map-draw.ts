@@ -100,8 +100,8 @@ function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): vo
 function drawObstacles(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
   if (v.detectedObstacles.length === 0) return;
   ctx.fillStyle = palette.text2;
-  for (const place of v.detectedObstacles) {
-    const { x, y } = toPixel(view, place);
+  for (const position of v.detectedObstacles) {
+    const { x, y } = toPixel(view, position);
     ctx.beginPath();
     ctx.arc(x, y, OBSTACLE_RADIUS_PX, 0, 2 * Math.PI);
     ctx.fill();
@@ -177,10 +177,10 @@ function drawCameraDirection(ctx: Ctx, { x, y }: Pixel, look_rad: number, colour
 
 function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, palette: Palette, inset: boolean): void {
   const at = toPixel(view, target);
-  const looks = target.kind !== 'go';
+  const isCameraTarget = target.kind !== 'go';
   ctx.strokeStyle = palette.target;
-  ctx.lineWidth = looks ? 1.2 : palette.stroke;
-  ctx.setLineDash(looks ? [2, 5] : [3, 7]);
+  ctx.lineWidth = isCameraTarget ? 1.2 : palette.stroke;
+  ctx.setLineDash(isCameraTarget ? [2, 5] : [3, 7]);
   ctx.lineCap = 'round';
   ctx.beginPath();
   ctx.moveTo(from.x, from.y);

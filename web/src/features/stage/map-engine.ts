@@ -143,11 +143,11 @@ export class MapEngine {
   }
 
   /** Fits all positions into the uncovered area, with a zoom of at most `max_zoom`. */
-  fit(places: readonly GeoPosition[], max_zoom: number): void {
-    const [first] = places;
+  fit(positions: readonly GeoPosition[], max_zoom: number): void {
+    const [first] = positions;
     if (first === undefined) return;
     const box = new LngLatBounds([first.lon_deg, first.lat_deg], [first.lon_deg, first.lat_deg]);
-    for (const place of places) box.extend([place.lon_deg, place.lat_deg]);
+    for (const position of positions) box.extend([position.lon_deg, position.lat_deg]);
     this.map.fitBounds(box, { maxZoom: max_zoom, padding: FIT_PX, duration: 0 });
   }
 

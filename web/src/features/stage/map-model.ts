@@ -65,18 +65,23 @@ function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   if (stream?.streaming !== true || stream.position_ned_m === null || at === undefined) return null;
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
-  const place = positionAt(here, { north_m: north - at[0], east_m: east - at[1] });
-  return { ...place, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
+  const position = positionAt(here, { north_m: north - at[0], east_m: east - at[1] });
+  return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
 }
 
 function previewTarget(id: string, shown: MapPreview | null): MapTarget | null {
-  return shown?.vehicle === id ? { ...shown.place, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
+  return shown?.vehicle === id ? { ...shown.position, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
 }
 
-function requestedTarget(kind: MapTarget['kind'], what: string, wanted: RequestedTarget | null): MapTarget | null {
-  return wanted === null
+function requestedTarget(kind: MapTarget['kind'], what: string, requested: RequestedTarget | null): MapTarget | null {
+  return requested === null
     ? null
-    : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
+    : {
+        kind,
+        lat_deg: requested.lat_deg,
+        lon_deg: requested.lon_deg,
+        label: requested.alt_home_m === null ? what : `${what} ${fixed(requested.alt_home_m, 1)} m`,
+      };
 }
 
 function look(facts: VehicleFacts): number | null {
@@ -99,10 +104,10 @@ function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, here: Geo
 }
 
 function label(facts: VehicleFacts): string {
-  const place = facts.global;
-  if (place === null) return facts.id;
-  const age = facts.lost ? ' · lost' : place.stale ? ` · ${ageText(place.age_s)} old` : '';
-  return `${facts.id} · ${fixed(place.value.alt_home_m, 1)} m${age}`;
+  const position = facts.global;
+  if (position === null) return facts.id;
+  const age = facts.lost ? ' · lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
+  return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m${age}`;
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
@@ -120,9 +125,9 @@ export function mapVehicles(
     if (facts.global === null) return;
     const { lat_deg, lon_deg } = facts.global.value;
     const here = { lat_deg, lon_deg };
-    const wanted = targetsOf(facts);
+    const requested = targetsOf(facts);
     const streamed = setpoint(facts, here);
-    const targets = [streamed ?? requestedTarget('go', 'go to', wanted.go), requestedTarget('look', 'ROI', wanted.look), previewTarget(id, shown)];
+    const targets = [streamed ?? requestedTarget('go', 'go to', requested.go), requestedTarget('look', 'ROI', requested.look), previewTarget(id, shown)];
     found.push({
       ...here,
       id,
@@ -148,10 +153,10 @@ const ARRIVED_M = 2;
 const START_TIMEOUT_S = 5;
 
 /** Whether the target of a vehicle still applies: not after it was reached, nor in another flight mode. */
-export function isTargetActive(wanted: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
+export function isTargetActive(requested: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
   const mode = facts.status?.value.mode ?? '';
-  if (now_s - wanted.since_s < START_TIMEOUT_S) return true;
+  if (now_s - requested.since_s < START_TIMEOUT_S) return true;
   if (facts.status?.value.armed !== true || mode !== 'hold' || facts.global === null) return false;
-  const climb = wanted.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - wanted.alt_home_m);
-  return groundDistance_m(wanted, facts.global.value) > ARRIVED_M || climb > ARRIVED_M;
+  const climb = requested.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - requested.alt_home_m);
+  return groundDistance_m(requested, facts.global.value) > ARRIVED_M || climb > ARRIVED_M;
 }

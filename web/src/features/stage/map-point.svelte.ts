@@ -43,7 +43,7 @@ export class MapPointMenu {
     if (this.mapPoint === null || this.vehicle !== facts.id) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
     this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : tenths(mapPoint.ground_amsl_m - home);
     this.actions.dismiss('stage');
-    if (this.actions.pending?.place === 'stage') this.actions.cancel();
+    if (this.actions.pending?.pagePart === 'stage') this.actions.cancel();
     this.mapPoint = mapPoint;
     this.vehicle = facts.id;
     if (!facts.replayed && !facts.lost) void this.loadSpeeds(facts.id);

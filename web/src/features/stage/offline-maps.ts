@@ -25,8 +25,8 @@ export function offlineMap(file: MapFile, origin: string): OfflineMap {
 /** Raster maps are dimmed so that the flight stands out; vector tiles are drawn as plain shapes without names. */
 export function tileLayers(map: OfflineMap, source: string, palette: Palette): LayerSpecification[] {
   if (map.file.tiles !== 'vector') {
-    const calm = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
-    return [{ id: source, type: 'raster', source, paint: calm }];
+    const rasterPaint = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
+    return [{ id: source, type: 'raster', source, paint: rasterPaint }];
   }
   return map.file.layers.flatMap((layer, index): LayerSpecification[] => [
     {
@@ -50,11 +50,11 @@ export function tileLayers(map: OfflineMap, source: string, palette: Palette): L
 
 /** Attribution of the maps shown, as their licences require; markup is removed. */
 export function attributionText(files: readonly MapFile[]): string {
-  const said = files.map((f) =>
+  const attributions = files.map((f) =>
     (f.attribution ?? '')
       .replace(/<[^>]*>/g, '')
       .replace(/\s+/g, ' ')
       .trim(),
   );
-  return [...new Set(said.filter((text) => text !== ''))].join(' · ');
+  return [...new Set(attributions.filter((text) => text !== ''))].join(' · ');
 }

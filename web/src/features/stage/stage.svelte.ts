@@ -23,7 +23,7 @@ export interface MapCommands {
   near: () => void;
   northUp: () => void;
   /** Fits positions into the uncovered area. */
-  show: (places: readonly GeoPosition[]) => void;
+  show: (positions: readonly GeoPosition[]) => void;
 }
 
 const RETRY_MS = 5000;
@@ -61,8 +61,8 @@ class StageState {
     this.mapChosen = true;
   }
 
-  showPlaces(places: readonly GeoPosition[]): void {
-    this.map?.show(places);
+  showPositions(positions: readonly GeoPosition[]): void {
+    this.map?.show(positions);
   }
 
   /** Assigns only a changed value, because each assignment makes a new menu layout. */

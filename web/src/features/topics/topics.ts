@@ -60,7 +60,7 @@ export function valueText(value: unknown): string {
 /** The line below the title. */
 export function stateText(inspection: Inspection | null): string {
   if (inspection === null || inspection.state === 'starting') return 'discovering topics …';
-  const place = `DDS domain ${inspection.domain_id}`;
+  const domain = `DDS domain ${inspection.domain_id}`;
   const count = inspection.topics.length + inspection.left_out;
-  return inspection.state === 'failed' ? place : `${place} · ${count} ${count === 1 ? 'topic' : 'topics'}`;
+  return inspection.state === 'failed' ? domain : `${domain} · ${count} ${count === 1 ? 'topic' : 'topics'}`;
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { Pilot, type PadSnapshot, type PilotInputs } from './pilot';
-import { attitudeSetpoint, CENTRED, SCALES, SHAPE, shapeAxis, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
+import { attitudeSetpoint, CENTRED, SCALES, STICK_CURVE, shapeAxis, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
 const HERE: PilotInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
@@ -9,24 +9,24 @@ const FORWARD = [0, 0, 0, -1];
 
 describe('sticks', () => {
   it('command nothing within the dead zone, and increase from zero at its edge', () => {
-    expect(shapeAxis(0.1, SHAPE)).toBe(0);
-    expect(shapeAxis(-0.09, SHAPE)).toBe(0);
-    expect(shapeAxis(0.101, SHAPE)).toBeLessThan(0.01);
-    expect(shapeAxis(1, SHAPE)).toBe(1);
-    expect(shapeAxis(-1.7, SHAPE)).toBe(-1);
-    expect(shapeAxis(Number.NaN, SHAPE)).toBe(0);
+    expect(shapeAxis(0.1, STICK_CURVE)).toBe(0);
+    expect(shapeAxis(-0.09, STICK_CURVE)).toBe(0);
+    expect(shapeAxis(0.101, STICK_CURVE)).toBeLessThan(0.01);
+    expect(shapeAxis(1, STICK_CURVE)).toBe(1);
+    expect(shapeAxis(-1.7, STICK_CURVE)).toBe(-1);
+    expect(shapeAxis(Number.NaN, STICK_CURVE)).toBe(0);
   });
 
   it('are less sensitive about the middle with expo, and monotonic', () => {
     expect(shapeAxis(0.5, { deadZone: 0, expo: 1 })).toBeCloseTo(0.125);
     expect(shapeAxis(0.5, { deadZone: 0, expo: 0 })).toBe(0.5);
-    const values = Array.from({ length: 101 }, (_, i) => shapeAxis(i / 100, SHAPE));
+    const values = Array.from({ length: 101 }, (_, i) => shapeAxis(i / 100, STICK_CURVE));
     expect(values.every((v, i) => i === 0 || v >= (values[i - 1] ?? 0))).toBe(true);
   });
 
   it('count up as positive, although a gamepad reports down as positive', () => {
     expect(sticksOf([0.5, -1, 1, -1], { deadZone: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
-    expect(sticksOf([], SHAPE)).toEqual(CENTRED);
+    expect(sticksOf([], STICK_CURVE)).toEqual(CENTRED);
   });
 
   it('command a velocity in the chosen frame, not faster in a corner', () => {

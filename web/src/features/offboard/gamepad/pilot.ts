@@ -4,7 +4,7 @@
  * unplugged, tab hidden, window without focus). Pure: callers pass the time.
  */
 
-import { attitudeSetpoint, SHAPE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
+import { attitudeSetpoint, STICK_CURVE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
 
 export const RATE_HZ = 25;
 /** Longest step for integrating the yaw, so that it does not jump after a pause [s]. */
@@ -67,7 +67,7 @@ export class Pilot {
   }
 
   step(pad: PadSnapshot | null, inputs: PilotInputs, now_s: number): Step {
-    const sticks = pad === null ? CENTRED : sticksOf(pad.axes, SHAPE);
+    const sticks = pad === null ? CENTRED : sticksOf(pad.axes, STICK_CURVE);
     const held = pad?.pressed[this.deadman] === true;
     const result = (setpoint: PadSetpoint | null, ended: string | null = null): Step => ({ phase: this.phase, setpoint: setpoint, ended, sticks, held });
     if (this.phase === 'off') return result(null);

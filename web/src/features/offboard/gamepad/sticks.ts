@@ -13,14 +13,14 @@ export interface Sticks {
 
 export const CENTRED: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
 
-export interface Shape {
+export interface StickCurve {
   /** Dead zone, 0–0.5. */
   deadZone: number;
   /** Expo: 0 is linear, 1 is cubic with low sensitivity about the middle. */
   expo: number;
 }
 
-export const SHAPE: Shape = { deadZone: 0.1, expo: 0.4 };
+export const STICK_CURVE: StickCurve = { deadZone: 0.1, expo: 0.4 };
 
 /** Values at full stick deflection. */
 export interface Scale {
@@ -42,7 +42,7 @@ export type PadMode = 'heading' | 'north' | 'attitude';
 const RAD = Math.PI / 180;
 
 /** Shapes one axis: zero within the dead zone, full at the end, without a step. NaN counts as the middle. */
-export function shapeAxis(value: number, { deadZone, expo }: Shape): number {
+export function shapeAxis(value: number, { deadZone, expo }: StickCurve): number {
   if (!Number.isFinite(value)) return 0;
   const size = Math.min(1, Math.abs(value));
   if (size <= deadZone) return 0;
@@ -54,8 +54,8 @@ export function shapeAxis(value: number, { deadZone, expo }: Shape): number {
  * The standard layout's four axes: the left stick climbs and turns, the right stick moves horizontally. Gamepads
  * report down as positive.
  */
-export function sticksOf(axes: readonly number[], shape: Shape): Sticks {
-  const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shapeAxis(a, shape));
+export function sticksOf(axes: readonly number[], curve: StickCurve): Sticks {
+  const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shapeAxis(a, curve));
   return { forward: 0 - rightY, right: rightX, up: 0 - leftY, turn: leftX };
 }
 
@@ -82,11 +82,11 @@ export const STOP: VelocitySetpoint = { type: 'velocity_body', velocity_frd_m_s:
 /** Velocity along heading or north; diagonal deflection is limited to full speed. */
 export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocitySetpoint {
   const norm = Math.max(1, Math.hypot(sticks.forward, sticks.right));
-  const along: Vector3 = [(sticks.forward / norm) * scale.speed_m_s, (sticks.right / norm) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
+  const velocity_m_s: Vector3 = [(sticks.forward / norm) * scale.speed_m_s, (sticks.right / norm) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
   const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD;
   return mode === 'heading'
-    ? { type: 'velocity_body', velocity_frd_m_s: along, yaw_rate_ned_rad_s }
-    : { type: 'velocity', velocity_ned_m_s: along, yaw_rate_ned_rad_s };
+    ? { type: 'velocity_body', velocity_frd_m_s: velocity_m_s, yaw_rate_ned_rad_s }
+    : { type: 'velocity', velocity_ned_m_s: velocity_m_s, yaw_rate_ned_rad_s };
 }
 
 /**

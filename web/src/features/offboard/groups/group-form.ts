@@ -152,10 +152,10 @@ export function startQuestion(names: readonly string[], draft: Draft): Question 
   const start = parseTyped(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(parseTyped(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = validityOf(draft);
   const ends = renew ? 'Renewed while this page is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
-  const near = draft.othersContinue ? 'only a vehicle that comes closer holds' : 'if two vehicles come closer, all vehicles hold';
+  const separationAction = draft.othersContinue ? 'only a vehicle that comes closer holds' : 'if two vehicles come closer, all vehicles hold';
   return {
     title: `Group: ${joinNames(names)}`,
-    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(parseTyped(draft.separation_m), 1)} m; ${near}. ${ends}. “Hold group” stops all vehicles at any time.`,
+    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(parseTyped(draft.separation_m), 1)} m; ${separationAction}. ${ends}. “Hold group” stops all vehicles at any time.`,
     verb: 'Start',
     danger: false,
   };

@@ -125,7 +125,7 @@ export class GroupController {
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
     await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
-      const outcome = await this.api.post('/groups/{g}/hold', of(group));
+      const outcome = await this.api.post('/groups/{g}/hold', pathOf(group));
       if (outcome.ok) this.update(outcome.value);
       return outcome;
     });
@@ -163,7 +163,7 @@ export class GroupController {
 
   private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Validity): Promise<Outcome<Group>> {
     return this.api.post('/groups/{g}/setpoints', {
-      ...of(group),
+      ...pathOf(group),
       body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) })), valid_for_s, on_expiry },
     });
   }
@@ -218,4 +218,4 @@ function vehiclesOf(group: Group): string[] {
   return group.members.map((member) => member.vehicle);
 }
 
-const of = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });
+const pathOf = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });

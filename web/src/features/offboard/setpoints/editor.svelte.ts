@@ -270,10 +270,10 @@ class SetpointEditor {
 
   /** A handle in 3D was moved, in this page's own view. */
   dragged(event: WireEvent): void {
-    const place = event['position_ned_m'];
+    const position = event['position_ned_m'];
     const yaw = event['yaw_ned_rad'];
-    if (this.drag === null || event.vehicle !== this.vehicle || !Array.isArray(place)) return;
-    this.drag = { position_ned_m: place as Vector3, yaw_ned_rad: typeof yaw === 'number' ? yaw : this.drag.yaw_ned_rad };
+    if (this.drag === null || event.vehicle !== this.vehicle || !Array.isArray(position)) return;
+    this.drag = { position_ned_m: position as Vector3, yaw_ned_rad: typeof yaw === 'number' ? yaw : this.drag.yaw_ned_rad };
     if (this.live) this.sendLive(event['released'] === true);
   }
 

@@ -100,9 +100,9 @@ function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { va
 
 function readGroup(group: Group, form: Form, errors: Record<string, string>): unknown {
   const values = group.axes.map((axis) => {
-    const got = readAxis(axis, form.fields[axis.key], group.nullable);
-    if ('error' in got) errors[axis.key] = got.error;
-    return 'error' in got ? null : got.value;
+    const parsed = readAxis(axis, form.fields[axis.key], group.nullable);
+    if ('error' in parsed) errors[axis.key] = parsed.error;
+    return 'error' in parsed ? null : parsed.value;
   });
   return group.scalar === true ? values[0] : values;
 }
@@ -136,9 +136,9 @@ export function build(form: Form): Built {
 
 /** Every axis must be controlled by some quantity, because the vehicle does not move along an uncontrolled axis. */
 function checkControlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
-  const given = groups.filter((g) => !form.omitted.includes(g.field));
+  const usedGroups = groups.filter((g) => !form.omitted.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
-    const axes = given.map((g) => g.axes[i]).filter((a) => a !== undefined);
+    const axes = usedGroups.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;
     if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true))
       errors[first.key] = `${name} is not controlled: give a position, a velocity or an acceleration.`;
@@ -147,8 +147,8 @@ function checkControlled(groups: readonly Group[], form: Form, errors: Record<st
 
 /** North and east of a quantity must both be controlled, because the vehicle ignores one without the other. */
 export function setOff(form: Form, key: string, off: boolean): Form {
-  const along = /^([pva])[01]$/.exec(key)?.[1];
-  const keys = along === undefined ? [key] : [`${along}0`, `${along}1`];
+  const quantity = /^([pva])[01]$/.exec(key)?.[1];
+  const keys = quantity === undefined ? [key] : [`${quantity}0`, `${quantity}1`];
   const fields = { ...form.fields };
   for (const k of keys) fields[k] = { text: fields[k]?.text ?? '', off };
   return { ...form, fields };

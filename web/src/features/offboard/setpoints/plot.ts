@@ -13,7 +13,7 @@ export interface PlotColours {
 }
 
 /** Smallest range of the vertical axis, so that noise is not magnified. */
-const LEAST: Readonly<Record<string, number>> = { m: 1, 'm/s': 0.5, '°': 4 };
+const MIN_RANGES: Readonly<Record<string, number>> = { m: 1, 'm/s': 0.5, '°': 4 };
 
 export class AxisPlot {
   private readonly plot: uPlot;
@@ -21,7 +21,7 @@ export class AxisPlot {
   constructor(holder: HTMLElement, unit: string, colours: PlotColours) {
     const font = '11px Inter, system-ui, sans-serif';
     const grid = { stroke: colours.line, width: 1 };
-    const least = LEAST[unit] ?? 1;
+    const minRange = MIN_RANGES[unit] ?? 1;
     this.plot = new uPlot(
       {
         width: Math.max(60, holder.clientWidth),
@@ -32,7 +32,7 @@ export class AxisPlot {
         cursor: { show: false },
         scales: {
           x: { time: false, range: () => [-WINDOW_S, 0] },
-          y: { range: (_, min, max) => around(min, max, least) },
+          y: { range: (_, min, max) => valueRange(min, max, minRange) },
         },
         axes: [
           {
@@ -80,9 +80,9 @@ export class AxisPlot {
   }
 }
 
-function around(min: number | null, max: number | null, least: number): [number, number] {
-  if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-least / 2, least / 2];
+function valueRange(min: number | null, max: number | null, minRange: number): [number, number] {
+  if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-minRange / 2, minRange / 2];
   const middle = (min + max) / 2;
-  const half = Math.max(least / 2, ((max - min) / 2) * 1.12);
+  const half = Math.max(minRange / 2, ((max - min) / 2) * 1.12);
   return [middle - half, middle + half];
 }

@@ -22,10 +22,10 @@ function triple(value: unknown): MaybeTriple {
   return Array.isArray(value) && value.length === 3 ? (value as (number | null)[]) : undefined;
 }
 
-function yawOf(setpoint: SetpointJson, now_rad: number | null): number | null {
+function yawOf(setpoint: SetpointJson, heading_rad: number | null): number | null {
   if (typeof setpoint['yaw_ned_rad'] === 'number') return setpoint['yaw_ned_rad'];
-  if (typeof setpoint['yaw_offset_rad'] === 'number') return now_rad === null ? null : now_rad + setpoint['yaw_offset_rad'];
-  return now_rad;
+  if (typeof setpoint['yaw_offset_rad'] === 'number') return heading_rad === null ? null : heading_rad + setpoint['yaw_offset_rad'];
+  return heading_rad;
 }
 
 /** Rotates an offset along the heading to north: [n, e, d]. */
@@ -34,7 +34,7 @@ export function fromHeading([forward, right, down]: Vector3, yaw_rad: number): V
   return [forward * cos - right * sin, forward * sin + right * cos, down];
 }
 
-/** Null for kinds without a position, such as attitudes and rates. */
+/** Null for setpoint types without a position, such as attitude and rates. */
 export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview | null {
   const at = facts.local?.value.position_ned_m;
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
@@ -45,8 +45,8 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
     yaw_ned_rad,
     isExtrapolated,
   });
-  const place = triple(setpoint['position_ned_m']);
-  if (place !== undefined) return { position_ned_m: at.map((v, i) => place[i] ?? v) as Vector3, yaw_ned_rad, isExtrapolated: false };
+  const position = triple(setpoint['position_ned_m']);
+  if (position !== undefined) return { position_ned_m: at.map((v, i) => position[i] ?? v) as Vector3, yaw_ned_rad, isExtrapolated: false };
   if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, at, yaw_ned_rad);
   const offset = setpoint.type === 'follow' ? undefined : triple(setpoint['offset_frd_m']);
   if (offset !== undefined) return yaw === null ? null : shifted(fromHeading(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
@@ -66,7 +66,7 @@ function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Readonly
   return { position_ned_m: [at[0] + north_m, at[1] + east_m, at[2] - up_m], yaw_ned_rad, isExtrapolated: false };
 }
 
-/** The preview on the earth, by the difference between the vehicle's global and local position. */
+/** The preview's latitude and longitude, computed from the vehicle's global position and the distance to the preview. */
 export function previewOnMap(preview: Preview, facts: VehicleFacts): GeoPosition | null {
   const at = facts.local?.value.position_ned_m;
   const here = facts.global?.value;

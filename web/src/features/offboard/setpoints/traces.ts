@@ -153,7 +153,10 @@ export function targetOf(stream: OffboardStatus | null, setpoint: Readonly<Recor
   if (stream === null || !stream.streaming) return null;
   const q = setpoint?.['q_ned_frd'];
   const attitude_rad: MaybeVector3 = Array.isArray(q) && q.length === 4 ? eulerOf(q as number[]) : [null, null, stream.yaw_ned_rad];
-  const along = stream.velocity_frd_m_s;
-  const turned = along === null || along === undefined || yaw_rad === null || along.some((v) => v === null) ? null : fromHeading(along as Vector3, yaw_rad);
-  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s ?? turned, attitude_rad };
+  const bodyVelocity_m_s = stream.velocity_frd_m_s;
+  const rotated_ned_m_s =
+    bodyVelocity_m_s === null || bodyVelocity_m_s === undefined || yaw_rad === null || bodyVelocity_m_s.some((v) => v === null)
+      ? null
+      : fromHeading(bodyVelocity_m_s as Vector3, yaw_rad);
+  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s ?? rotated_ned_m_s, attitude_rad };
 }

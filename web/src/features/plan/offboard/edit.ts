@@ -19,7 +19,7 @@ import {
   type StepKind,
   type StepNode,
 } from './mission';
-import { movedTo, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './places';
+import { movedTo, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
 import { newStep, PLACED } from './step-titles';
 
 const HEIGHT_M = 10;
@@ -85,8 +85,8 @@ export function insertPoint(mission: Mission, place: string, index: number, at: 
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
   if (node === null || points === undefined) return null;
-  const like = points[index - 1] ?? points[index];
-  const point = like === undefined ? inFrame('offset', { ...at, up_m: HEIGHT_M }, frame) : plain(movedTo(like, at, frame));
+  const template = points[index - 1] ?? points[index];
+  const point = template === undefined ? inFrame('offset', { ...at, up_m: HEIGHT_M }, frame) : plain(movedTo(template, at, frame));
   const next = withValue(mission, [...node.path, 'points'], spliced(points, index, 0, point));
   return { mission: next, id: pointId({ place, field: 'points', index }) };
 }
@@ -98,15 +98,15 @@ function plain(point: MissionPosition): MissionPosition {
 }
 
 /** A new position, in the frame that the mission uses; else on the earth if its origin is known. */
-function newPlace(mission: Mission, at: GeoPosition | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPosition {
+function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPosition {
   const before = nodes
     .slice(0, after)
     .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
-  const like = before.at(-1);
-  const positionFrame: PositionFrame = like !== undefined ? frameOfPosition(like) : frame.known && mission.home != null ? 'home' : 'offset';
+  const template = before.at(-1);
+  const positionFrame: PositionFrame = template !== undefined ? frameOfPosition(template) : frame.known && mission.home != null ? 'home' : 'offset';
   const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
-  const up_m = like !== undefined ? geoPointOf(like, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
-  const geoPoint: GeoPoint = { ...(at ?? (like === undefined ? frame.start : geoPointOf(like, frame))), up_m };
+  const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
+  const geoPoint: GeoPoint = { ...(at ?? (template === undefined ? frame.start : geoPointOf(template, frame))), up_m };
   return inFrame(positionFrame, geoPoint, frame);
 }
 
@@ -130,7 +130,7 @@ export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null
     if (added !== null) return added;
   }
   const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
-  const step = newStep(kind, PLACED.has(kind) ? newPlace(mission, at, frame, order, nodes) : undefined);
+  const step = newStep(kind, PLACED.has(kind) ? newPosition(mission, at, frame, order, nodes) : undefined);
   const [role] = roleNames(mission);
   let list: Path = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);

@@ -3,8 +3,8 @@
  * several rows. Pure.
  */
 
-import { positionFields } from './place-fields';
-import type { Frame } from './places';
+import { positionFields } from './position-fields';
+import type { Frame } from './positions';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 import { PER_CENT, TRACKS, VALUES } from './step-titles';
 
@@ -114,7 +114,7 @@ const SECONDS: Bounds = { min: 0, max: 86_400 };
 const METRES: Bounds = { min: 0.1, max: 10_000 };
 const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'vehicle’s' };
 const ANGLE: Bounds = { min: -360, max: 360 };
-const KEPT: Bounds = { ...ANGLE, placeholder: 'kept' };
+const OPTIONAL_ANGLE: Bounds = { ...ANGLE, placeholder: 'kept' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
 /** The heading: one of four alternatives; the document has at most one of them. */
@@ -290,7 +290,7 @@ const names =
 const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'At most', { ...SECONDS, placeholder: '60' })],
   fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH],
-  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', KEPT)],
+  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
   orbit: [...ROUND, ...PATH],
   helix: [...ROUND, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
   spiral: [...ROUND, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
@@ -303,11 +303,11 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
     ...PATH,
   ],
   table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Relative to the start', true)],
-  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to heading', KEPT)],
+  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
   attitude: [
     number('roll_rad', 'Roll', { min: -85, max: 85 }),
     number('pitch_rad', 'Pitch', { min: -85, max: 85 }),
-    number('yaw_ned_rad', 'Yaw from north', KEPT),
+    number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     number('thrust', 'Thrust, 0 to 1', { min: 0, max: 1, step: 0.05 }),
     number('duration_s', 'Duration', { min: 0.1, max: 30 }),
   ],
@@ -337,7 +337,7 @@ export function fieldsOf(step: Step, context: Context): Field<Step>[] {
 export function pointFields(point: MissionPosition, { frame }: Context): Field<MissionPosition>[] {
   return [
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Place', 'point'),
-    numberField(point, 'yaw_ned_rad', 'Yaw from north', KEPT),
+    numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
     numberField(point, 'corner_m', 'Corner distance', { min: 0, max: 1000, placeholder: '1' }),
     { name: 'stop', label: 'Stop at the point', of: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },

@@ -3,7 +3,7 @@
 import type { Finding, Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type Step, type StepNode } from './mission';
-import { inFrame, geoPointOf, frameOfPosition, type Frame } from './places';
+import { inFrame, geoPointOf, frameOfPosition, type Frame } from './positions';
 import { newStep } from './step-titles';
 
 const HIGHEST_M = 120;

@@ -29,10 +29,10 @@ const WORDS: Readonly<Record<State, string>> = {
   aborted: 'Aborted',
   stopped: 'Stopped',
 };
-const OVER: readonly State[] = ['done', 'aborted', 'stopped'];
+const FINISHED_STATES: readonly State[] = ['done', 'aborted', 'stopped'];
 
 export function isOver(flown: Flown): boolean {
-  return OVER.includes(flown.state);
+  return FINISHED_STATES.includes(flown.state);
 }
 
 export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {

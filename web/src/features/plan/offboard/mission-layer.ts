@@ -7,7 +7,7 @@ import { fencePicture, sketchLines, type Sketch } from '../layer';
 import { midpoint } from '../edit';
 import { fenceEntries, homeEntry, type TreeEntry } from '../list-entries';
 import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
-import { geoPointOf, type Frame } from './places';
+import { geoPointOf, type Frame } from './positions';
 import type { Flight, StepTime } from './compiled-path';
 import { detailOf, stepTitle } from './step-titles';
 
@@ -32,7 +32,7 @@ export function picture(
   const add = (id: string, at: GeoPosition, mark: LayerPoint['mark'], tone: LayerPoint['tone'], text = ''): void =>
     void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
   const nodes = nodesOf(mission);
-  const few = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
+  const showsAllMidpoints = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
   const chosen = new Set([...selected].map(stepNameOf));
   add('home', frame.start, 'home', 'text2');
   const drawn = new Set<string>();
@@ -41,14 +41,14 @@ export function picture(
     const key = JSON.stringify(node.path);
     if (drawn.has(key)) continue;
     drawn.add(key);
-    const places = positionsOf(node);
+    const positions = positionsOf(node);
     const count = node.step.points?.length ?? 0;
-    if (few || chosen.has(node.place))
+    if (showsAllMidpoints || chosen.has(node.place))
       for (let i = 1; i < count; i += 1) {
         const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
         if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, midpoint(geoPointOf(a, frame), geoPointOf(b, frame)), 'middle', 'target');
       }
-    for (const { ref, at } of places) {
+    for (const { ref, at } of positions) {
       const flown = ref.field === 'points';
       add(pointId(ref), geoPointOf(at, frame), flown ? 'disc' : 'cross', flown ? 'target' : 'actual', flown ? pointMark(node, ref.index, count) : '');
     }
@@ -59,20 +59,22 @@ export function picture(
 
 /** Straight lines between the points, used until the server has compiled the path. */
 function straight(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
-  const places = nodes.flatMap((node) => (node.step.points ?? []).map((point) => geoPointOf(point, frame)));
-  return places.length === 0 ? [] : [{ places: [frame.start, ...places], tone: 'target', style: 'dotted' }];
+  const positions = nodes.flatMap((node) => (node.step.points ?? []).map((point) => geoPointOf(point, frame)));
+  return positions.length === 0 ? [] : [{ positions: [frame.start, ...positions], tone: 'target', style: 'dotted' }];
 }
 
 /** The compiled path. Alternative branches and outdated paths are dotted. */
 function flightLines(flight: Flight, frame: Frame, isCurrent: boolean): LayerLine[] {
-  const found: { main: boolean; places: GeoPosition[] }[] = [];
+  const found: { main: boolean; positions: GeoPosition[] }[] = [];
   for (const { main, points } of flight.legs) {
-    const places = points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m }));
+    const positions = points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m }));
     const before = found.at(-1);
-    if (before !== undefined && before.main === main && same(before.places.at(-1), places[0])) before.places.push(...places.slice(1));
-    else found.push({ main, places });
+    if (before !== undefined && before.main === main && same(before.positions.at(-1), positions[0])) before.positions.push(...positions.slice(1));
+    else found.push({ main, positions });
   }
-  return found.filter(({ places }) => places.length > 1).map(({ main, places }) => ({ places, tone: 'target', style: main && isCurrent ? 'solid' : 'dotted' }));
+  return found
+    .filter(({ positions }) => positions.length > 1)
+    .map(({ main, positions }) => ({ positions, tone: 'target', style: main && isCurrent ? 'solid' : 'dotted' }));
 }
 
 function same(a: GeoPosition | undefined, b: GeoPosition | undefined): boolean {

@@ -9,7 +9,7 @@ import type { Flight } from './compiled-path';
 import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
 import { picture, treeOf } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
-import { frameOf, movedTo, inFrame, geoPointOf, type PositionFrame } from './places';
+import { frameOf, movedTo, inFrame, geoPointOf, type PositionFrame } from './positions';
 import { detailOf, newMission, newStep, KINDS, stepTitle } from './step-titles';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -26,11 +26,11 @@ const NESTED: Mission = {
   ),
   missions: { round: [newStep('orbit'), { step: 'call', mission: 'round' }] },
 };
-const places = (mission: Mission): string[] => nodesOf(mission).map((node) => node.place);
+const addresses = (mission: Mission): string[] => nodesOf(mission).map((node) => node.place);
 
 describe('the steps of a mission', () => {
   it('are one tree with the server’s names; recursive calls end', () => {
-    expect(places(NESTED)).toEqual([
+    expect(addresses(NESTED)).toEqual([
       'step 1',
       'step 2',
       'step 2.1',
@@ -46,7 +46,7 @@ describe('the steps of a mission', () => {
   it('of several vehicles are below their roles, and a new one goes to the first role', () => {
     const role = { steps: [newStep('take_off'), newStep('land')] };
     const show: Mission = { ...missionOf(), roles: { lead: role, left: role } };
-    expect(places(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
+    expect(addresses(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
     expect(nodesOf(show).map((node) => node.heading)).toEqual(['Role lead', '', 'Role left', '']);
     const added = addStep(show, 'hold', null, [], FRAME);
     expect(added.mission.steps).toEqual([]);
@@ -136,7 +136,7 @@ describe('editing', () => {
   it('removes points, and a step with its last point; several steps at once', () => {
     expect(remove(missionOf(FLY), ['point:points:0:step 1']).steps[0]?.points).toEqual([offset(30, 0, 20)]);
     expect(remove(missionOf(FLY), ['point:points:0:step 1', 'point:points:1:step 1']).steps).toEqual([]);
-    expect(places(remove(NESTED, ['step:step 1', 'step:step 2.1', 'step:step 3 otherwise 1']))).toEqual([
+    expect(addresses(remove(NESTED, ['step:step 1', 'step:step 2.1', 'step:step 3 otherwise 1']))).toEqual([
       'step 1',
       'step 2',
       'step 2 then 1',
@@ -156,7 +156,7 @@ describe('editing', () => {
     expect(node === undefined ? null : addToBranch(branch, node, 'otherwise').id).toBe('step:step 1 otherwise 1');
     const call = missionOf(newStep('call'));
     const [calling] = nodesOf(call);
-    expect(calling === undefined ? [] : places(addCalled(call, calling))).toEqual(['step 1', 'step 1, part 1 1']);
+    expect(calling === undefined ? [] : addresses(addCalled(call, calling))).toEqual(['step 1', 'step 1, part 1 1']);
   });
 
   it('moves steps of one list together', () => {
@@ -249,14 +249,14 @@ describe('the map of a mission', () => {
       ['2b', true],
     ]);
     expect(shown.points.map((point) => point.id)).toContain('between:1:step 2');
-    expect(shown.lines.map((line) => [line.style, line.places.length])).toEqual([
+    expect(shown.lines.map((line) => [line.style, line.positions.length])).toEqual([
       ['solid', 3],
       ['dotted', 2],
     ]);
   });
 
   it('connects the points by straight lines until the server has answered', () => {
-    expect(picture(missionOf(FLY), new Set(), null, FRAME, null, false).lines).toMatchObject([{ style: 'dotted', places: { length: 3 } }]);
+    expect(picture(missionOf(FLY), new Set(), null, FRAME, null, false).lines).toMatchObject([{ style: 'dotted', positions: { length: 3 } }]);
   });
 });
 

@@ -7,11 +7,11 @@ export const MAX_ROLES = 10;
 /** Distance of a new role's start from the last one [m]. */
 const ROLE_SPACING_M = 10;
 
-function newRoleName(mission: Mission, wanted: string): string {
-  const taken = roleNames(mission);
-  let number = taken.length + 1;
-  if (!taken.includes(wanted)) return wanted;
-  while (taken.includes(`role ${number}`)) number += 1;
+function newRoleName(mission: Mission, requested: string): string {
+  const existing = roleNames(mission);
+  let number = existing.length + 1;
+  if (!existing.includes(requested)) return requested;
+  while (existing.includes(`role ${number}`)) number += 1;
   return `role ${number}`;
 }
 

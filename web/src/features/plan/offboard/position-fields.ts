@@ -2,7 +2,7 @@
 
 import type { Field } from './fields';
 import type { MissionPosition } from './mission';
-import { inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './places';
+import { inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
 
 const WAYS: Readonly<Record<PositionFrame, string>> = {
   offset: 'from the start',
@@ -21,22 +21,28 @@ const HEIGHTS: Readonly<Record<PositionFrame, string>> = {
  * @param put returns the target with the changed position. @param label name of the position. @param key makes the
  * names of its rows unique.
  */
-export function positionFields<T>(place: MissionPosition, frame: Frame, put: (target: T, place: MissionPosition) => T, label: string, key: string): Field<T>[] {
-  const positionFrame = frameOfPosition(place);
-  const geoPoint = geoPointOf(place, frame);
+export function positionFields<T>(
+  position: MissionPosition,
+  frame: Frame,
+  put: (target: T, position: MissionPosition) => T,
+  label: string,
+  key: string,
+): Field<T>[] {
+  const positionFrame = frameOfPosition(position);
+  const geoPoint = geoPointOf(position, frame);
   const height = (): number => {
-    if (positionFrame === 'home') return place.alt_home_m ?? 0;
-    if (positionFrame === 'amsl') return place.alt_amsl_m ?? 0;
-    return -((place.offset_ned_m ?? place.position_ned_m)?.[2] ?? 0) + 0;
+    if (positionFrame === 'home') return position.alt_home_m ?? 0;
+    if (positionFrame === 'amsl') return position.alt_amsl_m ?? 0;
+    return -((position.offset_ned_m ?? position.position_ned_m)?.[2] ?? 0) + 0;
   };
   const setHeight = (next: number): MissionPosition => {
-    if (positionFrame === 'home') return { ...place, alt_home_m: next };
-    if (positionFrame === 'amsl') return { ...place, alt_amsl_m: next };
+    if (positionFrame === 'home') return { ...position, alt_home_m: next };
+    if (positionFrame === 'amsl') return { ...position, alt_amsl_m: next };
     return axis(2, -next);
   };
   const axis = (index: number, value: number): MissionPosition => {
     const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
-    return { ...place, [field]: (place[field] ?? [0, 0, 0]).map((one, i) => (i === index ? value : one)) };
+    return { ...position, [field]: (position[field] ?? [0, 0, 0]).map((one, i) => (i === index ? value : one)) };
   };
   const row = (name: string, text: string, value: number, change: (value: number) => MissionPosition, more: Partial<Field<T>> = {}): Field<T> => ({
     name: `${key}-${name}`,
@@ -47,14 +53,14 @@ export function positionFields<T>(place: MissionPosition, frame: Frame, put: (ta
     set: (target, next) => put(target, change(typeof next === 'number' ? next : 0)),
     ...more,
   });
-  const vector = place.offset_ned_m ?? place.position_ned_m;
+  const vector = position.offset_ned_m ?? position.position_ned_m;
   const degrees = (limit: number): Partial<Field<T>> => ({ unit: '°', step: 0.00001, decimals: 7, min: -limit, max: limit });
   const where =
     vector != null
       ? [row('north', `${label}: north`, vector[0], (value) => axis(0, value)), row('east', `${label}: east`, vector[1], (value) => axis(1, value))]
       : [
-          row('lat', 'Latitude', place.lat_deg ?? 0, (lat_deg) => ({ ...place, lat_deg }), degrees(90)),
-          row('lon', 'Longitude', place.lon_deg ?? 0, (lon_deg) => ({ ...place, lon_deg }), degrees(180)),
+          row('lat', 'Latitude', position.lat_deg ?? 0, (lat_deg) => ({ ...position, lat_deg }), degrees(90)),
+          row('lon', 'Longitude', position.lon_deg ?? 0, (lon_deg) => ({ ...position, lon_deg }), degrees(180)),
         ];
   return [
     {
@@ -63,7 +69,7 @@ export function positionFields<T>(place: MissionPosition, frame: Frame, put: (ta
       of: 'choice',
       value: positionFrame,
       options: (Object.keys(WAYS) as PositionFrame[]).map((value) => ({ value, text: WAYS[value] })),
-      set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, place)),
+      set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
     },
     row('height', HEIGHTS[positionFrame], height(), setHeight),
     ...where,

@@ -25,10 +25,10 @@ export function frameOf(mission: Mission | null, vehicleHome: PlannedHome | null
 export type PositionFrame = 'offset' | 'home' | 'amsl' | 'local';
 
 /** The frame of a position. */
-export function frameOfPosition(place: MissionPosition): PositionFrame {
-  if (place.offset_ned_m != null) return 'offset';
-  if (place.position_ned_m != null) return 'local';
-  return place.alt_amsl_m != null ? 'amsl' : 'home';
+export function frameOfPosition(position: MissionPosition): PositionFrame {
+  if (position.offset_ned_m != null) return 'offset';
+  if (position.position_ned_m != null) return 'local';
+  return position.alt_amsl_m != null ? 'amsl' : 'home';
 }
 
 /** A position on the earth with its height above the start [m]. */
@@ -36,14 +36,14 @@ export interface GeoPoint extends GeoPosition {
   readonly up_m: number;
 }
 
-export function geoPointOf(place: MissionPosition, frame: Frame): GeoPoint {
-  const local = place.offset_ned_m ?? place.position_ned_m;
+export function geoPointOf(position: MissionPosition, frame: Frame): GeoPoint {
+  const local = position.offset_ned_m ?? position.position_ned_m;
   if (local != null) {
-    const from = place.offset_ned_m != null ? frame.start : frame.origin;
+    const from = position.offset_ned_m != null ? frame.start : frame.origin;
     return { ...positionAt(from, { north_m: local[0], east_m: local[1] }), up_m: from.alt_amsl_m - local[2] - frame.start.alt_amsl_m };
   }
-  const up_m = place.alt_amsl_m != null ? place.alt_amsl_m - frame.start.alt_amsl_m : (place.alt_home_m ?? 0);
-  return { lat_deg: place.lat_deg ?? 0, lon_deg: place.lon_deg ?? 0, up_m };
+  const up_m = position.alt_amsl_m != null ? position.alt_amsl_m - frame.start.alt_amsl_m : (position.alt_home_m ?? 0);
+  return { lat_deg: position.lat_deg ?? 0, lon_deg: position.lon_deg ?? 0, up_m };
 }
 
 const roundCm = (value_m: number): number => Number(value_m.toFixed(2));
@@ -71,14 +71,14 @@ export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame:
 }
 
 /** Moves a point horizontally; height and frame are kept. */
-export function movedTo(place: MissionPosition, at: GeoPosition, frame: Frame): MissionPosition {
-  const positionFrame = frameOfPosition(place);
-  const { up_m } = geoPointOf(place, frame);
-  const moved = inFrame(positionFrame, { ...at, up_m }, frame, place);
+export function movedTo(position: MissionPosition, at: GeoPosition, frame: Frame): MissionPosition {
+  const positionFrame = frameOfPosition(position);
+  const { up_m } = geoPointOf(position, frame);
+  const moved = inFrame(positionFrame, { ...at, up_m }, frame, position);
   // Keeps the typed height exactly, without rounding.
-  if (positionFrame === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };
-  if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: place.alt_amsl_m ?? 0 };
+  if (positionFrame === 'home') return { ...moved, alt_home_m: position.alt_home_m ?? 0 };
+  if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: position.alt_amsl_m ?? 0 };
   const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
-  const [before, after] = [place[field] as Vector, moved[field] as Vector];
+  const [before, after] = [position[field] as Vector, moved[field] as Vector];
   return { ...moved, [field]: [after[0], after[1], before[2]] };
 }
