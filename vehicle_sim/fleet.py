@@ -118,7 +118,8 @@ class VehicleSim:
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         self._linked = camera
-        """Whether any vehicle has a link or a camera; without them nodes only run delayed actions."""
+        """Whether any vehicle has had a link, a ROS 2 port or a camera; before, nodes only run delayed
+        actions."""
         for row in range(count):
             for name, profile in links:
                 self.add_link(row, name, profile)

@@ -204,8 +204,8 @@ class Checks:
         if self._settings_revision != self._view.parameter_changes:
             self._read_parameters()
         remaining = self._view.simulation.battery.remaining.item(self._view.row)
-        for level, least in self._battery_levels:
-            if remaining < least:
+        for level, threshold in self._battery_levels:
+            if remaining < threshold:
                 return level
         return 0
 

@@ -82,7 +82,7 @@ def demands(c: Conditions) -> list[Demand]:
 
 
 def _latched(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
-    """A demand that lasts until the operator changes the mode; termination cannot be ended."""
+    """A demand that lasts until the operator changes the mode; not for termination and disarming."""
     if action is Action.TERMINATE:
         return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
     if action is Action.DISARM:

@@ -96,7 +96,7 @@ class Decision:
 _NO_FAILSAFE = Decision()
 DEFER_DEFAULT_S = 30.0
 DEFERRAL_DISABLED, DEFERRAL_ENABLED, FAILSAFE_DEFERRED = 0, 1, 2
-"""`failsafe_defer_state`: the last one means that a failsafe would act without the deferral."""
+"""`failsafe_defer_state`; FAILSAFE_DEFERRED: a failsafe would act without the deferral."""
 
 
 class Failsafe:

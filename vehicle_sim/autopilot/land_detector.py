@@ -91,7 +91,7 @@ class LandingThresholds:
         )
 
 
-CONTACT, MAYBE, LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
+CONTACT, MAYBE, LANDED, _AT_MIN_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
 """Indices of the state. Each condition has two numbers: whether it has held for long enough, and since when
 it holds [s]. The last number is 1 after the first range measurement: only then a missing range counts."""
 _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_BY_HAND = range(6)
@@ -162,8 +162,8 @@ def _hold(state: Column, which: int, now_s: float, condition: bool, for_s: float
 
 
 @formula
-def _above_least(least: float, hover: float, part: float) -> float:
-    return least + (hover - least) * part
+def _above_least(min_thrust: float, hover: float, part: float) -> float:
+    return min_thrust + (hover - min_thrust) * part
 
 
 @kernel
@@ -195,13 +195,13 @@ def detect(
         state, CONTACT, now_s, not armed or (near and low_thrust and descent_intended and not moves), stage_s
     )
 
-    least = limits[_THRUST_MIN_BY_HAND] + 0.01
+    min_thrust = limits[_THRUST_MIN_BY_HAND] + 0.01
     if climb_rate_controlled:
-        least = _above_least(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
-    idle = thrust <= least
+        min_thrust = _above_least(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
+    idle = thrust <= min_thrust
     if armed:
-        _hold(state, _LEAST_THRUST, now_s, idle, NO_HEIGHT_S)
+        _hold(state, _AT_MIN_THRUST, now_s, idle, NO_HEIGHT_S)
     rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
-    carried = state[CONTACT] != 0.0 if vertical_known else state[_LEAST_THRUST] != 0.0
+    carried = state[CONTACT] != 0.0 if vertical_known else state[_AT_MIN_THRUST] != 0.0
     _hold(state, MAYBE, now_s, not armed or (idle and not rotates and carried), stage_s)
     _hold(state, LANDED, now_s, not armed or state[MAYBE] != 0.0, stage_s)

@@ -164,8 +164,8 @@ class Path:
     def fly_way(self, way: Way) -> None:
         """Advances by one tick along a way.
 
-        All axes advance also during the take-off ramp. After a go-to command on the ground the trajectory is
-        therefore already above the vehicle when the ramp ends, and this height error lifts the vehicle off.
+        All axes also advance during the take-off ramp. After a go-to command on the ground the trajectory is
+        therefore above the vehicle before lift-off, and this height error lifts the vehicle off.
         """
         self._smoothing.fly(TICK_S, way, self._limits)
         self.write()

@@ -27,7 +27,7 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 ALIGNED = 0.98
 """Cosine of the angle between velocity and target above which the trajectory does not count as turning."""
 TURNING_SPEED_M_S = 0.2
-L1_LEAST_M = 5.0
+L1_MIN_M = 5.0
 SLOW_M_S = 0.5
 SETTINGS = (
     "MPC_XY_CRUISE", "MPC_XY_VEL_MAX", "MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_ACC_HOR", "MPC_ACC_UP_MAX",
@@ -225,7 +225,7 @@ def _aim_point(axes: Rows, way: Column) -> tuple[float, float]:
         return tn, te
     closest_n, closest_e = pn + un * along, pe + ue * along
     off_m = math.hypot(closest_n - x, closest_e - y)
-    radius = max(way[ACCEPTANCE], L1_LEAST_M)
+    radius = max(way[ACCEPTANCE], L1_MIN_M)
     ahead = math.sqrt(radius * radius - off_m * off_m) if radius > off_m else 0.0
     return closest_n + un * ahead, closest_e + ue * ahead
 

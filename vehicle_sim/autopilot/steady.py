@@ -39,7 +39,7 @@ from vehicle_sim.simulation import Simulation
 from vehicle_sim.state import angles_of
 
 (
-    _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _TOWARDS_NORTH, _TOWARDS_EAST, _TOWARDS_LEAST,
+    _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _TOWARDS_NORTH, _TOWARDS_EAST, _TOWARDS_MIN,
     _ABOVE_AMSL, _ABOVE_DOWN, _ARRIVES_NORTH, _ARRIVES_EAST, _ARRIVES_WITHIN, _WAITS_SINCE, _WAITS_FOR,
 ) = range(15)  # fmt: skip
 """Columns of the tasks: `SteadyTask`, then home height and origin altitude from which it was computed."""
@@ -265,7 +265,7 @@ def _face(task: Column, axes: Rows, yaw: Column) -> None:
     """Sets the heading target towards the point of the task."""
     north = task[_TOWARDS_NORTH] - axes[0, POSITION]
     east = task[_TOWARDS_EAST] - axes[1, POSITION]
-    if math.hypot(north, east) > task[_TOWARDS_LEAST]:
+    if math.hypot(north, east) > task[_TOWARDS_MIN]:
         yaw[YAW_TARGET] = math.atan2(east, north)
 
 

@@ -30,9 +30,9 @@ class SteadyTask(NamedTuple):
     target_down_m: float = math.nan
     """Of a climb, or of a descent; NaN: the descent has no target height."""
     towards_north_m: float = 0.0
-    """The nose points to this position while the trajectory is farther away than `towards_least_m`."""
+    """The nose points to this position while the trajectory is farther away than `towards_min_m`."""
     towards_east_m: float = 0.0
-    towards_least_m: float = math.inf
+    towards_min_m: float = math.inf
     """Infinite: the heading does not change."""
     ends_above_amsl_m: float = math.inf
     """The climb ends above this estimated altitude."""

@@ -34,7 +34,7 @@ DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SH
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
 BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
 UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
-LEAST_FREE_BYTES: Final = 50 << 20
+MIN_FREE_BYTES: Final = 50 << 20
 """With less free space no log is started, and a running log ends."""
 LARGEST_BYTES: Final = 1 << 30
 """Maximum size of a log, so that a vehicle left running does not fill the disk."""
@@ -192,7 +192,7 @@ class Logger:
             self.stop()
             self._failed("the log ends", error)
             return
-        if free < LEAST_FREE_BYTES:
+        if free < MIN_FREE_BYTES:
             self.stop()
             self._full(free)
 
@@ -201,7 +201,7 @@ class Logger:
             return
         try:
             free = self._free_space(self._files.root)
-            if free < LEAST_FREE_BYTES:
+            if free < MIN_FREE_BYTES:
                 self._full(free)
                 return
             path, when = self._name()

@@ -75,9 +75,9 @@ def _takeoff(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
         if item.command not in (TAKEOFF, VTOL_TAKEOFF):
             continue
         height_m = item.alt_m if item.relative else item.alt_m - inputs.home_alt_amsl_m
-        least_m = inputs.altitude_acceptance_m + 1.0
-        if inputs.home_valid and height_m < least_m:
-            findings.append(Finding("navigator_mis_takeoff_too_low", "f", (least_m,)))
+        min_height_m = inputs.altitude_acceptance_m + 1.0
+        if inputs.home_valid and height_m < min_height_m:
+            findings.append(Finding("navigator_mis_takeoff_too_low", "f", (min_height_m,)))
         before = items[:seq]
         if any(each.is_position or each.command in (DELAY, JUMP, GATE) for each in before):
             findings.append(Finding("navigator_mis_takeoff_not_first"))

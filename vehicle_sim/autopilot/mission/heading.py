@@ -84,7 +84,7 @@ class Heading:
             return (*self._home.position_ned_m[:2], acceptance_m)
         return None if mode in (AWAY_FROM_HOME, ALONG_TRAJECTORY) else (0.0, 0.0, math.inf)
 
-    def _towards(self, north: float, east: float, least: float) -> float:
-        if math.hypot(north, east) <= least:
+    def _towards(self, north: float, east: float, min_distance_m: float) -> float:
+        if math.hypot(north, east) <= min_distance_m:
             return self._path.yaw_target_rad
         return math.atan2(east, north)

@@ -50,7 +50,7 @@ class Leg:
             return None
         task = SteadyTask(
             Motion.LEG, path.cruise_m_s, path.climb_m_s, path.descent_m_s,
-            towards_north_m=point[0], towards_east_m=point[1], towards_least_m=point[2],
+            towards_north_m=point[0], towards_east_m=point[1], towards_min_m=point[2],
         )  # fmt: skip
         if arrived_at_s is not None:
             return task._replace(waits_since_s=arrived_at_s, waits_for_s=waits_s)

@@ -11,7 +11,7 @@ from vehicle_sim.autopilot.trajectory import fly, max_speed_for_distance, plan
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
-LEAST_CLIMB_M = 0.2
+MIN_CLIMB_M = 0.2
 """A smaller height above the vehicle does not start a take-off."""
 
 
@@ -52,7 +52,7 @@ class Climb:
     def wants_to_climb(self) -> bool:
         """Whether the target altitude is above the vehicle; otherwise the vehicle stays on the ground."""
         down = self._path.target_ned_m[2]
-        return down is not None and down < self._view.estimate.position_ned_m[2] - LEAST_CLIMB_M
+        return down is not None and down < self._view.estimate.position_ned_m[2] - MIN_CLIMB_M
 
     def begin(self, alt_amsl_m: float) -> None:
         """Sets a vertical climb to an altitude; also used by a mission before its first item."""

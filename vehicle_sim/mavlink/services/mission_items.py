@@ -28,7 +28,7 @@ _WITHOUT_POSITION = frozenset(
      532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
 )  # fmt: skip
 """Commands stored with the frame "mission"."""
-_LEAST_VERTICES = 3
+_MIN_VERTICES = 3
 
 _CRC_ITEM, _CRC_FLOAT_ITEM = struct.Struct("<BHB4fiif"), struct.Struct("<BHB7f")
 _POLYNOMIAL = 0xEDB88320
@@ -68,7 +68,7 @@ def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
         return command in _FENCE_ITEMS or command == _RALLY_POINT
     if kind == FENCE and command in _POLYGON_VERTICES:
         vertices = item["param1"]
-        return not (math.isfinite(vertices) and int(vertices + 0.5) >= _LEAST_VERTICES)
+        return not (math.isfinite(vertices) and int(vertices + 0.5) >= _MIN_VERTICES)
     return False
 
 
