@@ -39,7 +39,7 @@ OPENS: dict[str, tuple[Callable[[str], ClientConnection], ...]] = {
     "the 3D view": (open_scene,),
     "both": (open_telemetry, open_scene),
 }
-"""What the browser has open; each is measured once a round."""
+"""What the browser has open; each is measured once per round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | Non
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """What one server did in one window."""
+    """Use of CPU and messages of one server in one window."""
 
     share: float
     """Of one core, with its processes."""

@@ -1,4 +1,4 @@
-"""Faults that a real PX4 was recorded under, twice each: stimulus, what it reported, and the truth."""
+"""Recordings of a real PX4 with a fault, two runs of each: stimulus, reports, and the true motion."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 
 FAULTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "faults"
 THIN = Path(__file__).resolve().parents[1] / "data" / "faults.json"
-"""Outlines of some recordings, as `load` reads them."""
+"""Some recordings, reduced to the values that `load` returns."""
 
 TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
-"""Where errors are compared, seconds after the fault."""
+"""Times after the fault at which errors are compared."""
 LONGEST_S = 65.0
-"""Nothing comes after that but vehicles that lie on the ground."""
+"""Afterwards all vehicles lie on the ground."""
 FLAGS = {
     "estimator_status_flags": (
         "cs_gnss_pos", "cs_gnss_vel", "cs_gps_hgt", "cs_baro_hgt", "cs_baro_fault", "cs_fake_hgt",
@@ -30,11 +30,11 @@ FLAGS = {
     "vehicle_land_detected": ("landed", "ground_contact"),
     "failsafe_flags": ("battery_warning",),
 }  # fmt: skip
-"""What is compared of the flags that the recordings hold as changes."""
+"""The compared flags; the recordings have the time of each change."""
 TEXT_CHARS = 50
-"""Of a STATUSTEXT's first part."""
+"""Compared length of a STATUSTEXT's first part."""
 OFTEN = 4
-"""So many changes of a flag to a value are compared, so many resets of a kind."""
+"""Number of compared changes of a flag to the same value, and of resets of a kind."""
 EVENTS = (
     "check_estimator_gnss_fusion_stopped", "check_estimator_gnss_fusion_started",
     "commander_landing_detected", "commander_disarmed_by", "commander_armed_by",
@@ -48,12 +48,12 @@ EVENTS = (
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What happened in one flight after a fault, in the words of the recordings."""
+    """Reports and errors of one flight after a fault, with the names of the recordings."""
 
     moments_s: dict[str, float]
-    """When a flag took a value ("xy_valid=0", "xy_valid=0 (2)" the second time), an event or a text came."""
+    """Time of each flag change ("xy_valid=0"; "xy_valid=0 (2)" the second time), event and text."""
     at: dict[float, dict[str, float]]
-    """By time [s]: errors, accuracies, tilt and speed; keys as in the recordings' summary."""
+    """Errors, accuracies, tilt and speed by time [s]; the keys are those of the recordings' summary."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Scenario:
     stimulus: list[dict[str, Any]]
     flies: bool
     after_boot_s: float
-    """When the fault came; the mean of the runs."""
+    """Time of the fault; the mean of the runs."""
     ends_s: float
     runs: tuple[Course, ...]
 
@@ -87,7 +87,7 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
 
 
 def load_thin(name: str) -> Scenario:
-    """A fault of those whose outline is kept beside the tests."""
+    """Reads a fault from the reduced recordings in `tests/data`."""
     kept = json.loads(THIN.read_text(encoding="utf-8"))[name]
     runs = [
         Course(run["moments_s"], {float(at): values for at, values in run["at"].items()})
@@ -97,12 +97,12 @@ def load_thin(name: str) -> Scenario:
 
 
 def names(folder: Path = FAULTS) -> list[str]:
-    """All faults recorded."""
+    """Names of all recorded faults."""
     return sorted({path.name.split(".")[0] for path in (folder / "data").glob("*.json.gz")})
 
 
-def note(moments: dict[str, float], what: str, t_s: float) -> None:
-    """Enter a change of a flag, as the first, second … of its kind."""
+def record_change(moments: dict[str, float], what: str, t_s: float) -> None:
+    """Adds a change of a flag, numbered if it occurred before."""
     for count in range(1, OFTEN + 1):
         key = what if count == 1 else f"{what} ({count})"
         if key not in moments:
@@ -110,13 +110,14 @@ def note(moments: dict[str, float], what: str, t_s: float) -> None:
             return
 
 
-def tells(text: str) -> bool:
-    """Whether a text is compared: the recordings' ground station had pauses of its own."""
+def is_compared(text: str) -> bool:
+    """Whether a text is compared. Texts about the ground station are not: in the recordings its messages
+    had gaps."""
     return not any(word in text.lower() for word in ("ground", "gcs"))
 
 
-def words(text: str) -> str:
-    """What is compared of a text: its first part, without heights."""
+def compared_text(text: str) -> str:
+    """The compared part of a text: its beginning, without heights."""
     return re.sub(r"\d+ m\b", "… m", text[:TEXT_CHARS]).strip()
 
 
@@ -129,17 +130,19 @@ def _course(run: dict[str, Any]) -> Course:
     for table, fields in FLAGS.items():
         for t_s, field, value in run["onboard"].get(table, {"changes": []})["changes"]:
             if field in fields and t_s is not None and t_s >= 0.0:
-                note(moments, f"{field}+" if field.endswith("_counter") else f"{field}={value:g}", t_s)
+                record_change(
+                    moments, f"{field}+" if field.endswith("_counter") else f"{field}={value:g}", t_s
+                )
     for message in run["messages"]:
         if message["t_s"] < 0.0:
             continue
         if message["message"] == "EVENT" and message["name"] in EVENTS:
             moments.setdefault("event:" + message["name"], message["t_s"])
-        elif message["message"] == "STATUSTEXT" and not message["chunk"] and tells(message["text"]):
-            moments.setdefault("text:" + words(message["text"]), message["t_s"])
+        elif message["message"] == "STATUSTEXT" and not message["chunk"] and is_compared(message["text"]):
+            moments.setdefault("text:" + compared_text(message["text"]), message["t_s"])
     keys = run["summary"]["columns"]
     at = {float(row[0]): dict(zip(keys[1:], row[1:], strict=True)) for row in run["summary"]["rows"]}
     for values in at.values():
-        # Which way the heading is off is chance.
+        # The sign of the heading error is random.
         values["yaw_error_deg"] = abs(values["yaw_error_deg"])
     return Course(moments, {t_s: values for t_s, values in at.items() if t_s in TIMES_S})

@@ -1,7 +1,8 @@
-"""Flies recorded faults on the simulated PX4, on no clock, side by side, and notes what the recordings note.
+"""Flies recorded faults on the simulated PX4, all in one simulation without a real-time clock.
 
-Each vehicle takes off to 10 m and holds, or stays on the ground, as the real ones did; as long after boot
-comes the fault, by the same parameters, commands and drivers, or by what the recordings' changed world did.
+Each vehicle takes off to 10 m and holds, or stays on the ground, as in its recording. The fault occurs at the
+same time after boot, caused by the same parameters, commands, drivers, or changes of the simulated world.
+The result has the same values as the recordings.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 
-from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, note, tells, words
+from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, compared_text, is_compared, record_change
 
 FloatArray = NDArray[np.float64]
 
@@ -32,13 +33,13 @@ RETURN, AWAY_AT_S, AWAY_M = 20, 18.0, 60.0
 RECORD_EVERY_STEPS = 5
 OFFBOARD, POSITION = 6, 3
 MODE_AFTER_S = 1.0
-"""So long after its stream began a vehicle was switched to the mode that follows it."""
+"""Time from the begin of a stream of setpoints or sticks to the switch to the mode that uses it."""
 MODE_OF = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
 NAN = math.nan
 
 
-class _Pilot:
-    """The ground station of one vehicle, and the hand that breaks its world."""
+class _ScenarioPlayer:
+    """Sends one vehicle the messages of its scenario and causes the faults."""
 
     def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
         self.sim, self.row, self.scenario = sim, row, scenario
@@ -61,7 +62,7 @@ class _Pilot:
         self._due.append((time_s, lambda: call(*arguments)))
 
     def _go_away(self) -> None:
-        """As the recorded vehicle, which returned from 60 m north."""
+        """Flies 60 m to the north: the recorded vehicle returned from there."""
         home = self.sim.simulation.home
         lat, lon = to_global(np.asarray(AWAY_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
         self._command(192, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
@@ -79,12 +80,12 @@ class _Pilot:
         elif name == "driver":
             self._at(at_s, self._drive, fields["command"])
         elif name == "model fault":
-            self._at(at_s, self._break, fields)
+            self._at(at_s, self._set_world_faults, fields)
         else:
             self._at(at_s, self._send, name, fields)
 
     def tick(self) -> None:
-        """Do what is due."""
+        """Executes the calls that are due."""
         while self._due and self._due[-1][0] <= self.sim.time_s + 1e-9:
             self._due.pop()[1]()
 
@@ -107,12 +108,12 @@ class _Pilot:
         self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
 
     def _drive(self, command: str) -> None:
-        """A simulated sensor's driver stops or starts, as from the vehicle's own console."""
+        """Stops or starts a sensor's driver, as a console command does."""
         driver, what = command.split()
         self.sim.simulation.set_driver(self.row, Driver(driver), what != "stop")
 
-    def _break(self, fields: dict[str, float]) -> None:
-        """The world of the recordings' model variant; what is not named is whole."""
+    def _set_world_faults(self, fields: dict[str, float]) -> None:
+        """Sets the faults of the simulated world; those not in `fields` end."""
         simulation, i = self.sim.simulation, self.row
         faults = simulation.sensor_faults
         faults.clear(i)
@@ -128,8 +129,8 @@ class _Pilot:
             simulation.motor_health[i, int(fields["mot_off"]) - 1] = 0.0
 
 
-class _Notes:
-    """What one vehicle's flight comes to, in the recordings' words."""
+class _FlightRecorder:
+    """Records one vehicle's flight, with the names of the recordings."""
 
     def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
         self._sim, self._row = sim, row
@@ -138,7 +139,7 @@ class _Notes:
         self.moments_s: dict[str, float] = {}
         self.at: dict[float, dict[str, float]] = {}
         self._origin_m = np.zeros(3)
-        self._left_at = np.zeros(3)
+        self._start_m = np.zeros(3)
         sim.autopilots[row].announcer.add_listener(self._hear)
 
     def _hear(self, item: StatusText | Event) -> None:
@@ -148,20 +149,20 @@ class _Notes:
         if isinstance(item, Event):
             if item.name in EVENTS:
                 self.moments_s.setdefault("event:" + item.name, t_s)
-        elif tells(item.text):
-            self.moments_s.setdefault("text:" + words(item.text), t_s)
+        elif is_compared(item.text):
+            self.moments_s.setdefault("text:" + compared_text(item.text), t_s)
 
-    def look(self) -> None:
-        """Note flags that changed, and the errors where they are compared."""
+    def sample(self) -> None:
+        """Records changed flags, and the errors at the times of comparison."""
         t_s = self._sim.time_s - self._fault_at_s
         flags = self._flags()
         if t_s >= 0.0:
             for name, value in flags.items():
                 if value != self._now.get(name, value):
                     what = f"{name}+" if name.endswith("_counter") else f"{name}={value}"
-                    note(self.moments_s, what, t_s)
+                    record_change(self.moments_s, what, t_s)
         else:
-            self._set_out()
+            self._record_start()
         self._now = flags
         for time_s in TIMES_S:
             if time_s not in self.at and t_s >= time_s:
@@ -193,8 +194,8 @@ class _Notes:
             "battery_warning": commander.checks.battery_warning,
         }  # fmt: skip
 
-    def _set_out(self) -> None:
-        """Where the estimator's local frame lies in the world, and the vehicle in it."""
+    def _record_start(self) -> None:
+        """Records the origin of the estimator's local frame and the vehicle's position, both in the world."""
         simulation, i = self._sim.simulation, self._row
         estimate, home = simulation.estimate, simulation.home
         north, east = to_local(
@@ -203,13 +204,13 @@ class _Notes:
         )  # fmt: skip
         down = float(estimate.origin_alt_amsl_m[i]) - home.alt_amsl_m
         self._origin_m = np.array([float(north), float(east), down])
-        self._left_at = simulation.truth.position_ned_m[i].copy()
+        self._start_m = simulation.truth.position_ned_m[i].copy()
 
     def _errors(self) -> dict[str, float]:
         simulation, i = self._sim.simulation, self._row
         truth, estimate = simulation.truth, simulation.estimate
         error = estimate.position_ned_m[i] - truth.position_ned_m[i] - self._origin_m
-        moved = truth.position_ned_m[i] - self._left_at
+        moved = truth.position_ned_m[i] - self._start_m
         yaw = euler_of(estimate.q_ned_frd[i : i + 1])[0, 2] - euler_of(truth.q_ned_frd[i : i + 1])[0, 2]
         tilt = math.acos(max(-1.0, min(1.0, float(rotation_matrix(truth.q_ned_frd[i : i + 1])[0, 2, 2]))))
         return {
@@ -226,11 +227,11 @@ class _Notes:
 
 
 def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
-    """Fly faults side by side and return what came of each; one that is named twice flies with other noise.
+    """Flies faults in one simulation; returns a course for each. Repeated scenarios have different noise.
 
     Args:
-        scenarios: what to fly.
-        seed: of the sensors' noise.
+        scenarios: the faults; may contain one several times.
+        seed: seed of the sensor noise.
     """
     count = len(scenarios)
     stores = [Parameters(scenario.parameters) for scenario in scenarios]
@@ -241,15 +242,15 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
         for link in node.context.links:
             for msg_id in link.streamed():
                 link.set_interval(msg_id, 0, 0)
-    pilots = [_Pilot(sim, row, scenario) for row, scenario in enumerate(scenarios)]
-    vehicles = [_Notes(sim, row, scenario) for row, scenario in enumerate(scenarios)]
+    players = [_ScenarioPlayer(sim, row, scenario) for row, scenario in enumerate(scenarios)]
+    recorders = [_FlightRecorder(sim, row, scenario) for row, scenario in enumerate(scenarios)]
     end_s = max(scenario.after_boot_s + scenario.ends_s for scenario in scenarios)
     while sim.time_s < end_s:
-        for pilot in pilots:
-            pilot.tick()
+        for player in players:
+            player.tick()
         sim.step(sim.simulation.dt_s)
         if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
-            for notes, scenario in zip(vehicles, scenarios, strict=True):
+            for recorder, scenario in zip(recorders, scenarios, strict=True):
                 if sim.time_s < scenario.after_boot_s + scenario.ends_s:
-                    notes.look()
-    return [Course(notes.moments_s, notes.at) for notes in vehicles]
+                    recorder.sample()
+    return [Course(recorder.moments_s, recorder.at) for recorder in recorders]

@@ -1,8 +1,8 @@
-"""Recorded faults on the simulated PX4 beside the real one's two runs: what is signalled, and how far off.
+"""Recorded faults on the simulated PX4, compared with two runs of a real PX4: reports and errors.
 
-Each fault is flown twice, with other noise. A number may lie outside what PX4's own two runs span by 1.5
-times their difference, or by its limit here, whichever is more. A moment is a change of a flag or mode, a
-reset, an event or a text: what both of PX4's runs have must come, in time; what neither has must not come.
+Each fault is flown twice, with different noise. A number may lie outside the range of PX4's two runs by 1.5
+times their difference, or by its limit in this file, whichever is larger. A moment is a change of a flag or
+mode, a reset, an event or a text: a moment of both PX4 runs must occur in time, and one of neither must not.
 """
 
 from __future__ import annotations
@@ -18,70 +18,69 @@ from .fault_recordings import Course, Scenario
 
 OWN_DIFFERENCE = 1.5
 SOON_S = 0.35
-"""Flags, failsafes and texts: PX4's own agree within 0.15 s (0.3 s of a stopped driver), and a GPS fix, which
-decides most of them, comes every 0.125 s."""
+"""Limit for flags, failsafes and texts. PX4's two runs agree within 0.15 s (0.3 s after a driver stopped).
+Most of these moments depend on a GPS fix, which comes every 0.125 s."""
 ON_THE_GROUND_S = 15.0
-"""Touch-down without GPS and all that follows it. The recorded losses came at the same second after PX4's
-boot, with the same sequence of noise, and agree within 9 s; but the recorded vertical speeds were wrong by
--0.2 to 0.7 m/s, and a descent at 0.7 m/s less that takes anything from 11 s on."""
-SINKS_OTHERWISE_M_S = 0.4
-"""So much may a descent without GPS differ, for that reason."""
+"""Limit for the touch-down without GPS and everything after it. In the recordings GPS was lost at the same
+time after boot, with the same sequence of noise, so they agree within 9 s. But their vertical speeds were
+wrong by -0.2 to 0.7 m/s, so a descent at 0.7 m/s minus that error takes 11 s or more."""
+DESCENT_DIFFERENCE_M_S = 0.4
+"""Allowed difference of a descent without GPS, for the same reason."""
 TOUCH = ("ground_contact=1", "cs_in_air=0")
-BY_CHANCE = ("ground_contact", "battery_warning=1 (2)", "battery_warning=2 (2)")
-"""Ground contact comes and goes in six of 26 recorded landings; a battery that is full again after disarming
-passes its levels within 0.2 s, which PX4 looks at every 0.1 s: there or not, it is no difference."""
+RANDOM_MOMENTS = ("ground_contact", "battery_warning=1 (2)", "battery_warning=2 (2)")
+"""Moments that may occur or not. Ground contact changes repeatedly in six of 26 recorded landings. A battery
+that is full again after disarming passes its warning levels within 0.2 s, and PX4 checks them every 0.1 s."""
 FACTOR = {
     "horizontal_error": 3.0, "true_displacement": 3.0, "true_speed": 1.5, "tilt_deg": 1.5, "eph": 1.25,
     "epv": 1.35,
 }  # fmt: skip
-"""A size may be this many times greater or smaller; without GPS, PX4's own errors differ threefold."""
+"""A value may be larger or smaller by this factor; without GPS, PX4's two runs differ by up to 3."""
 SLACK = {
     "horizontal_error": 0.7, "height_error_down": 1.6, "true_displacement": 1.5,
     "true_height_above_ground": 2.0, "true_speed": 0.6, "yaw_error_deg": 18.0, "tilt_deg": 6.0, "eph": 0.05,
     "epv": 0.05,
 }  # fmt: skip
-"""What flights without any fault differ by: position and height wander with the GPS noise (the height by
-1 m to either side, always the same way at the same time after PX4's boot), the heading by 18 degrees in one
-of ten recorded flights."""
+"""Differences between flights without a fault: position and height drift with the GPS noise (the height by
+±1 m, always equally at the same time after PX4's boot), the heading by 18 degrees in one of ten flights."""
 ALIKE_FOR_S = {
     "gps_stuck_hold": 8.0, "gps_stuck_offboard_vel": 8.0, "baro_step_p1200pa_gps_lost": 5.0,
     "gyro_bias_x_005": 8.0, "gps_lost_20s_hold": 15.0,
 }  # fmt: skip
-"""So long PX4's own runs are alike; then it is chance whether a loop runs away north or south, whether the
-barometer is believed, or whether the fix comes back before the ground does."""
+"""Time during which PX4's two runs are similar. Afterwards it is random whether a control loop diverges to
+the north or south, whether the barometer is used, or whether the fix returns before the touch-down."""
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "simulator.md"
 HEADER = "| fault | moments | outside | errors and accuracies | outside | the first outside | why |"
-"""Of the table there that gives each fault outside its limits a reason."""
+"""Header of the table in that document with a reason for each fault outside its limits."""
 SIDE_BY_SIDE = 24
-"""So many faults fly together."""
+"""Number of flights in one simulation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """One number that is not where PX4's runs allow it."""
+    """A number outside its limits."""
 
     what: str
     simulated: float
-    """NaN: it never came."""
+    """NaN: it did not occur."""
     recorded: tuple[float, float]
-    """NaN: in none of PX4's runs."""
+    """NaN: it occurred in neither PX4 run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A flight after a fault, beside its recordings."""
+    """A simulated flight with a fault, compared with its recordings."""
 
     name: str
     moments: int
-    """How many moments were compared,"""
+    """Number of compared moments."""
     numbers: int
-    """and how many errors and accuracies."""
+    """Number of compared errors and accuracies."""
     late: tuple[Outside, ...]
     off: tuple[Outside, ...]
 
 
 def compare(scenario: Scenario, flown: Course) -> Comparison:
-    """The flown fault beside PX4's runs."""
+    """Compares the simulated flight with PX4's runs."""
     until_s = ALIKE_FOR_S.get(scenario.name, scenario.ends_s)
     late, moments = _moments(scenario, flown, until_s)
     first, second = scenario.runs
@@ -92,8 +91,8 @@ def compare(scenario: Scenario, flown: Course) -> Comparison:
     for t_s in sorted(at for at in set(first.at) & set(second.at) & set(flown.at) if at < until_s):
         for key, limit in SLACK.items():
             numbers += 1
-            sinks = SINKS_OTHERWISE_M_S if key == "true_height_above_ground" else 0.0
-            slack = limit + sinks * max(0.0, t_s - blind_s)
+            descent = DESCENT_DIFFERENCE_M_S if key == "true_height_above_ground" else 0.0
+            slack = limit + descent * max(0.0, t_s - blind_s)
             pair = first.at[t_s][key], second.at[t_s][key]
             if not _near(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
                 off.append(Outside(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
@@ -101,7 +100,7 @@ def compare(scenario: Scenario, flown: Course) -> Comparison:
 
 
 def _moments(scenario: Scenario, flown: Course, until_s: float) -> tuple[list[Outside], int]:
-    """What came at another time than in both of PX4's runs, or in none of them; how much was compared."""
+    """Moments at another time than in PX4's runs or in neither of them; the number of compared moments."""
     first, second = (run.moments_s for run in scenario.runs)
     touched_s = min(map(_touched_s, scenario.runs))
     late: list[Outside] = []
@@ -113,13 +112,13 @@ def _moments(scenario: Scenario, flown: Course, until_s: float) -> tuple[list[Ou
         if not _near(found_s, pair, limit_s, 1.0):
             late.append(Outside(key, found_s, pair))
     for key in sorted(set(flown.moments_s) - set(first) - set(second)):
-        if flown.moments_s[key] < until_s and not key.startswith(BY_CHANCE):
+        if flown.moments_s[key] < until_s and not key.startswith(RANDOM_MOMENTS):
             late.append(Outside(key, flown.moments_s[key], (math.nan, math.nan)))
     return late, len(common)
 
 
 def _touched_s(course: Course) -> float:
-    """When it came down; infinite: it did not."""
+    """Time of the touch-down; infinite: there was none."""
     return min((course.moments_s[key] for key in TOUCH if key in course.moments_s), default=math.inf)
 
 
@@ -132,14 +131,14 @@ def _near(value: float, pair: tuple[float, float], limit: float, factor: float) 
 
 
 def measure(names: list[str] | None = None, *, seed: int = 0, times: int = 2) -> list[Comparison]:
-    """Fly faults (default: all recorded) so many times each and compare every flight."""
+    """Flies each fault (default: all recorded ones) `times` times and compares every flight."""
     return compare_all(
         [fault_recordings.load(name) for name in names or fault_recordings.names()], seed, times
     )
 
 
 def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> list[Comparison]:
-    """Fly these so many times each and compare every flight."""
+    """Flies each scenario `times` times and compares every flight."""
     scenarios.sort(key=lambda scenario: scenario.ends_s)
     found: list[Comparison] = []
     for at in range(0, len(scenarios), SIDE_BY_SIDE):
@@ -150,7 +149,7 @@ def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> lis
 
 
 def reasons(document: str) -> dict[str, str]:
-    """Why a fault is outside its limits, by its name, as the documentation's table says.
+    """The reasons in the documentation's table why faults are outside their limits, by the fault's name.
 
     Raises:
         ValueError: a row without a reason, or two for one fault.
@@ -168,10 +167,10 @@ def reasons(document: str) -> dict[str, str]:
 
 
 def rows(comparisons: list[Comparison], why: dict[str, str]) -> Iterator[str]:
-    """The table: a line for each fault that is outside its limits, and what is wrong with its reasons.
+    """The table: a row for each fault outside its limits, then missing and outdated reasons.
 
     Args:
-        comparisons: of all flights, sorted by name.
+        comparisons: comparisons of all flights, sorted by name.
         why: `reasons` of the documentation.
     """
     yield HEADER
@@ -210,7 +209,7 @@ def _words(outside: Outside) -> str:
 
 
 def table() -> Iterator[str]:
-    """The table of all recorded faults; nothing without the recordings."""
+    """The table of all recorded faults, or one line if there are no recordings."""
     if not fault_recordings.FAULTS.is_dir():
         yield "not measured: the recordings are not beside this repository"
         return

@@ -23,7 +23,7 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import SimulationOrigin
 
 from .flight_recordings import Recording
-from .ros2_recordings import INNER
+from .ros2_recordings import INTERNAL
 
 FloatArray = NDArray[np.float64]
 Script = Generator[None, None, None]
@@ -32,21 +32,21 @@ OFFBOARD, HOLD, ORBIT = 0x60000, 0x3040000, 0x1030000
 RECORD_EVERY_STEPS = 2
 GIVE_UP_S = 150.0
 HOVER_S = 25.5
-"""So long the hover thrust estimate takes to forget the climb, as it had in the recordings."""
+"""Time that the hover thrust estimate needs after the climb to settle, as it had in the recordings."""
 OVERLAP_S = {"rate_yaw_pulse": 0.05, "att_pitch_m10_yaw_30": 0.3}
 USUAL_OVERLAP_S = 0.45
-"""How long both controllers flew after the kind of setpoint changed. PX4 tells its controllers of it twice a
-second, at a phase that no message shows: it is read off each recording, as the place and the height are."""
+"""Time for which both controllers were active after a change of the kind of setpoint. PX4 publishes the
+active controllers twice a second, and no message shows the phase: it is estimated from each recording."""
 NAN = math.nan
 CALM, CALM_NOISY = (0.05, 0.3), (0.3, 1.5)
-"""Hovers at its place: slower than [m/s], nearer than [m] along each axis. An estimate from noise wanders."""
+"""Limits for hovering: speed [m/s] and distance [m] along each axis. With noise the estimate drifts."""
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
 """Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
 STEADY_ORBIT_M = 21.05
 """The radius of such an orbit in steady state."""
 CENTRE_M = {"orbit_r10_v3": (0.01, -0.49)}
-"""Centre of a commanded orbit in the frame of its recording (north, east), read off the headings there:
-that frame begins as far off as the GPS was when it was set."""
+"""Centre of a commanded orbit in the local frame of its recording (north, east), calculated from the recorded
+headings. The origin of that frame has the GPS error of the moment when it was set."""
 SPEED_BEFORE = {"reposition_50m_then_stop": 8.0}
 """Cruise speed remaining from the previous flight [m/s]."""
 
@@ -63,7 +63,7 @@ class CannotStart(Exception):
     """The initial state of a recording was not reached."""
 
 
-class _Pilot:
+class _StimulusPlayer:
     """The ground station of one vehicle."""
 
     def __init__(self, sim: VehicleSim, row: int, recording: Recording, calm: tuple[float, float]) -> None:
@@ -77,7 +77,7 @@ class _Pilot:
         self._parser = FrameParser()
         self.script = self._fly()
 
-    # --- talking ---------------------------------------------------------------------------------------
+    # --- sending ---------------------------------------------------------------------------------------
 
     def send(self, name: str, fields: dict[str, Any]) -> None:
         values = {key: NAN if value is None else value for key, value in fields.items()}
@@ -88,9 +88,9 @@ class _Pilot:
         self._sequence = (self._sequence + 1) & 0xFF
         self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
 
-    def hand(self, name: str, fields: dict[str, Any]) -> None:
+    def send_stimulus(self, name: str, fields: dict[str, Any]) -> None:
         """Sends a part of the stimulus: by MAVLink, or by the internal interface."""
-        if name in INNER:
+        if name in INTERNAL:
             getattr(self.sim.autopilots[self.row].offboard, name)(**fields)
         else:
             self.send(name, self._in_our_frame(name, fields))
@@ -113,7 +113,7 @@ class _Pilot:
         lat = home.lat_deg + math.degrees(north_m / 6371000.0)
         return lat, home.lon_deg + math.degrees(east_m / 6371000.0 / math.cos(math.radians(home.lat_deg)))
 
-    # --- looking ---------------------------------------------------------------------------------------
+    # --- state -----------------------------------------------------------------------------------------
 
     @property
     def now_s(self) -> float:
@@ -169,7 +169,7 @@ class _Pilot:
         for at_s, name, fields in self.recording.sends():
             while self.now_s - start_s < at_s - 1e-6:
                 yield
-            self.hand(name, fields)
+            self.send_stimulus(name, fields)
 
     def _in_our_frame(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
         """The orbit with its centre at the same local position as in the recording."""
@@ -275,15 +275,15 @@ class _Pilot:
 
 
 def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) -> dict[str, Replay]:
-    """Fly all recordings side by side and return what each vehicle did.
+    """Flies all recordings in one simulation; returns the motion of each vehicle by the recording's name.
 
     Args:
-        recordings: what to fly.
-        noise: with the sensors' noise.
-        seed: of that noise.
+        recordings: the recordings.
+        noise: whether the sensors have noise.
+        seed: seed of that noise.
 
     Raises:
-        CannotStart: a vehicle did not reach the state its recording began in.
+        CannotStart: a vehicle did not reach the initial state of its recording.
     """
     count = len(recordings)
     known = Parameters()
@@ -298,21 +298,22 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
     for row in range(count):
         _silence(sim, row)
     calm = CALM_NOISY if noise else CALM
-    pilots = [_Pilot(sim, row, recording, calm) for row, recording in enumerate(recordings)]
+    players = [_StimulusPlayer(sim, row, recording, calm) for row, recording in enumerate(recordings)]
     log = _Log(sim)
     step_s = sim.simulation.dt_s
     waiting = True
     while waiting:
-        for pilot in pilots:
-            pilot.tick()
+        for player in players:
+            player.tick()
         sim.step(step_s)
         if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
             log.add()
         waiting = any(
-            math.isnan(pilot.began_s) or pilot.now_s - pilot.began_s < float(pilot.recording.t_s[-1]) + 0.1
-            for pilot in pilots
+            math.isnan(player.began_s)
+            or player.now_s - player.began_s < float(player.recording.t_s[-1]) + 0.1
+            for player in players
         )
-    return {pilot.recording.name: log.of(pilot) for pilot in pilots}
+    return {player.recording.name: log.of(player) for player in players}
 
 
 def _silence(sim: VehicleSim, row: int) -> None:
@@ -353,11 +354,11 @@ class _Log:
             ]
         )  # fmt: skip
 
-    def of(self, pilot: _Pilot) -> Replay:
-        t_s = np.array(self._times) - pilot.began_s
-        kept = (t_s >= pilot.recording.t_s[0] - 0.1) & (t_s <= pilot.recording.t_s[-1] + 0.1)
+    def of(self, player: _StimulusPlayer) -> Replay:
+        t_s = np.array(self._times) - player.began_s
+        kept = (t_s >= player.recording.t_s[0] - 0.1) & (t_s <= player.recording.t_s[-1] + 0.1)
         rows = [row for row, keep in zip(self._rows, kept, strict=True) if keep]
-        table = np.array([np.concatenate([block[pilot.row] for block in row]) for row in rows])
+        table = np.array([np.concatenate([block[player.row] for block in row]) for row in rows])
         return Replay(t_s[kept], dict(zip(LOGGED, table.T, strict=True)))
 
 

@@ -1,7 +1,7 @@
-"""Differences between simulated flights of one stimulus with sensor noise, compared with two of a real PX4.
+"""Differences between repeated simulated flights with sensor noise, compared with those of a real PX4.
 
-PX4's repeats (`spread.json`) are one pair for most flights. The number of simulated flights can be
-chosen, so they also show how significant one pair is.
+Most flights of the real PX4 were repeated once (`spread.json`), which gives one difference. The number of
+simulated flights can be chosen, so they also show how much such a difference varies.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SPEEDS = ("vx", "vy", "vz")
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
-    """Differences between simulated flights of one stimulus: one number per pair (rises: per flight)."""
+    """Differences between simulated flights of one stimulus, one per pair (rise times: one per flight)."""
 
     positions_m: tuple[float, ...]
     velocities_m_s: tuple[float, ...]
@@ -33,7 +33,7 @@ class Repeats:
 
 
 def measure(wanted: Sequence[str], flights: int = FLIGHTS) -> dict[str, Repeats]:
-    """Flies each of these this many times, each time with another noise seed."""
+    """Flies each flight `flights` times, each time with another seed of the noise."""
     recordings = [flight_recordings.load(name) for name in wanted]
     flown = [flight_replay.fly(recordings, noise=True, seed=seed) for seed in range(flights)]
     return {each.name: _repeats(each, [Track(flight[each.name]) for flight in flown]) for each in recordings}

@@ -1,4 +1,4 @@
-"""What the kernel knows of a process and its ports, and how samples are printed."""
+"""Values of a process and its ports from the kernel, and quantiles for the tables."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ def cpu_s(pid: int) -> float:
 
 
 def family(pid: int) -> list[int]:
-    """A process and those that any of its threads started, and so on."""
+    """A process and all its descendants, including those started by its threads."""
     children = [c for task in Path(f"/proc/{pid}/task").glob("*/children") for c in task.read_text().split()]
     return [pid, *(each for child in children for each in family(int(child)))]
 
 
 def family_cpu_s(pid: int) -> float:
-    """Processor time of a process and those it started, of their living threads [s] (exact: proc(5) counts
-    nanoseconds in schedstat, and stat only ticks).
+    """CPU time of all living threads of a process and its descendants [s].
+
+    proc(5): schedstat counts nanoseconds, stat only ticks.
     """
     tasks = (task for each in family(pid) for task in Path(f"/proc/{each}/task").glob("*/schedstat"))
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
@@ -45,19 +46,19 @@ def resident_mb(pid: int) -> float:
 
 
 def load_average() -> str:
-    """Of the last minute: what else the machine does stands beside what is measured."""
+    """Load average of the last minute, for the tables: other programs affect the results."""
     return f"{os.getloadavg()[0]:.1f}"
 
 
 def udp_drops(port: int) -> int:
-    """Datagrams that the kernel threw away because the reader of `port` was too slow."""
+    """Datagrams that the kernel dropped because the reader of `port` was too slow."""
     wanted = f":{port:04X}"
     rows = Path("/proc/net/udp").read_text().splitlines()[1:]
     return sum(int(row.split()[-1]) for row in rows if row.split()[1].endswith(wanted))
 
 
 def quantiles_ms(samples_s: Sequence[float]) -> str:
-    """p50 / p99 / max [ms], the way the tables print them."""
+    """p50 / p99 / max [ms] as text for the tables."""
     ordered = sorted(samples_s)
     if not ordered:
         return "nothing measured"

@@ -1,8 +1,8 @@
-"""How fast a recorded vehicle really was, by its motors and its attitude: without the wander of GPS.
+"""The velocity of a recorded vehicle, calculated from its motor signals and attitude: without GPS drift.
 
-The velocity in a recording is PX4's estimate. The body that was flown is known (PX4's SIH; its numbers stand
-in every flight's header): its motion follows from the recorded motor signals and attitude. It starts from the
-estimate; drag forgets a wrong start within SIH_MASS / SIH_KDV (one second).
+The velocity in a recording is PX4's estimate. The simulated body is known (PX4's SIH; its parameters are in
+the header of every flight), so its velocity follows from the recorded motor signals and attitude. It starts
+at the estimate; drag reduces an initial error with the time constant SIH_MASS / SIH_KDV (one second).
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ _IDLE_US, _SPAN_US = 1000.0, 1000.0
 
 
 def without_gps(airframe: Airframe, flight: Recording | Replay) -> dict[str, FloatArray]:
-    """The columns of a flight with the velocity [m/s] that its motors and its attitude give such a body."""
+    """The columns of a flight, with the velocity [m/s] calculated from motor signals and attitude."""
     t_s, columns = flight.t_s, flight.columns
     grid = np.arange(t_s[0], t_s[-1] + STEP_S, STEP_S)
 
-    def taken(names: tuple[str, ...]) -> FloatArray:
+    def on_grid(names: tuple[str, ...]) -> FloatArray:
         return np.stack([np.interp(grid, t_s, columns[name]) for name in names], axis=1)
 
-    q = taken(_ATTITUDE)
+    q = on_grid(_ATTITUDE)
     thrust_axis = rotation_matrix(q / np.linalg.norm(q, axis=1, keepdims=True))[:, :, 2]
-    signals = np.clip((taken(_MOTORS) - _IDLE_US) / _SPAN_US, 0.0, 1.0)
+    signals = np.clip((on_grid(_MOTORS) - _IDLE_US) / _SPAN_US, 0.0, 1.0)
     force_n = airframe.wrench_table()[:, 0]
     lag = min(1.0, STEP_S / airframe.rotor_time_constant_s)
     gravity = np.array([0.0, 0.0, GRAVITY_M_S2])

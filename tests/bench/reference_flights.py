@@ -1,4 +1,4 @@
-"""Every reference flight on the simulated PX4 beside the real one: the table, and what noise leaves open."""
+"""Every reference flight: the simulated PX4 compared with the real one, and the influence of noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOISY_FLIGHTS = 8
 
 
 def measure(wanted: list[str] | None = None) -> list[Comparison]:
-    """Fly and compare."""
+    """Flies and compares these flights (default: all)."""
     recordings = [flight_recordings.load(name) for name in wanted or flight_recordings.names()]
     flown = flight_replay.fly(recordings)
     return [compare(recording, flown[recording.name]) for recording in recordings]
@@ -28,7 +28,7 @@ def _size(c: Comparison) -> str:
 
 
 def rows(comparisons: list[Comparison]) -> Iterator[str]:
-    """The table in Markdown; ours / PX4's."""
+    """The table in Markdown; values are simulated / PX4's."""
     heads = ("flight", "size", "error RMS", "limit", "", "first motion s", "rise s", "overshoot",
              "settling s", "path RMS m")  # fmt: skip
     yield f"| {' | '.join(heads)} |"
@@ -49,8 +49,8 @@ def rows(comparisons: list[Comparison]) -> Iterator[str]:
     yield f"{near} of {len(comparisons)} within their limits (error and rise time); sensors without noise."
 
 
-def open_rows(missed: list[Comparison]) -> Iterator[str]:
-    """What noise leaves open of flights that missed: flown with noisy sensors, and by their own motors."""
+def noise_rows(missed: list[Comparison]) -> Iterator[str]:
+    """For flights outside their limits: results with sensor noise, and velocities from the motor signals."""
     repeats = flight_spread.measure([c.name for c in missed], NOISY_FLIGHTS)
     for c in missed:
         spread, unit = repeats[c.name], c.quantity.unit
@@ -96,4 +96,4 @@ def table() -> Iterator[str]:
     missed = [c for c in comparisons if not (c.near and c.rises_alike)]
     if missed:
         yield ""
-        yield from open_rows(missed)
+        yield from noise_rows(missed)

@@ -1,4 +1,4 @@
-"""A wire tap between simulated vehicles and a station: passes datagrams on, notes when setpoints pass."""
+"""A relay between simulated vehicles and a station that records the arrival times of setpoints."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ SETPOINT_IDS = (82, 84, 86)
 """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT."""
 LOCAL_NED = 84
 LOCAL_TARGET_AT = 10 + 50
-"""Where a frame of SET_POSITION_TARGET_LOCAL_NED names the vehicle."""
+"""Offset of target_system in a frame of SET_POSITION_TARGET_LOCAL_NED."""
 
 SO_TIMESTAMPNS = 35
-"""The kernel notes when a datagram came, so that a tap that waits for the processor tells no wrong times."""
+"""The kernel records each arrival, so the times are correct even if the relay waits for the CPU."""
 TIMESPEC = struct.Struct("@qq")
 
-Seen = tuple[float, bytes]
+Arrival = tuple[float, bytes]
 """Monotonic arrival time [s], frame."""
 
 
 class Relay:
     """Vehicles → `vehicle_port` → station's `server_port`, and back; runs in a thread of its own.
 
-    Each vehicle has a way of its own, so that the station sees as many peers.
+    Each vehicle has its own socket to the station, so that the station sees each vehicle as a peer.
     """
 
     def __init__(self, server_port: int) -> None:
         self._vehicle_side = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._vehicle_side.bind(("127.0.0.1", 0))
         self._server = ("127.0.0.1", server_port)
-        self._ways: dict[tuple[str, int], socket.socket] = {}
+        self._server_sides: dict[tuple[str, int], socket.socket] = {}
         self._vehicles: dict[socket.socket, tuple[str, int]] = {}
         self._running = True
         self._epoch_s = time.clock_gettime(time.CLOCK_REALTIME) - time.monotonic()
-        """Of the monotonic clock, which the kernel's notes are not by."""
+        """Unix time of the monotonic clock's zero: the kernel's timestamps are Unix times."""
         self._selector = selectors.DefaultSelector()
         self.vehicle_port: int = self._vehicle_side.getsockname()[1]
-        self.setpoints: list[Seen] = []
-        """Of each setpoint on its way to a vehicle."""
+        self.setpoints: list[Arrival] = []
+        """Every setpoint sent to a vehicle."""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Relay:
@@ -53,11 +53,11 @@ class Relay:
         self._running = False
         self._thread.join(2)
         self._selector.close()
-        for own in (self._vehicle_side, *self._ways.values()):
+        for own in (self._vehicle_side, *self._server_sides.values()):
             own.close()
 
     def arrivals_s(self) -> dict[int, list[float]]:
-        """Of the local setpoints noted so far, by the vehicle that they are for."""
+        """Arrival times of the local setpoints so far, by target system."""
         by_vehicle: dict[int, list[float]] = {}
         for arrival_s, frame in self.setpoints:
             if int.from_bytes(frame[7:10], "little") == LOCAL_NED:
@@ -76,9 +76,9 @@ class Relay:
 
     def _to_server(self) -> None:
         data, vehicle = self._vehicle_side.recvfrom(2048)
-        own = self._ways.get(vehicle)
+        own = self._server_sides.get(vehicle)
         if own is None:
-            own = self._ways[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            own = self._server_sides[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             own.bind(("127.0.0.1", 0))
             self._vehicles[own] = vehicle
@@ -86,8 +86,8 @@ class Relay:
         own.sendto(data, self._server)
 
     def _to_vehicle(self, own: socket.socket) -> None:
-        data, notes, _, _ = own.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
+        data, timestamps, _, _ = own.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
         if data[:1] == b"\xfd" and int.from_bytes(data[7:10], "little") in SETPOINT_IDS:
-            seconds, nanoseconds = TIMESPEC.unpack(notes[0][2])
+            seconds, nanoseconds = TIMESPEC.unpack(timestamps[0][2])
             self.setpoints.append((seconds + nanoseconds * 1e-9 - self._epoch_s, data))
         self._vehicle_side.sendto(data, self._vehicles[own])

@@ -1,8 +1,8 @@
-"""Flights from ROS 2 messages on the simulated PX4 beside the real one: a second set, found after the first.
+"""Flights commanded over ROS 2: the simulated PX4 compared with the real one, on a second set of flights.
 
-No number in the simulator was fitted to them. Thrust and torque, and motors, which MAVLink cannot carry, are
-flown by the simulator's inner interface. PX4 did not repeat these flights: its spread is taken to be that of
-the reference flight most like each.
+No number in the simulator was fitted to them. Thrust, torque and motor setpoints, which have no MAVLink
+message, use the simulator's internal interface. There is one recording of each flight, so its spread is that
+of the most similar reference flight.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
     "vel_x2": (Manoeuvre(VELOCITY, ("vx",), "vx", 0.1, 4.1), "vel_x_1"),
     "yaw_nan_only": (Manoeuvre(POSITION, XYZ, "x", 0.0, 4.2), "pos_step_x_p5"),
 }
-"""What each is judged by, and the reference flight whose spread counts."""
+"""How each flight is evaluated, and the reference flight with its spread."""
 
 
 def measure(wanted: list[str] | None = None) -> list[Comparison]:
-    """Fly and compare."""
+    """Flies and compares these flights (default: all)."""
     recordings = [ros2_recordings.load(name, MANOEUVRES[name][1]) for name in wanted or MANOEUVRES]
     flown = flight_replay.fly(recordings)
     return [compare(each, flown[each.name], MANOEUVRES[each.name][0]) for each in recordings]

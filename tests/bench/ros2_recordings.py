@@ -1,8 +1,8 @@
-"""Flights that a real PX4 flew from ROS 2 messages, as messages that the simulated vehicle takes.
+"""Flights of a real PX4 commanded over ROS 2, converted to messages for the simulated vehicle.
 
-A stream of setpoints is two topics there: OffboardControlMode, which keeps Offboard alive and names the
-level, and the setpoint. Here each OffboardControlMode becomes one message with the setpoint then in force:
-over MAVLink, or by the inner interface (`INNER`) where MAVLink has no words for it.
+A stream of setpoints consists of two topics: OffboardControlMode, which keeps Offboard active and selects the
+control level, and the setpoint. Each OffboardControlMode becomes one message with the setpoint valid at that
+time: a MAVLink message, or a call of the internal interface (`INTERNAL`) if there is no MAVLink message.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ FLIGHTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "flig
 Send = tuple[float, str, dict[str, Any]]
 
 THRUST_TORQUE, ACTUATORS = "thrust_torque", "actuators"
-INNER = frozenset({THRUST_TORQUE, ACTUATORS})
-"""Methods of the simulated Offboard that stand for messages MAVLink does not have."""
+INTERNAL = frozenset({THRUST_TORQUE, ACTUATORS})
+"""Methods of the simulated Offboard for setpoints without a MAVLink message."""
 TOPICS = {
     "position": "trajectory_setpoint",
     "velocity": "trajectory_setpoint",
@@ -36,13 +36,13 @@ TOPICS = {
     "thrust_and_torque": "vehicle_thrust_setpoint",
     "direct_actuator": "actuator_motors",
 }
-"""The topic that each flag of OffboardControlMode asks for, the highest level first."""
+"""The setpoint topic for each flag of OffboardControlMode, the highest level first."""
 MODES = {2: 0x30000, 4: 0x3040000, 5: 0x5040000, 14: 0x60000, 17: 0x2040000, 18: 0x6040000}
 """nav_state to custom_mode."""
 ARMED = 2
 ATTITUDE_ONLY, RATES_ONLY = 7, 128
 SETPOINT_LAG_S = 0.01
-"""So much later than its OffboardControlMode a setpoint may be recorded."""
+"""A setpoint may be recorded this much later than its OffboardControlMode."""
 MOTORS = 4
 
 
@@ -70,18 +70,18 @@ def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
         columns["t_s"],
         columns,
         dataclasses.replace(spread_of(like), comparable=False),
-        _told_s(raw["messages"]),
+        _controllers_told_s(raw["messages"]),
     )
 
 
-def _told_s(messages: list[dict[str, Any]]) -> float:
-    """When the controllers first learnt that positions are not controlled any more."""
-    told = (m["dt_s"] for m in messages if "flag_control_position_enabled" in m.get("changed", {}))
-    return next(told, math.nan)
+def _controllers_told_s(messages: list[dict[str, Any]]) -> float:
+    """Time of the first published vehicle_control_mode change that ends or begins position control."""
+    changes = (m["dt_s"] for m in messages if "flag_control_position_enabled" in m.get("changed", {}))
+    return next(changes, math.nan)
 
 
 class _Held:
-    """What was published last on a topic, as a function of time."""
+    """The newest fields of a topic as a function of time."""
 
     def __init__(self, stimulus: list[dict[str, Any]], topic: str) -> None:
         found: list[tuple[float, dict[str, Any]]] = []
@@ -145,7 +145,7 @@ def _message(topic: str, fields: dict[str, Any]) -> tuple[str, dict[str, Any]]:
 
 
 def _trajectory(fields: dict[str, Any]) -> dict[str, Any]:
-    """NaN becomes a bit of the mask; what the recording leaves out was zero."""
+    """NaN becomes a bit of the mask; fields missing in the recording were zero."""
     values: dict[str, Any] = {"coordinate_frame": 1}
     axes = (("x", "y", "z"), ("vx", "vy", "vz"), ("afx", "afy", "afz"))
     kinds = ("position", "velocity", "acceleration")

@@ -1,4 +1,4 @@
-"""From a client's setpoint to the datagram that takes it to the vehicle: over REST and over a WebSocket."""
+"""Time from a client's setpoint to its datagram to the vehicle: over REST and over a WebSocket."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ CLIENT = {"X-Client": "bench", "X-Client-Id": "bench"}
 
 
 def request(north_m: float) -> dict[str, object]:
-    """A place that no other setpoint of the run names."""
+    """A position setpoint; `north_m` is different for each setpoint of the run."""
     place = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
     return {"setpoint": place, "valid_for_s": 60}
 
 
-def leaves_s(relay: Relay, since: int, north_m: float) -> float | None:
-    """When a datagram with that place passed; None where none did."""
+def wait_for_setpoint(relay: Relay, since: int, north_m: float) -> float | None:
+    """Arrival time of the datagram with that position; None: there was none in time."""
     end_s = time.monotonic() + LOST_AFTER_S
     wanted = struct.pack("<f", north_m)
     while time.monotonic() < end_s:
@@ -40,22 +40,22 @@ def leaves_s(relay: Relay, since: int, north_m: float) -> float | None:
     return None
 
 
-def latencies_s(relay: Relay, say: Callable[[dict[str, object]], None], first: int) -> list[float]:
-    """Of `ROUNDS` setpoints, 50 a second."""
-    taken: list[float] = []
+def latencies_s(relay: Relay, send: Callable[[dict[str, object]], None], first: int) -> list[float]:
+    """Latencies of `ROUNDS` setpoints, 50 per second."""
+    latencies: list[float] = []
     for index in range(first, first + ROUNDS):
         north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]
-        since, said_s = len(relay.setpoints), time.monotonic()
-        say(request(north_m))
-        left_s = leaves_s(relay, since, north_m)
-        if left_s is not None:
-            taken.append(left_s - said_s)
-        time.sleep(max(0.0, said_s + PERIOD_S - time.monotonic()))
-    return taken
+        since, sent_s = len(relay.setpoints), time.monotonic()
+        send(request(north_m))
+        passed_s = wait_for_setpoint(relay, since, north_m)
+        if passed_s is not None:
+            latencies.append(passed_s - sent_s)
+        time.sleep(max(0.0, sent_s + PERIOD_S - time.monotonic()))
+    return latencies
 
 
 def measure() -> dict[str, list[float]]:
-    """By way in."""
+    """Latencies by protocol."""
     link_port = free_port()
     with (
         Relay(link_port) as relay,
@@ -89,5 +89,5 @@ def table() -> Iterator[str]:
     """Rows of Markdown."""
     yield "| way in | load average | setpoints | ms to the datagram: p50 / p99 / max |"
     yield "|---|---|---|---|"
-    for way, taken in measure().items():
-        yield f"| {way} | {load_average()} | {len(taken)} of {ROUNDS} | {quantiles_ms(taken)} |"
+    for way, latencies in measure().items():
+        yield f"| {way} | {load_average()} | {len(latencies)} of {ROUNDS} | {quantiles_ms(latencies)} |"

@@ -1,4 +1,4 @@
-"""What a browser costs that is open and does not read: nothing is the answer that is wanted."""
+"""The server's cost of an open browser that does not read; it should be zero."""
 
 from __future__ import annotations
 
@@ -74,11 +74,12 @@ def _measure(readers: int, sleepers: int) -> tuple[float, float, float]:
         command = [sys.executable, "-m", "tests.bench.feed", str(port), str(VEHICLES), seconds]
         with running(command, stdout=subprocess.PIPE) as feed:
             assert feed.stdout is not None
-            feed.stdout.readline()  # it has encoded its frames and begins
+            feed.stdout.readline()  # the feed is encoded and starts
             time.sleep(WARM_UP_S)
             for index in range(readers + sleepers):
                 for stream in (open_telemetry(url), open_scene(url)):
-                    open_ones.callback(stream.socket.close)  # no farewell: who does not read hears none
+                    # Without a close frame: a client that does not read would not receive the answer.
+                    open_ones.callback(stream.socket.close)
                     if index < readers:
                         threading.Thread(target=_read, args=(stream,), daemon=True).start()
             time.sleep(WARM_UP_S)

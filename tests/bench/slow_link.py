@@ -1,7 +1,7 @@
-"""When stop motors leaves a serial link at 57,600 baud under a 50 Hz stream and a parameter load.
+"""Delay of stop motors on a serial link at 57,600 baud with a 50 Hz stream and a parameter load.
 
-And how old setpoints are when they leave. The line is a double with a real one's speed, behind a
-pseudo-terminal.
+It also measures the age of setpoints when their last byte is sent. The serial line is simulated at its real
+speed, behind a pseudo-terminal.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ RATE_HZ = 50.0
 STOPS = 60
 STALL_S, STALLS = 5.0, 3
 WAITING = 40
-"""Parameter requests always wait."""
+"""Number of frames that always wait, by sending parameter requests."""
 MSG_PARAM_REQUEST_READ, MSG_COMMAND_LONG, MSG_SETPOINT = 20, 76, 84
 MAV_CMD_COMPONENT_ARM_DISARM, FORCE = 400, 21196.0
 
 
 class SlowPort:
-    """A pseudo-terminal, its other end read at once into the line's driver."""
+    """A pseudo-terminal whose bytes go immediately into the driver of the simulated line."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = pty.openpty()
@@ -61,7 +61,7 @@ class SlowPort:
             return
 
     def in_driver(self, _fileno: int) -> int:
-        """As a serial driver tells it; a pseudo-terminal's own always says 0."""
+        """Unsent bytes, as a serial driver reports them; a pseudo-terminal always reports 0."""
         with self._lock:
             unread: int = struct.unpack("i", fcntl.ioctl(self._ours, termios.FIONREAD, b"\0" * 4))[0]
             return unread + self._line.in_driver()
@@ -85,7 +85,7 @@ class SlowPort:
 
 @contextmanager
 def _stream(connection: Connection, began_s: float) -> Generator[None]:
-    """Setpoints from a thread, as those that the streams' process hands over; each says when it was made."""
+    """Sends setpoints from a thread, like those of the stream process; each contains its time of creation."""
     (peer,), end = connection.link.peers(), threading.Event()
 
     def send() -> None:
@@ -143,10 +143,10 @@ async def _measure(port: SlowPort) -> Result:
     with _stream(connection, began_s):
         await asyncio.sleep(1.0)
         for number in range(STOPS):
-            asked_s = time.monotonic()
+            requested_s = time.monotonic()
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
             await asyncio.sleep(chance.uniform(0.1, 0.25))
-            after_s.append(port.left(MSG_COMMAND_LONG)[number][0] - asked_s)
+            after_s.append(port.left(MSG_COMMAND_LONG)[number][0] - requested_s)
         for number in range(STALLS):
             ends_s = time.monotonic() + STALL_S
             port.stall(STALL_S)

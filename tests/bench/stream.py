@@ -1,4 +1,4 @@
-"""How late the offboard stream's setpoints leave, seen on the wire between server and vehicle."""
+"""Lateness of the offboard stream's setpoints, measured between server and vehicle."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ MAVSDK_RATE_HZ = 20.0
 
 
 def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], int]:
-    """How late each arrival is on the absolute schedule, and how many of its deadlines were left out.
+    """Lateness of each arrival [s] on a schedule with a fixed period, and the number of skipped deadlines.
 
-    An arrival serves the first deadline after the one before; those that passed meanwhile are left out, as
-    the stream does it. Nothing comes early, so the schedule is where the phases begin: those of half of all
-    arrivals lie close together (on the shortest arc of a period), a few come up to a quarter before them.
+    An arrival belongs to the deadline after that of the previous arrival; deadlines that passed in between
+    are skipped, as the stream does. The phase of the schedule is unknown. No arrival is early, so the
+    schedule begins at the earliest phase: half of all arrivals lie close together (on the shortest arc of a
+    period), and a few come up to a quarter of a period before them.
     """
     period_s = 1.0 / rate_hz
     phases = sorted(arrival % period_s for arrival in arrivals_s)
@@ -50,8 +51,8 @@ def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], in
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
-    """What goes on while the streams run."""
+class Load:
+    """The load while the streams run."""
 
     words: str
     streams: int = 1
@@ -60,28 +61,28 @@ class Scene:
     watchers: int = 0
     """WebSocket clients that read all telemetry."""
     page: bool = False
-    """One Chromium with the page's 3D view."""
+    """Whether one Chromium shows the page's 3D view."""
     mavsdk: bool = False
-    """MAVSDK streams to a vehicle of its own beside it."""
+    """Whether MAVSDK also streams, to another vehicle."""
 
 
-SCENES = (
-    Scene("idle"),
-    Scene("5,000 msg/s from 50 other vehicles", other_vehicles=50),
-    Scene("ten streams, 5,000 msg/s from 50 others, ten WebSocket clients", 10, 50, 10),
-    Scene("the same and one Chromium with the 3D view", 10, 50, 10, page=True, mavsdk=True),
+LOADS = (
+    Load("idle"),
+    Load("5,000 msg/s from 50 other vehicles", other_vehicles=50),
+    Load("ten streams, 5,000 msg/s from 50 others, ten WebSocket clients", 10, 50, 10),
+    Load("the same and one Chromium with the 3D view", 10, 50, 10, page=True, mavsdk=True),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """When setpoints came, over the window."""
+    """Arrival times of setpoints in the window."""
 
     streams: list[list[float]]
     mission: list[float]
-    """Of an offboard mission that another vehicle flies at the same time."""
+    """Those of an offboard mission of another vehicle at the same time."""
     mavsdk: list[float]
-    """Of MAVSDK's streamer, where it streams, too."""
+    """Those of MAVSDK's streamer; empty if it does not stream."""
 
 
 MISSION_VEHICLE = 101
@@ -103,42 +104,42 @@ MISSION = {
 }
 
 
-def measure(scene: Scene) -> Arrivals:
-    """All streams, a mission among them, under the scene's load."""
+def measure(load: Load) -> Arrivals:
+    """Measures all streams and the mission under this load."""
     feed_port, link_port = free_port(), free_port()
     links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
     with contextlib.ExitStack() as running_now:
         relay = running_now.enter_context(Relay(link_port))
         url, _ = running_now.enter_context(server(links))
-        running_now.enter_context(vehicle(relay.vehicle_port, instances=scene.streams + 1))
-        if scene.other_vehicles:
+        running_now.enter_context(vehicle(relay.vehicle_port, instances=load.streams + 1))
+        if load.other_vehicles:
             command = [
                 sys.executable,
                 "-m",
                 "tests.bench.feed",
                 str(feed_port),
-                str(scene.other_vehicles),
+                str(load.other_vehicles),
                 "120",
             ]
             running_now.enter_context(running(command))
-        if scene.watchers:
-            command = [sys.executable, "-m", "tests.bench.watchers", url, str(scene.watchers), "120"]
+        if load.watchers:
+            command = [sys.executable, "-m", "tests.bench.watchers", url, str(load.watchers), "120"]
             running_now.enter_context(running(command))
         gcs = running_now.enter_context(SyncGcs(url, client="bench"))
         flown = gcs.wait_for_vehicle(str(MISSION_VEHICLE), ready=True)
         flown.offboard_mission.start(MISSION)
         flown.until(lambda v: v["status"]["mode"] == "offboard", what="the mission's path")
-        for number in range(1, scene.streams + 1):
+        for number in range(1, load.streams + 1):
             drone = gcs.wait_for_vehicle(str(MISSION_VEHICLE + number), ready=True)
             running_now.enter_context(
                 drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
             )
-        if scene.page:
+        if load.page:
             running_now.enter_context(watching(url))
-        other = running_now.enter_context(mavsdk_streaming()) if scene.mavsdk else None
+        other = running_now.enter_context(mavsdk_streaming()) if load.mavsdk else None
         time.sleep(1)
-        for tap in filter(None, (relay, other)):
-            tap.setpoints.clear()
+        for each in filter(None, (relay, other)):
+            each.setpoints.clear()
         time.sleep(WINDOW_S)
         arrivals = relay.arrivals_s()
         mission = arrivals.pop(MISSION_VEHICLE, [])
@@ -147,7 +148,7 @@ def measure(scene: Scene) -> Arrivals:
 
 @contextlib.contextmanager
 def watching(url: str) -> Generator[None]:
-    """The page in a real browser, its 3D view open."""
+    """Opens the 3D view in a real browser."""
     executable = installed_chromium()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
@@ -164,7 +165,7 @@ def watching(url: str) -> Generator[None]:
 
 @contextlib.contextmanager
 def mavsdk_streaming() -> Generator[Relay]:
-    """MAVSDK's own streamer (20 Hz, fixed) and its vehicle, by a tap of their own."""
+    """Runs MAVSDK's streamer (20 Hz, fixed) and a vehicle with a relay between them."""
     port = free_port()
     with Relay(port) as relay, vehicle(relay.vehicle_port):
         command = [sys.executable, "-W", "ignore", "-m", "tests.bench.mavsdk_streamer", str(port)]
@@ -179,7 +180,7 @@ def _only(relay: Relay) -> list[float]:
 
 
 def mavsdk_idle_s() -> list[float]:
-    """Arrivals of MAVSDK's stream on the same wire, nothing else going on."""
+    """Arrivals of MAVSDK's stream without any other load."""
     with mavsdk_streaming() as relay:
         time.sleep(1)
         relay.setpoints.clear()
@@ -202,14 +203,14 @@ def table() -> Iterator[str]:
     """Rows of Markdown."""
     yield "| when | load average | setpoints | left out | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|"
-    for scene in SCENES:
+    for load in LOADS:
         try:
-            seen = measure(scene)
-        except ApiError as error:  # the machine is too small for all of that
-            yield f"| {scene.words} | {load_average()} | – | – | not measured: {str(error).splitlines()[0]} |"
+            seen = measure(load)
+        except ApiError as error:  # the machine is too slow for this load
+            yield f"| {load.words} | {load_average()} | – | – | not measured: {str(error).splitlines()[0]} |"
             continue
-        yield row(scene.words, seen.streams, RATE_HZ)
+        yield row(load.words, seen.streams, RATE_HZ)
         yield row("an offboard mission in flight beside it", [seen.mission], RATE_HZ)
-        if scene.mavsdk:
+        if load.mavsdk:
             yield row("MAVSDK's streamer at its 20 Hz, beside all that", [seen.mavsdk], MAVSDK_RATE_HZ)
     yield row("MAVSDK's streamer, idle", [mavsdk_idle_s()], MAVSDK_RATE_HZ)

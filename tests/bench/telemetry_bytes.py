@@ -1,4 +1,4 @@
-"""What the page's telemetry socket carries while one vehicle stands disarmed, and once it is armed."""
+"""Bytes per second of the page's telemetry socket: one vehicle, disarmed on the ground and in flight."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WINDOW_S = 20.0
 
 
 class SocketBytes:
-    """Bytes of a page's telemetry socket, by topic and together."""
+    """Received bytes of a page's telemetry socket, by topic and in total."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -26,7 +26,7 @@ class SocketBytes:
         page.on("websocket", self._opened)
 
     def over_window(self) -> Counter[str]:
-        """Bytes a second from now on."""
+        """Bytes per second during a window from now on."""
         self._bytes.clear()
         self._page.wait_for_timeout(WINDOW_S * 1000)
         return Counter({topic: round(count / WINDOW_S) for topic, count in self._bytes.items()})
@@ -60,7 +60,7 @@ def _measure(page: Page, url: str, api: httpx.Client) -> tuple[Counter[str], Cou
 
 
 def table() -> Iterator[str]:
-    """Rows of Markdown: bytes a second, by topic and together."""
+    """Rows of Markdown: bytes per second, by topic and in total."""
     udp, http = free_port(), free_port()
     url = f"http://127.0.0.1:{http}"
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data, sync_playwright() as playwright:

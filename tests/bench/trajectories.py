@@ -1,7 +1,8 @@
-"""Trajectories through random points: our solver beside the libraries that are installed.
+"""Trajectories through random points: this project's solver compared with installed libraries.
 
-All get the same points and the same limits (PX4's defaults). The libraries limit each axis by itself, so a
-vector's limit is divided among the axes; what a library does not limit is printed, not hidden.
+All solvers get the same points and limits (PX4's defaults). The libraries limit each axis separately, so the
+limit of a vector is divided among the axes. The table shows the actual maxima, also of values that a library
+does not limit.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from missions.trajectory.solve import through
 COUNTS = (10, 50, 200)
 RUNS = 5
 LONGEST_MS = 5000.0
-"""No further run after this; the fastest counts."""
+"""No further run after this total time; the table has the fastest run."""
 STEP_S = 0.01
 LIMITS = MotionLimits(climb_m_s=1.5)
-"""Up and down alike, since the libraries know no other."""
+"""Equal limits up and down: the libraries have symmetric limits only."""
 AXES_V = np.array([LIMITS.speed_m_s / math.sqrt(2)] * 2 + [LIMITS.descent_m_s])
 AXES_A = np.array([LIMITS.acceleration_m_s2 / math.sqrt(2)] * 2 + [LIMITS.vertical_acceleration_m_s2])
 AXES_J = np.full(3, LIMITS.jerk_m_s3 / math.sqrt(3))
@@ -34,7 +35,7 @@ AXES_J = np.full(3, LIMITS.jerk_m_s3 / math.sqrt(3))
 
 @dataclass(frozen=True)
 class Flight:
-    """What a solver made: velocity and acceleration every `STEP_S` (N, 3)."""
+    """A solver's trajectory: velocity and acceleration every `STEP_S`, (N, 3)."""
 
     duration_s: float
     velocity: np.ndarray
@@ -42,7 +43,7 @@ class Flight:
 
 
 def places(count: int, seed: int = 4) -> np.ndarray:
-    """A walk with steps of about 20 m, (N, 3)."""
+    """A random walk with steps of about 20 m, (N, 3)."""
     rng = np.random.default_rng(seed)
     return np.cumsum(rng.normal(0.0, 1.0, (count, 3)) * (15.0, 15.0, 2.0), axis=0)
 
@@ -66,7 +67,7 @@ def _ours(points: list[PassPoint], exact: bool) -> Flight:
 
 
 def minimum_snap(points: np.ndarray) -> Flight:
-    """Time split by the legs' trapezoids, then stretched as a whole until every limit holds."""
+    """Minimum snap: times of legs from trapezoidal profiles, then all stretched until every limit holds."""
     import minsnap_trajectories as ms
 
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -90,7 +91,7 @@ def minimum_snap(points: np.ndarray) -> Flight:
 
 
 def reachability(points: np.ndarray) -> Flight:
-    """toppra: speed and acceleration limits; it knows no jerk."""
+    """toppra: limits of speed and acceleration, not of jerk."""
     import toppra
     from toppra import algorithm, constraint
 
@@ -113,12 +114,12 @@ def online(points: np.ndarray) -> Flight:
     solver = ruckig.Ruckig(3)
     duration_s, v, a = 0.0, [], []
     for start, end in itertools.pairwise(points):
-        asked = ruckig.InputParameter(3)
-        asked.current_position, asked.target_position = start.tolist(), end.tolist()
-        asked.max_velocity, asked.max_acceleration = AXES_V.tolist(), AXES_A.tolist()
-        asked.max_jerk = AXES_J.tolist()
+        problem = ruckig.InputParameter(3)
+        problem.current_position, problem.target_position = start.tolist(), end.tolist()
+        problem.max_velocity, problem.max_acceleration = AXES_V.tolist(), AXES_A.tolist()
+        problem.max_jerk = AXES_J.tolist()
         made = ruckig.Trajectory(3)
-        solver.calculate(asked, made)
+        solver.calculate(problem, made)
         for t in np.arange(0.0, made.duration, STEP_S).tolist():
             _, velocity, acceleration = made.at_time(t)
             v.append(velocity)
@@ -128,7 +129,7 @@ def online(points: np.ndarray) -> Flight:
 
 
 def convex(points: np.ndarray) -> Flight:
-    """clarabel: the squared speed on a grid of our exact curve, as a cone program; it has no jerk."""
+    """clarabel: the squared speed on a grid of our exact curve, as a cone program; without a jerk limit."""
     import clarabel
     from scipy import sparse
 
@@ -169,12 +170,12 @@ def convex(points: np.ndarray) -> Flight:
 
 
 def worst_speed(v: np.ndarray) -> float:
-    """The highest share of a speed limit."""
+    """The largest speed as a part of its limit."""
     return float(max(np.hypot(v[:, 0], v[:, 1]).max() / LIMITS.speed_m_s, np.abs(v[:, 2]).max() / 1.5))
 
 
 def worst_acceleration(a: np.ndarray) -> float:
-    """The highest share of an acceleration limit."""
+    """The largest acceleration as a part of its limit."""
     across = np.hypot(a[:, 0], a[:, 1]).max() / LIMITS.acceleration_m_s2
     return float(max(across, np.abs(a[:, 2]).max() / LIMITS.vertical_acceleration_m_s2))
 

@@ -11,7 +11,7 @@ RATE_HZ = 20.0
 
 
 async def watch(url: str, number: int) -> int:
-    """Reads all samples of all vehicles for ever; never returns by itself."""
+    """Reads all samples of all vehicles until it is cancelled."""
     seen = 0
     async with Gcs(url, client=f"watcher {number}") as gcs:
         async for _ in gcs.telemetry(rate_hz=RATE_HZ):
@@ -20,7 +20,7 @@ async def watch(url: str, number: int) -> int:
 
 
 async def main(url: str, clients: int, seconds: float) -> None:
-    """Ends with its time."""
+    """Runs all clients for this time."""
     try:
         async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
             for number in range(clients):
