@@ -1,4 +1,4 @@
-"""The simulator's process with a stand-in for the simulator: found again, ended, missed."""
+"""Starting, finding, watching and stopping the simulator's process, with a stand-in program."""
 
 import asyncio
 import contextlib
@@ -32,7 +32,7 @@ def simulator(folder, port, code=STAND_IN):
 
 async def until(condition):
     async with asyncio.timeout(30):
-        while not condition():  # noqa: ASYNC110 another process's doing, there is no event
+        while not condition():  # noqa: ASYNC110 another process, so there is no event
             await asyncio.sleep(0.02)
 
 
@@ -52,7 +52,7 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         first = simulator(folder, port)
         first.start()
         await until(lambda: held(port))
-        assert os.getsid(first.pid) != os.getsid(0), "a session of its own: no signal of ours reaches it"
+        assert os.getsid(first.pid) != os.getsid(0), "signals for the server do not reach it"
         second = simulator(folder, port)
         second.start()
         assert second.found
@@ -80,12 +80,12 @@ def test_a_simulator_that_ends_is_a_warning(tmp_path):
     asyncio.run(story())
 
 
-def test_a_foreign_process_is_never_taken_for_the_simulator():
+def test_another_process_is_never_taken_for_the_simulator():
     assert not is_simulator(1)
     assert not is_simulator(2**22 + 1)
 
 
-def test_each_start_begins_a_log_and_keeps_the_one_before(tmp_path):
+def test_each_start_begins_a_new_log_and_keeps_the_previous_one(tmp_path):
     async def story():
         folder = DataFolder(tmp_path)
         folder.prepare()
@@ -133,8 +133,8 @@ def test_without_a_fixed_port_the_simulator_is_found_by_its_pid_file(tmp_path):
     asyncio.run(story())
 
 
-class Hasty(SystemClock):
-    """Sleeps a hundredth of what is asked for."""
+class FastClock(SystemClock):
+    """Sleeps for a hundredth of the requested time."""
 
     async def sleep(self, duration_s):
         await asyncio.sleep(duration_s / 100)
@@ -142,7 +142,7 @@ class Hasty(SystemClock):
 
 @contextlib.asynccontextmanager
 async def watched(process):
-    process._clock = Hasty()
+    process._clock = FastClock()
     watch = asyncio.ensure_future(process.watch())
     try:
         yield watch
@@ -151,7 +151,7 @@ async def watched(process):
         await process.stop()
 
 
-def test_once_another_programs_simulator_is_gone_its_own_is_started(tmp_path):
+def test_after_the_end_of_another_programs_simulator_its_own_is_started(tmp_path):
     async def story():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()

@@ -1,4 +1,4 @@
-"""The checks beside the tests: what fails is shown and makes the whole fail."""
+"""`tools.checks` shows the output of a failed check and then fails itself."""
 
 import sys
 
@@ -13,19 +13,19 @@ GOOD = check("good", "print('nothing to say')")
 BAD = check("bad", "print('line 3: unused'); raise SystemExit(1)")
 
 
-def test_a_check_that_fails_fails_the_whole_and_shows_what_it_said(capsys):
+def test_a_failed_check_is_a_failure_and_its_output_is_shown(capsys):
     assert not run_all([BAD, GOOD])
-    said = capsys.readouterr().out
-    assert "line 3: unused" in said
-    assert "bad: FAILED" in said
-    assert "good: ok" in said
+    output = capsys.readouterr().out
+    assert "line 3: unused" in output
+    assert "bad: FAILED" in output
+    assert "good: ok" in output
 
 
-def test_checks_that_pass_say_only_how_long_they_took(capsys):
+def test_passed_checks_show_only_their_duration(capsys):
     assert run_all([GOOD])
     assert "nothing to say" not in capsys.readouterr().out
 
 
-def test_an_unknown_group_is_refused_with_those_that_there_are(capsys):
+def test_an_unknown_group_is_refused_with_the_list_of_groups(capsys):
     assert main(["lints"]) == 2
     assert "Choose from lint, page." in capsys.readouterr().err

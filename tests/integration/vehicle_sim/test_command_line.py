@@ -1,4 +1,4 @@
-"""`python -m vehicle_sim` as a process: ready lines, taken ports, clean ends."""
+"""`python -m vehicle_sim` as a process: its output, used ports, and shutdown."""
 
 import socket
 import subprocess
@@ -16,7 +16,7 @@ def run(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def test_it_streams_answers_the_first_sender_and_ends_on_sigterm() -> None:
+def test_the_process_streams_and_ends_on_sigterm() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
         station.settimeout(10)
@@ -34,7 +34,7 @@ def test_it_streams_answers_the_first_sender_and_ends_on_sigterm() -> None:
         assert out.startswith("vehicle 1 ready (instance 0): gcs UDP ")
 
 
-def test_taken_ports_are_named_and_only_all_of_them_end_it() -> None:
+def test_a_port_in_use_is_named_and_ends_the_process_if_no_other_is_open() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen(1)

@@ -1,4 +1,4 @@
-"""A fleet in several processes: all end together."""
+"""A fleet in several processes: all of them end together."""
 
 import contextlib
 import os
@@ -15,8 +15,8 @@ from vehicle_sim.mavlink.framing import FrameParser
 
 
 @contextlib.contextmanager
-def crew(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
-    """Three vehicles in two processes, of which each has been heard."""
+def fleet_in_two_processes(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
+    """Three vehicles in two processes; yields after a message of each vehicle."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
         station.settimeout(20)
@@ -34,45 +34,45 @@ def crew(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
             process.communicate(timeout=10)
 
 
-class Watch:
-    """Processes whose ends can be waited for, also when they are not our own children."""
+class ProcessFamily:
+    """Waits for the end of a process and its descendants, which need not be children of this process."""
 
     def __init__(self, first: int) -> None:
         self.pids = family(first)
         self._ends = [os.pidfd_open(pid) for pid in self.pids]
 
     def all_end(self) -> bool:
-        """Whether all have ended within ten seconds each."""
+        """Whether each process ends within ten seconds."""
         ended = [bool(select.select([end], [], [], 10.0)[0]) for end in self._ends]
         for end in self._ends:
             os.close(end)
         return all(ended)
 
 
-def test_told_to_end_all_end_cleanly() -> None:
-    with crew() as (process, _):
-        watch = Watch(process.pid)
-        assert len(watch.pids) >= 3
+def test_sigterm_ends_all_processes() -> None:
+    with fleet_in_two_processes() as (process, _):
+        processes = ProcessFamily(process.pid)
+        assert len(processes.pids) >= 3
         process.terminate()
         out, _ = process.communicate(timeout=10)
         assert process.returncode == 0
         assert sorted(line.split()[1] for line in out.splitlines()) == ["1", "2", "3"]
-        assert watch.all_end()
+        assert processes.all_end()
 
 
-def test_the_first_process_killed_ends_the_others() -> None:
-    with crew() as (process, _):
-        watch = Watch(process.pid)
+def test_killing_the_first_process_ends_the_others() -> None:
+    with fleet_in_two_processes() as (process, _):
+        processes = ProcessFamily(process.pid)
         process.kill()
-        assert watch.all_end()
+        assert processes.all_end()
 
 
-def test_one_that_fails_ends_the_others_and_is_told() -> None:
-    with crew() as (process, _):
-        watch = Watch(process.pid)
-        workers = [pid for pid in watch.pids if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+def test_a_killed_worker_ends_the_others_and_is_reported() -> None:
+    with fleet_in_two_processes() as (process, _):
+        processes = ProcessFamily(process.pid)
+        workers = [p for p in processes.pids if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
         os.kill(workers[0], signal.SIGKILL)
         _, err = process.communicate(timeout=10)
         assert process.returncode == 1
         assert "has ended (SIGKILL); the others are ended too" in err
-        assert watch.all_end()
+        assert processes.all_end()

@@ -1,4 +1,4 @@
-"""A simulator process whose clock a client holds: the same bytes each time."""
+"""A simulator in lockstep, whose time a client controls, sends the same bytes in each run."""
 
 import hashlib
 import socket
@@ -9,7 +9,7 @@ from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 
 
-class Steered:
+class LockstepClient:
     """A client of a simulator process in lockstep, over TCP."""
 
     def __init__(self, port: int) -> None:
@@ -27,14 +27,14 @@ class Steered:
         self.send("SYSTEM_TIME", time_boot_ms=time_ms)
         while True:
             data = self.socket.recv(65536)
-            assert data, "the simulator has gone"
+            assert data, "the simulator closed the connection"
             self.digest.update(data)
             for message in self.parser.feed(data):
                 if message.name == "SYSTEM_TIME" and message.time_boot_ms >= time_ms:
                     return
 
 
-def steered_flight() -> str:
+def digest_of_lockstep_flight() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -44,7 +44,7 @@ def steered_flight() -> str:
         try:
             assert process.stdout is not None
             assert "ready" in process.stdout.readline()
-            client = Steered(port)
+            client = LockstepClient(port)
             for time_ms in range(500, 9_001, 500):
                 client.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
                 if time_ms == 8_000:
@@ -55,5 +55,5 @@ def steered_flight() -> str:
             process.terminate()
 
 
-def test_in_lockstep_a_client_of_another_process_hears_the_same_bytes_twice() -> None:
-    assert steered_flight() == steered_flight()
+def test_in_lockstep_two_runs_send_the_same_bytes() -> None:
+    assert digest_of_lockstep_flight() == digest_of_lockstep_flight()

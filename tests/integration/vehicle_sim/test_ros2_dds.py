@@ -1,6 +1,6 @@
-"""The topics on real DDS, within one process: delivery there is immediate, so that time can be simulated."""
+"""The simulator's topics on real DDS. Within one process delivery is immediate, so time can be simulated."""
 
-# No postponed annotations: Cyclone reads those of message types as values.
+# No `from __future__ import annotations`: Cyclone evaluates the annotations of message types.
 import gc
 import os
 from collections.abc import Iterator
@@ -25,14 +25,14 @@ from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, dds_name
 
 DOMAIN = 48
 NAMESPACE = f"test_{os.getpid()}"
-"""Tests that run at the same time share the machine's loopback."""
+"""Unique, since tests that run at the same time share the loopback interface."""
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(5))
 RELIABLE = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(5))
 
 
 @dataclass
 class VehicleCommand(IdlStruct, typename="px4_msgs.msg.dds_.VehicleCommand_"):
-    """Written by hand, as a program would."""
+    """A hand-written message type, as in a user's program."""
 
     timestamp: uint64 = 0
     param1: float32 = 0.0
@@ -84,7 +84,7 @@ def test_a_command_of_a_plain_dds_program_arms_the_vehicle(vehicle, qos):
     assert status.take(5)[-1].arming_state == MESSAGES["VehicleStatus"].constants["ARMING_STATE_ARMED"]
 
 
-def test_a_reliable_reader_gets_nothing_and_a_best_effort_one_each_attitude(vehicle):
+def test_a_reliable_reader_receives_nothing_and_a_best_effort_reader_every_attitude(vehicle):
     reliable = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude", RELIABLE)
     best_effort = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude")
     vehicle.step(0.05)
@@ -100,7 +100,7 @@ def test_there_is_a_writer_or_reader_for_each_topic(vehicle):
     assert len(port._readers) == 28
 
 
-def test_a_flooding_writer_is_bounded(vehicle):
+def test_only_the_newest_messages_of_a_flooding_writer_are_received(vehicle):
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
     writer = DataWriter(participant, topic, qos=BEST_EFFORT)
@@ -116,7 +116,7 @@ def test_a_vehicle_keeps_its_domain_open():
     assert port.take() == []
 
 
-def test_the_end_of_a_program_harms_nothing(vehicle):
+def test_the_end_of_a_program_does_not_affect_the_vehicle(vehicle):
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
     writer = DataWriter(participant, topic, qos=RELIABLE)
@@ -137,6 +137,6 @@ def test_without_an_interface_nothing_leaves_the_machine(monkeypatch):
     assert 'name="lo"' not in named
 
 
-def test_an_interface_that_is_not_there_is_named():
+def test_the_error_about_a_missing_interface_names_it():
     with pytest.raises(DdsUnavailable, match="no-such-interface"):
         DdsDomain(DOMAIN + 1, "no-such-interface")

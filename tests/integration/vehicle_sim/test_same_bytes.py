@@ -10,15 +10,15 @@ from tests.support.fleet_bytes import digests
 IN_FLIGHT_S = 10.5
 
 
-def test_a_vehicle_says_the_same_alone_and_in_a_fleet():
+def test_a_vehicle_sends_the_same_bytes_alone_and_in_a_fleet():
     fleet, alone = digests(0, 3, 2.0), digests(2, 1, 2.0)
     assert fleet[2] == alone[2]
-    assert len(set(fleet.values())) == 3, "each has its own noise"
+    assert len(set(fleet.values())) == 3, "each vehicle has its own noise"
     assert digests(2, 1, 2.0, seed=12) != alone
 
 
 @pytest.mark.broad
-def test_fleets_of_1_40_41_and_100_in_one_process_and_in_two_say_the_same_bytes():
+def test_fleets_of_1_40_41_and_100_in_one_process_and_in_two_send_the_same_bytes():
     whole = digests(0, 100, IN_FLIGHT_S)
     for first, count in ((40, 1), (1, 40), (0, 41)):
         part = digests(first, count, IN_FLIGHT_S)

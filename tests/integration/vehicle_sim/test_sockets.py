@@ -1,4 +1,4 @@
-"""The simulator's ports: one TCP client after the other, UDP answered to whoever spoke first."""
+"""The simulator's ports: one TCP client at a time; UDP goes to the first sender."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def client(port: int) -> socket.socket:
 
 
 def heard(connection: socket.socket) -> set[str]:
-    """Names of the messages that wait at the connection."""
+    """Names of the received messages."""
     parser, names = FrameParser(), set[str]()
     connection.setblocking(False)
     try:
@@ -50,7 +50,7 @@ def heard(connection: socket.socket) -> set[str]:
     return names
 
 
-def test_the_next_tcp_client_is_served_once_the_one_before_has_gone(server: SimServer, tcp_port: int) -> None:
+def test_the_next_tcp_client_is_served_after_the_previous_one(server: SimServer, tcp_port: int) -> None:
     first = client(tcp_port)
     server.run(FLAT_OUT, 1.2)
     assert {"HEARTBEAT", "ATTITUDE"} <= heard(first)
@@ -63,10 +63,10 @@ def test_the_next_tcp_client_is_served_once_the_one_before_has_gone(server: SimS
     second.close()
 
 
-def test_a_tcp_client_that_breaks_off_makes_room_for_the_next(server: SimServer, tcp_port: int) -> None:
+def test_after_a_connection_reset_the_next_tcp_client_is_served(server: SimServer, tcp_port: int) -> None:
     gone = client(tcp_port)
     server.run(FLAT_OUT, 0.2)
-    # A reset instead of an orderly end: found out while sending as often as while receiving.
+    # A reset instead of an orderly close; the server may detect it while sending or while receiving.
     gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     gone.close()
     server.run(FLAT_OUT, 0.2)
@@ -76,7 +76,7 @@ def test_a_tcp_client_that_breaks_off_makes_room_for_the_next(server: SimServer,
     again.close()
 
 
-def test_udp_goes_to_whoever_spoke_first(server: SimServer) -> None:
+def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
         beat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
@@ -86,10 +86,10 @@ def test_udp_goes_to_whoever_spoke_first(server: SimServer) -> None:
 
 
 @pytest.mark.parametrize(("speed", "hears"), [(1.0, False), (3.0, True)])
-def test_faster_than_real_time_a_ground_station_may_be_silent_for_longer(
+def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
     server: SimServer, speed: float, hears: bool
 ) -> None:
-    """Its heartbeats come once a second of its own time, which is three of the vehicle's."""
+    """At three times real time, its heartbeats come every three seconds of the vehicle's time."""
     server.run(speed, 0.02)
     context = server.fleet.nodes[0].context
     link = context.links[0]
@@ -119,14 +119,14 @@ def test_a_web_page_cannot_command_the_vehicle_by_its_tcp_port(
         page = client(tcp_port)
         page.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for piece in [*pieces, beat]:
-            with contextlib.suppress(ConnectionError):  # closed before all was said
+            with contextlib.suppress(ConnectionError):  # closed before everything was sent
                 page.sendall(piece)
             server.run(FLAT_OUT, 0.02)
         assert not server.vehicles[0].transports["tcp"].connected  # type: ignore[union-attr]
         page.close()
     assert len([r for r in caplog.records if "web browser" in r.message]) == 1
     assert all(not link.parser.counts.frames for link in server.fleet.nodes[0].context.links)
-    # The port is free for a ground station at once, also one whose first frame comes in pieces.
+    # Afterwards the port accepts a ground station, even if its first frame comes in pieces.
     station = client(tcp_port)
     server.run(FLAT_OUT, 0.2)
     for piece in (beat[:1], beat[1:]):
@@ -136,7 +136,7 @@ def test_a_web_page_cannot_command_the_vehicle_by_its_tcp_port(
     station.close()
 
 
-def test_a_peer_that_begins_in_the_middle_of_a_frame_is_no_web_client() -> None:
+def test_a_peer_that_begins_in_the_middle_of_a_frame_is_not_taken_for_a_web_client() -> None:
     assert is_web_client(b"AB \xfd") is False
     assert is_web_client(b"A" * 21) is False
     assert is_web_client(b"\x16\x04") is False

@@ -171,7 +171,7 @@ def test_the_form_is_read_only_from_our_own_page_and_only_where_there_is_a_token
     assert form_fields(b"next=//evil.example") == ("", "/evil.example")
 
 
-def test_the_cookie_is_for_this_site_alone_and_not_the_token():
+def test_the_cookie_is_valid_for_this_site_only_and_does_not_contain_the_token():
     cookie = OPEN.cookie(secure=False)
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie

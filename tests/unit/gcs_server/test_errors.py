@@ -3,7 +3,7 @@
 from gcs_server.errors import MAX_REASON_LENGTH, MAX_REASONS, NotTogether, Rejected
 
 
-def test_a_refusals_reasons_are_few_and_short():
+def test_number_and_length_of_a_refusals_reasons_are_limited():
     said = tuple(f"reason {n} " + "x" * 1000 for n in range(5000))
     for error in (Rejected("No.", reasons=said), NotTogether("No.", vehicles=("1",), reasons=said)):
         told = error.details()["reasons"]

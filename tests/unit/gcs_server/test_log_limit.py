@@ -44,7 +44,7 @@ def test_equal_lines_and_tracebacks_are_counted_not_written(lines):
     assert lines.texts[-1] == "another"
 
 
-def test_a_line_of_a_megabyte_is_cut(lines):
+def test_a_very_long_log_line_is_cut(lines):
     logging.getLogger("hostile").error("%s", "x" * 1_000_000)
     assert len(lines.texts[0]) < MAX_LINE_LENGTH + 100
     assert "1000000 characters" in lines.texts[0]

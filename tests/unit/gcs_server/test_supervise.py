@@ -17,7 +17,7 @@ class CountingClock(SystemClock):
         await asyncio.sleep(0)
 
 
-def test_failing_work_is_started_again_with_back_off_and_few_words(caplog):
+def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
     async def story():
         clock = CountingClock()
         supervisor = Supervisor(clock)
@@ -39,7 +39,7 @@ def test_failing_work_is_started_again_with_back_off_and_few_words(caplog):
     asyncio.run(story())
 
 
-def test_close_ends_everything_and_a_failed_single_task_is_logged(caplog):
+def test_close_ends_all_tasks_and_a_failed_single_task_is_logged(caplog):
     async def story():
         supervisor = Supervisor(SystemClock())
 
@@ -59,7 +59,7 @@ def test_close_ends_everything_and_a_failed_single_task_is_logged(caplog):
     assert "single failed" in caplog.text
 
 
-def test_what_is_cancelled_before_its_first_step_leaves_no_warning(recwarn):
+def test_work_cancelled_before_its_first_step_causes_no_warning(recwarn):
     async def story():
         supervisor = Supervisor(SystemClock())
 

@@ -1,4 +1,4 @@
-"""A web page that connects by TCP: told by its first bytes, closed before a frame is read."""
+"""A web page that connects by TCP is detected by its first bytes and disconnected before a frame is read."""
 
 import asyncio
 import logging
@@ -40,7 +40,7 @@ async def until(good, patience_s=10.0):
 
 
 @pytest.mark.parametrize("pieces", WEB_CLIENTS.values(), ids=WEB_CLIENTS.keys())
-def test_a_web_page_that_connects_by_tcp_is_closed_before_a_frame_is_read(pieces):
+def test_a_web_page_that_connects_by_tcp_is_disconnected_before_a_frame_is_read(pieces):
     async def story():
         clock = SystemClock()
         router = Router(clock, Supervisor(clock), RouterSettings())
@@ -60,7 +60,7 @@ def test_a_web_page_that_connects_by_tcp_is_closed_before_a_frame_is_read(pieces
                     await loop.sock_sendall(page, piece)
                     await asyncio.sleep(0.01)
             except ConnectionError:
-                pass  # closed before all was said
+                pass  # closed before everything was sent
             await until(lambda: len(link.peers()) == 1)
             assert not frames
             info = router.links()[0]
@@ -76,7 +76,7 @@ def test_a_web_page_that_connects_by_tcp_is_closed_before_a_frame_is_read(pieces
     asyncio.run(story())
 
 
-def test_a_tcp_link_to_a_web_server_says_so_and_tries_again_later():
+def test_a_tcp_link_to_a_web_server_reports_http_and_waits_before_the_next_attempt():
     async def story():
         heard = []
 
@@ -98,7 +98,7 @@ def test_a_tcp_link_to_a_web_server_says_so_and_tries_again_later():
 
 
 @given(st.binary(min_size=1, max_size=60), st.lists(st.integers(1, 59), max_size=6))
-def test_what_is_mavlink_passes_whole_and_in_order_however_it_is_cut(data, cuts):
+def test_mavlink_bytes_pass_unchanged_in_any_pieces(data, cuts):
     data = bytes([0xFD]) + data
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
     first = FirstBytes()
@@ -107,7 +107,7 @@ def test_what_is_mavlink_passes_whole_and_in_order_however_it_is_cut(data, cuts)
 
 
 @given(st.from_regex(rb"[A-Z]{3,20} .{0,40}", fullmatch=True), st.lists(st.integers(1, 30), max_size=6))
-def test_a_request_line_is_known_however_it_is_cut_and_nothing_of_it_passes(data, cuts):
+def test_a_request_line_is_detected_in_any_pieces_and_not_passed_on(data, cuts):
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
     first, passed = FirstBytes(), b""
     with pytest.raises(ForeignProtocol, match="HTTP"):
@@ -116,12 +116,12 @@ def test_a_request_line_is_known_however_it_is_cut_and_nothing_of_it_passes(data
     assert passed == b""
 
 
-def test_bytes_from_the_middle_of_a_frame_are_no_web_client():
+def test_bytes_from_the_middle_of_a_frame_are_not_taken_for_a_web_client():
     for first in (b"AB \xfd", b"A" * 24, b"\x16\x04", b"\xfe", b"\x00", b"HTTQ/1"):
         assert foreign_protocol(first) is None, first
 
 
-def test_a_page_that_goes_on_trying_is_logged_once_in_a_while_and_forgotten_in_the_end(caplog):
+def test_repeated_connections_of_a_page_are_logged_at_a_limited_rate_and_shown_for_a_limited_time(caplog):
     caplog.set_level(logging.WARNING)
     closed = ClosedConnections("radio")
     for n in range(1000):

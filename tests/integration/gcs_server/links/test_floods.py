@@ -1,4 +1,4 @@
-"""A link that is flooded costs the event loop a bounded time, and those who are heard on it stay heard."""
+"""A flooded link takes limited time of the event loop, and its active peers are kept."""
 
 import asyncio
 import socket
@@ -12,7 +12,7 @@ from gcs_server.links.tcp import TcpServerLink
 from gcs_server.links.udp import UdpLink
 
 HANDLING_S = 0.002
-"""What each piece takes in these tests."""
+"""Time for handling one piece in these tests."""
 
 
 def run(story):
@@ -87,7 +87,7 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
             async with asyncio.timeout(5):
                 while not gone:  # noqa: ASYNC110
                     await asyncio.sleep(0.005)
-            assert len(link.info().peers) == 3, "one that was silent has made room"
+            assert len(link.info().peers) == 3, "a silent peer was replaced"
         finally:
             for sender in senders:
                 sender.close()

@@ -1,4 +1,4 @@
-"""A fault of the server's own code costs the piece it happened on, never the link."""
+"""An exception in the server's own code loses one received piece of data, never the link."""
 
 import asyncio
 import errno
@@ -65,7 +65,7 @@ def test_a_frame_that_cannot_be_handled_is_skipped_and_the_link_continues():
         port = router.connection("l").link.local_port
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.connect(("127.0.0.1", port))
-        vehicle.send(frame_of(66) + frame_of(1))  # the good one in the same datagram is heard, too
+        vehicle.send(frame_of(66) + frame_of(1))  # the valid frame in the same datagram is handled
         await until(lambda: router.sink.systems == [1])
         for seq in range(5):
             await asyncio.sleep(0.02)
@@ -85,30 +85,30 @@ def test_a_frame_that_cannot_be_handled_is_skipped_and_the_link_continues():
 
 def test_a_failing_listener_does_not_prevent_reopening_a_link():
     async def story(router):
-        def deaf(_info):
+        def failing_listener(_info):
             raise RuntimeError("a listener's fault")
 
-        router.on_change(deaf)
-        told = []
-        router.on_change(lambda info: told.append(info.state))
+        router.on_change(failing_listener)
+        states = []
+        router.on_change(lambda info: states.append(info.state))
         server = TcpServerLink("s", "tcpin", "127.0.0.1", 0)
         server.start(lambda *_: None, lambda _: None, lambda: None)
         router.add_link(f"tcp://127.0.0.1:{server.local_port}", "c")
         await until(lambda: router.links()[0].state == "open")
-        await server.close()  # our peer goes, and the sink raises for it
+        await server.close()  # the peer disconnects, and the sink raises an error
         await until(lambda: router.links()[0].state == "waiting")
         assert router.sink.gone == 1
         again = TcpServerLink("s", "tcpin", "127.0.0.1", int(router.links()[0].url.rpartition(":")[2]))
         again.start(lambda *_: None, lambda _: None, lambda: None)
         await until(lambda: router.links()[0].state == "open")
-        assert "waiting" in told
+        assert "waiting" in states
         await again.close()
 
     routed(story)
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcp", "tcpin"])
-def test_a_link_by_name_that_cannot_have_a_socket_waits_and_tries_again(kind, monkeypatch):
+def test_a_link_without_a_free_file_descriptor_waits_and_opens_later(kind, monkeypatch):
     async def story(router):
         real, refused = socket.socket, []
 
@@ -138,14 +138,14 @@ def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
 
     async def story():
         link = TcpServerLink("s", "tcpin", "127.0.0.1", 0)
-        heard, asked = [], []
+        heard, calls = [], []
         link.start(lambda data, *_: heard.append(data), lambda _: None, lambda: None)
         real = link._socket
 
         class Empty:
             def accept(self):
-                asked.append(1)
-                if len(asked) < 3:
+                calls.append(1)
+                if len(calls) < 3:
                     raise OSError(errno.EMFILE, "Too many open files")
                 return real.accept()
 
@@ -156,7 +156,7 @@ def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
         client = socket.create_connection(("127.0.0.1", real.getsockname()[1]))
         client.send(frame_of(1))
         await until(lambda: heard)
-        assert len(asked) == 3, "not asked again and again meanwhile"
+        assert len(calls) == 3, "accept is not called repeatedly during the pause"
         client.close()
         await link.close()
 
@@ -188,7 +188,7 @@ def test_reading_continues_after_an_error():
     asyncio.run(story())
 
 
-def test_a_million_faults_leave_a_bounded_log(caplog, monkeypatch):
+def test_the_log_of_repeated_faults_is_limited(caplog, monkeypatch):
     now_s = [100.0]
     monkeypatch.setattr("gcs_server.faults.time.monotonic", lambda: now_s[0])
     faults = FaultLog("link x")

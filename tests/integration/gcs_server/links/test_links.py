@@ -1,4 +1,4 @@
-"""Links on real sockets of the loopback, on ports the system chose."""
+"""Links on real loopback sockets and pseudo-terminals."""
 
 import errno
 import gzip
@@ -27,7 +27,7 @@ from tests.support.link_recorder import LinkRecorder, run
 @pytest.mark.parametrize(
     ("pieces_per_s", "wait_s"), [(0, WAKE_INTERVAL_S), (499, WAKE_INTERVAL_S), (500, 0.010), (5000, 0.020)]
 )
-def test_a_busy_link_is_read_less_often_within_a_frame_of_a_screen(pieces_per_s, wait_s):
+def test_a_busy_link_is_read_less_often_but_at_least_every_20_ms(pieces_per_s, wait_s):
     assert pace(pieces_per_s) == wait_s
     assert max(wait for _, wait in PACES) <= 0.020
 
@@ -59,7 +59,7 @@ def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
     run(story)
 
 
-def test_udpout_sends_first():
+def test_a_udpout_link_can_send_before_it_receives():
     async def story():
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))
@@ -79,7 +79,7 @@ def test_udpout_sends_first():
 
 
 @pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
-def test_a_full_udp_buffer_lets_the_urgent_go_first_and_drops_what_is_late(number):
+def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_ones_are_dropped(number):
     class Full:
         left = 3
 
@@ -118,7 +118,7 @@ def test_a_full_udp_buffer_lets_the_urgent_go_first_and_drops_what_is_late(numbe
     run(story)
 
 
-def test_a_taken_port_is_named_and_opened_once_it_is_free():
+def test_a_port_in_use_is_named_and_opened_once_it_is_free():
     async def story():
         other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         other.bind(("127.0.0.1", 0))
@@ -136,7 +136,7 @@ def test_a_taken_port_is_named_and_opened_once_it_is_free():
     run(story)
 
 
-def test_tcp_connects_reconnects_and_serves():
+def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
     async def story():
         port = free_port(socket.SOCK_STREAM)
         client = LinkRecorder(TcpLink("c", "tcp", "127.0.0.1", port)).start()
@@ -145,7 +145,7 @@ def test_tcp_connects_reconnects_and_serves():
         server = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
         (to_server,) = client.link.peers()
-        big = os.urandom(400_000)  # more than a socket takes at once: the outbox drains
+        big = os.urandom(400_000)  # more than a socket takes at once, so the rest waits in the outbox
         assert client.link.send(big, to_server)
         await server.until(lambda: sum(map(len, server.data)) == len(big))
         assert b"".join(server.data) == big
@@ -183,7 +183,7 @@ def test_a_full_outbox_drops_whole_frames():
     run(story)
 
 
-def test_serial_carries_bytes_and_survives_the_plug():
+def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
     async def story():
         ours, theirs = pty.openpty()
         device = os.ttyname(theirs)
@@ -203,7 +203,7 @@ def test_serial_carries_bytes_and_survives_the_plug():
     run(story)
 
 
-def test_a_missing_or_forbidden_serial_port_says_what_to_do():
+def test_the_errors_about_serial_ports_have_a_remedy():
     async def story():
         heard = LinkRecorder(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
         info = heard.link.info()
@@ -216,7 +216,7 @@ def test_a_missing_or_forbidden_serial_port_says_what_to_do():
     run(story)
 
 
-def test_a_serial_port_that_the_system_forbids_says_how_to_get_it(monkeypatch):
+def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatch):
     real = os.open
 
     def forbidden(path, flags, *more, **options):
@@ -252,7 +252,7 @@ def test_a_serial_url_takes_its_rate_as_an_option_or_after_a_colon(url, device, 
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_a_recording_plays_at_its_pace_and_ends(tmp_path, packed):
+def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, packed):
     frames = [
         b"\xfd\x01\x00\x00" + bytes([n]) + b"\x01\x01\x00\x00\x00" + b"\x05" + b"\x00\x00" for n in range(20)
     ]
@@ -278,7 +278,7 @@ def test_a_recording_plays_at_its_pace_and_ends(tmp_path, packed):
     run(story)
 
 
-def test_damage_in_a_recording_is_skipped_and_an_empty_one_says_so(tmp_path):
+def test_damage_in_a_recording_is_skipped_and_one_without_mavlink_is_reported(tmp_path):
     record = (
         struct.pack(">Q", 1_700_000_000_000_000) + b"\xfd\x01\x00\x00\x07\x01\x01\x00\x00\x00\x05\x00\x00"
     )
@@ -316,13 +316,13 @@ def test_damage_in_a_recording_is_skipped_and_an_empty_one_says_so(tmp_path):
         "tcp://[::1:5",
     ],
 )
-def test_a_url_that_means_nothing_is_refused(url):
+def test_an_invalid_url_is_refused(url):
     with pytest.raises(InvalidRequest) as caught:
         make_link(url)
     assert caught.value.field == "url"
 
 
-def test_urls_become_links(tmp_path):
+def test_a_url_determines_name_host_and_options_of_its_link(tmp_path):
     (tmp_path / "x.tlog").write_bytes(b"")
     assert make_link("udpin://:14550")._host == "127.0.0.1"
     assert make_link("udpin://0.0.0.0:14550").name == "udpin-0.0.0.0-14550"

@@ -1,4 +1,4 @@
-"""A server that is killed leaves what its recorder had flushed."""
+"""The recording of a killed server has all records that were flushed."""
 
 import signal
 import subprocess
@@ -16,7 +16,7 @@ def files(folder):
     return sorted(folder.glob("*.tlog"))
 
 
-def test_a_killed_server_leaves_what_was_flushed(tmp_path):
+def test_the_recording_of_a_killed_server_has_all_flushed_records(tmp_path):
     program = (
         "import sys,time;from pathlib import Path\n"
         "from gcs_server.mavlink.tlog_writer import TlogRecorder,stamp\n"
@@ -29,7 +29,7 @@ def test_a_killed_server_leaves_what_was_flushed(tmp_path):
         assert process.stdout.readline() == b"ready\n"
         until_s = time.monotonic() + 30
         while [len(list(read_tlog(path))) for path in files(tmp_path)] != [500]:
-            assert time.monotonic() < until_s, "it was never flushed"
+            assert time.monotonic() < until_s, "the records were not flushed"
             time.sleep(0.05)
     finally:
         process.send_signal(signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Dry runs in their process: flown, reported, kept, refused and cancelled."""
+"""Dry runs in the worker process: flown, reported, stored, refused and cancelled."""
 
 import asyncio
 import json
@@ -42,7 +42,7 @@ def request(plan, **changes):
     }
 
 
-def test_a_plan_is_flown_in_its_process_and_the_result_is_as_the_api_describes_it():
+def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_description():
     told = []
 
     async def story():
@@ -97,7 +97,7 @@ roles:
 """
 
 
-def test_many_flights_of_a_mission_with_roles_are_as_the_api_describes_them():
+def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     lead = request(hop())["aircraft"]
     left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
     roles = {"lead": {"aircraft": lead, "origin": None}, "left": {"aircraft": left, "origin": None}}
@@ -124,7 +124,7 @@ def test_many_flights_of_a_mission_with_roles_are_as_the_api_describes_them():
     assert told[0] == "1 s are simulated; 0 of 4 vehicles have ended."
 
 
-def test_a_plan_that_px4_does_not_store_is_refused_in_its_words():
+def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
     async def story():
         plan = hop().model_copy(update={"items": ()})
         await DryRuns().run("1", request(plan), ABOUT, lambda *_: None)

@@ -1,4 +1,4 @@
-"""Large and foreign plans in a process of its own: the same answers, bounded, ended with who asked."""
+"""Work on large or foreign plans in a worker process: results, limits, and cancellation by the caller."""
 
 import asyncio
 import base64
@@ -27,7 +27,7 @@ def run(story):
         plan_work.close()
 
 
-def test_process_and_thread_give_the_same_answer():
+def test_process_and_thread_give_the_same_result():
     arguments = {
         "plan": plan_text(400),
         "parameters": {"MPC_XY_CRUISE": 3.0},
@@ -46,7 +46,7 @@ def test_process_and_thread_give_the_same_answer():
     assert in_thread["estimates"]["length_m"] > 0
 
 
-def test_an_unreadable_plan_is_an_answer_not_a_failure():
+def test_an_unreadable_plan_is_an_invalid_request_and_not_a_failure_of_the_process():
     arguments = {"file": base64.b64encode(b"PK no archive").decode(), "filename": "x.kmz", "altitude": None}
 
     async def story(plan_work):
@@ -57,7 +57,7 @@ def test_an_unreadable_plan_is_an_answer_not_a_failure():
     run(story)
 
 
-def test_work_that_takes_too_much_ends_the_process_and_is_refused(monkeypatch):
+def test_work_beyond_the_process_limits_is_refused(monkeypatch):
     program = "import os, signal; os.kill(os.getpid(), signal.SIGXCPU)"
     monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
 

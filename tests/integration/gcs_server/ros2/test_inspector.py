@@ -74,7 +74,7 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
     until(lambda: SENSORS not in topics(inspector.inspect(NAMESPACE)))
 
 
-def test_a_flood_is_shown_as_such_and_other_topics_are_read(inspector: DomainInspector) -> None:
+def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector: DomainInspector) -> None:
     vehicle, flood = Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
 
     def publish() -> None:
@@ -90,7 +90,7 @@ def test_a_flood_is_shown_as_such_and_other_topics_are_read(inspector: DomainIns
     until(shown, publish)
 
 
-def test_nothing_is_read_before_the_first_look_and_after_the_last(
+def test_nothing_is_read_before_the_first_request_and_after_the_last(
     inspector: DomainInspector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert not inspector.running
@@ -102,7 +102,9 @@ def test_nothing_is_read_before_the_first_look_and_after_the_last(
     assert inspector.running
 
 
-def test_a_domain_that_cannot_be_opened_says_why_and_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_domain_that_cannot_be_opened_is_reported_and_opened_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("gcs_server.ros2.inspector.RETRY_S", 0.1)
     refused = ["DDS domain 53 cannot be inspected (Out of resources)."]
 

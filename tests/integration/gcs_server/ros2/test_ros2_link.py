@@ -25,7 +25,7 @@ from tests.support.dds_samples import recorded
 
 DOMAIN = 49
 NAMESPACE = f"link_{os.getpid()}"
-"""Tests that run at the same time share the machine's loopback."""
+"""Unique, since tests that run at the same time share the loopback interface."""
 
 
 def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
@@ -92,7 +92,7 @@ async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames()
 
 
 @in_event_loop
-async def test_every_vehicle_of_the_domain_is_a_peer_of_its_own() -> None:
+async def test_each_vehicle_of_the_domain_is_a_separate_peer() -> None:
     others = [f"{NAMESPACE}_a", f"{NAMESPACE}_b"]
     received, vehicles = Received(None), [Publisher(DOMAIN, name) for name in others]
 
@@ -107,7 +107,7 @@ async def test_every_vehicle_of_the_domain_is_a_peer_of_its_own() -> None:
 
 
 @in_event_loop
-async def test_malformed_and_flooding_samples_cost_only_their_vehicle() -> None:
+async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> None:
     bad, good = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
     received, flooding, vehicle = Received(None), Publisher(DOMAIN, bad), Publisher(DOMAIN, good)
 
@@ -141,7 +141,7 @@ async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch
 
 
 @in_event_loop
-async def test_of_two_vehicles_without_a_namespace_of_their_own_only_the_first_is_read() -> None:
+async def test_of_two_vehicles_in_one_namespace_only_the_first_is_read() -> None:
     received, first, second = Received(), Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
     await received.until(
         lambda: "HEARTBEAT" in received.names(), lambda: first.send(STATUS, status(system_id=1))
@@ -177,7 +177,7 @@ async def test_an_unknown_version_or_type_is_reported_and_not_read(
 
 
 @in_event_loop
-async def test_without_a_vehicle_the_link_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_without_a_vehicle_the_link_reports_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.0)
     received = Received("nobody")
     await received.until(lambda: received.link.info().detail)
@@ -186,7 +186,7 @@ async def test_without_a_vehicle_the_link_says_what_is_missing(monkeypatch: pyte
 
 
 @in_event_loop
-async def test_an_interface_that_does_not_exist_is_tried_again_and_named() -> None:
+async def test_a_missing_interface_is_named_and_tried_again() -> None:
     link = Ros2Link("ros2", "ros2://50", 50, None, "eth-none", DdsPort)
     link.start(_ignore, _ignore, _ignore)
     end_s = time.monotonic() + 10.0
@@ -197,7 +197,7 @@ async def test_an_interface_that_does_not_exist_is_tried_again_and_named() -> No
     await link.close()
 
 
-def test_one_domain_has_one_interface() -> None:
+def test_a_domain_cannot_be_opened_on_a_second_interface() -> None:
     with pytest.raises(DdsUnavailable, match="already used on the loopback interface"):
         DdsPort(DOMAIN, "eth0")
 

@@ -33,7 +33,7 @@ NAMESPACE = f"senders_{os.getpid()}"
 
 def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used() -> None:
     domain = open_domain(DOMAIN, None)
-    # before the sender's thread: two threads cannot register a type of Cyclone at once
+    # before the sender's thread starts: two threads cannot register a Cyclone type at the same time
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, wire_name(CONTROL_MODE, NAMESPACE), idl_type(MESSAGES["OffboardControlMode"]))
     address, senders = DdsAddress(DOMAIN, None, NAMESPACE), Ros2Senders()
@@ -58,7 +58,7 @@ def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used
     assert domain
 
 
-def test_modes_are_registered_on_topics_of_their_own() -> None:
+def test_modes_are_registered_over_their_own_topics() -> None:
     namespace = f"modes_{os.getpid()}"
     domain = open_domain(MODES_DOMAIN, None)
     vehicle = Publisher(MODES_DOMAIN, namespace)

@@ -1,4 +1,4 @@
-"""What the tests of the 3D view share."""
+"""Fixtures for the tests of the 3D view."""
 
 import asyncio
 import threading
@@ -10,7 +10,7 @@ from tests.integration.gcs_server.scene.scene_running import Running, serving
 
 @pytest.fixture(scope="module")
 def running():
-    """One server for the module, in a thread with a loop of its own."""
+    """One server for the module, in a thread with its own event loop."""
     it, ready, done = Running(), threading.Event(), threading.Event()
 
     async def live() -> None:

@@ -1,4 +1,4 @@
-"""A scene behind a server of its own, for the tests that need the wire."""
+"""A 3D scene with its own HTTP server, for tests with real connections."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying
 
 
 class Running:
-    """A scene behind a server of its own, on a free port; it draws in the test's own process."""
+    """A scene with its own HTTP server on a free port; it draws in the test's process."""
 
     def __init__(self) -> None:
         self.fleet = FakeFleet([flying("1"), flying("2")])
@@ -102,7 +102,7 @@ async def serving(running: Running):
 
 async def eventually(condition, seconds: float = 20.0):
     async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 what is waited for has no event
+        while not condition():  # noqa: ASYNC110 there is no event for it
             await asyncio.sleep(0.02)
 
 

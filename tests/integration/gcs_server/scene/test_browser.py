@@ -1,4 +1,4 @@
-"""What only a browser can tell: that viser's program runs inside our port and reaches nothing else."""
+"""The 3D view in a browser: viser's page runs behind this server's port and connects to no other address."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def ground_distance_m(click) -> float:
 
 
 def wait_for(page, condition) -> None:
-    """Plain waiting would stop Playwright's own loop."""
+    """Waits for a condition; `time.sleep` would stop Playwright's event loop."""
     end_s = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < end_s
@@ -33,14 +33,14 @@ def wait_for(page, condition) -> None:
 
 
 @pytest.mark.browser
-def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
-    asked: list[str] = []
+def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
+    requested: list[str] = []
     errors: list[str] = []
     with playwright.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=installed_chromium(), args=FLAGS)
         page = browser.new_page(viewport={"width": 372, "height": 250})
-        page.on("request", lambda r: asked.append(r.url))
-        page.on("websocket", lambda w: asked.append(w.url))
+        page.on("request", lambda r: requested.append(r.url))
+        page.on("websocket", lambda w: requested.append(w.url))
         page.on("pageerror", lambda e: errors.append(str(e)))
         page.route(
             running.url.replace("/scene/", "/host"),
@@ -54,10 +54,10 @@ def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
         tag = frame.locator(".gcs-tags span", has_text="1 · 10.0 m")
         tag.wait_for(state="visible", timeout=15_000)
         assert "simulated" in tag.inner_text()
-        # The tag stands over the middle of the frame, where the chased vehicle is.
+        # The tag is in the middle of the frame, where the chased vehicle is.
         box = tag.bounding_box()
         assert abs(box["x"] + box["width"] / 2 - (8 + 175)) < 60
-        # Panels of the page lie over its left half: the middle is told, and the vehicle comes there.
+        # Panels cover its left half: the page sends the middle of the free area, and the vehicle moves there.
         page.evaluate("frames[0].postMessage({ gcsMiddle: [0.25, -0.1] }, location.origin)")
         wait_for(page, lambda: tag.bounding_box()["x"] - box["x"] > 0.2 * 350)
         assert box["y"] - tag.bounding_box()["y"] == pytest.approx(23, abs=8)
@@ -72,7 +72,7 @@ def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
         page.mouse.move(low[0] + 60, low[1] - 10, steps=6)
         page.mouse.up()
         position = "() => [...window.__viserMutable.camera.position]"
-        # A drag orbits and is no click.
+        # A drag turns the camera and is not a click.
         wait_for(page, lambda: math.dist(was, page.frames[1].evaluate(position)) > 0.1)
         assert running.clicks == []
         page.mouse.click(low[0], canvas["y"] + 3)  # the sky
@@ -91,8 +91,8 @@ def test_the_view_runs_in_a_frame_with_its_tags_and_without_the_world(running):
         frame.locator('html[data-gcs-theme="light"]').wait_for(state="attached", timeout=8_000)
         browser.close()
     ours = f"127.0.0.1:{running.port}/"
-    outward = [u for u in asked if not u.startswith(("data:", "blob:"))]
-    strangers = [u for u in outward if not u.split("://", 1)[1].startswith(ours)]
-    assert strangers == []
-    assert any(u.startswith("ws://") for u in asked)
+    outward = [u for u in requested if not u.startswith(("data:", "blob:"))]
+    foreign = [u for u in outward if not u.split("://", 1)[1].startswith(ours)]
+    assert foreign == []
+    assert any(u.startswith("ws://") for u in requested)
     assert errors == []

@@ -1,4 +1,4 @@
-"""A click into the 3D view becomes a place on earth, or nothing."""
+"""A click in the 3D view becomes a position on the ground, or nothing if there is no ground."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.integration.gcs_server.scene.scene_running import CAMERA, DOWN_NORTH,
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying
 
 
-def test_a_ray_meets_the_level_ground():
+def test_a_ray_intersects_the_level_ground():
     assert ground_point((1.0, 2.0, 12.0), (0.0, 2.0, -1.0), 2.0) == (1.0, 22.0, 2.0)
 
 
@@ -29,11 +29,11 @@ def test_a_ray_meets_the_level_ground():
         (10.0, (1.0, 0.0, -9.0 / REACH_M)),  # far beyond what a click can mean
     ],
 )
-def test_a_ray_without_ground_gives_none(eye_z_m, ray):
+def test_a_ray_that_does_not_reach_the_ground_gives_none(eye_z_m, ray):
     assert ground_point((0.0, 0.0, eye_z_m), ray, 0.0) is None
 
 
-def test_the_ground_is_that_of_the_chosen_vehicles_home():
+def test_the_ground_is_at_the_altitude_of_the_selected_vehicles_home():
     tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None, SystemClock())
     tracks.update(1000.0, 0.03)
     vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.on_ground("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
@@ -65,22 +65,22 @@ def test_a_click_is_published_with_the_token_of_its_view(running):
 
     running.clicks.clear()
     assert asyncio.run(click()) == ({"ground": True}, {"ground": False})
-    (told,) = running.clicks
-    assert (told.view, told.vehicle, told.view_x, told.view_y) == ("clicked", "2", 0.5, 0.6)
-    assert told.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
+    (sent,) = running.clicks
+    assert (sent.view, sent.vehicle, sent.view_x, sent.view_y) == ("clicked", "2", 0.5, 0.6)
+    assert sent.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
 
 
 @pytest.mark.parametrize(
     ("change", "field"),
     [({"ray_enu": [0, 1]}, "ray_enu"), ({"view_x": 2}, "view_x"), ({"eye_enu_m": [0, 0, 1e9]}, "eye_enu_m")],
 )
-def test_a_bad_click_names_its_field(running, change, field):
+def test_the_error_about_an_invalid_click_names_its_field(running, change, field):
     answer = httpx.post(running.url + "view/clicked/click", json={**DOWN_NORTH, **change})
     assert answer.status_code == 422
     assert field in answer.text
 
 
-def test_a_foreign_page_clicks_nothing(running):
+def test_a_click_of_a_foreign_page_is_refused(running):
     headers = {"Origin": "http://elsewhere.example"}
     answer = httpx.post(running.url + "view/clicked/click", json=DOWN_NORTH, headers=headers)
     assert answer.status_code == 409

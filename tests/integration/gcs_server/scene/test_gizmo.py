@@ -1,4 +1,4 @@
-"""A preview is drawn and dragged: what passes, what becomes of it, and what a browser cannot do by it."""
+"""A setpoint preview in the 3D view: drawn, dragged by handles, and checked against invalid messages."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
     drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), changes_yaw=True)
     moved = dragged(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
     assert moved.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
-    assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)  # along x is east
+    assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)  # the x axis is east
     assert moved.serial == PREVIEW.serial
 
 
-def test_the_height_handle_turns_nothing_and_an_unknown_yaw_stays_unknown():
+def test_the_height_handle_changes_no_yaw_and_an_unknown_yaw_stays_unknown():
     up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), changes_yaw=False)
     assert dragged(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
     without = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
@@ -67,13 +67,13 @@ def test_visible_handles_do_not_move_the_camera():
         pytest.param((0.0, 0.0, 30.0), (5.0, 5.0, 10.0), id="straight from above"),
     ],
 )
-def test_the_camera_turns_to_moved_handles_from_the_same_side(eye_m, handles_m):
+def test_the_camera_follows_moved_handles_from_the_same_side(eye_m, handles_m):
     eye, look_at = camera_for_handles(eye_m, VEHICLE, handles_m, VEHICLE)
     assert look_at == handles_m
     assert math.dist(eye, handles_m) >= HANDLES_FROM_M - 1e-9
-    assert eye[0] <= handles_m[0] + 1e-6  # eastwards, as before
+    assert eye[0] <= handles_m[0] + 1e-6  # to the east, as before
     assert eye[2] > handles_m[2] + 2.0
-    # The vehicle is not behind: both are in the picture, and once there nothing moves any more.
+    # The vehicle is not behind the camera: both are in the picture, and then nothing moves any more.
     assert math.dist(eye, handles_m) > 1.5 * math.dist(handles_m, VEHICLE)
     assert camera_for_handles(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
     beside = tuple(
@@ -115,7 +115,7 @@ def handles_in(running) -> int:
 
 
 def test_a_dragged_preview_is_published_with_its_view(running):
-    """Only in its own view, only in a world that stands still, and viser hears nothing of it."""
+    """Only in its own view and only while the scene is fixed; viser does not receive the message."""
 
     async def drag():
         async with httpx.AsyncClient() as http, open_stream(running, "?view=hand&vehicle=2") as stream:
@@ -124,7 +124,7 @@ def test_a_dragged_preview_is_published_with_its_view(running):
             assert handles_in(running) == 0
             place = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
             await http.post(running.url + "view/hand", json={"preview": place})
-            await stream.send(pack(MOVED))  # chase: the world moves under the hand
+            await stream.send(pack(MOVED))  # in chase mode the scene moves during the drag
             await http.post(running.url + "view/hand", json={"mode": "free"})
             await eventually(lambda: handles_in(running) == 2)
             assert running.gizmos == []
@@ -159,7 +159,7 @@ def test_selecting_another_vehicle_removes_the_preview(running):
     ("preview", "field"),
     [({"position_ned_m": [0, 0]}, "position_ned_m"), ({"position_ned_m": [0, 0, 1e9]}, "position_ned_m")],
 )
-def test_a_bad_preview_names_its_field(running, preview, field):
+def test_the_error_about_an_invalid_preview_names_its_field(running, preview, field):
     answer = httpx.post(running.url + "view/hand", json={"preview": preview})
     assert answer.status_code == 422
     assert field in answer.text

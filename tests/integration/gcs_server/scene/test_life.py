@@ -1,4 +1,4 @@
-"""How the 3D view begins, fails and ends."""
+"""Start, failure and end of the 3D view, and vehicles in views of browsers that are slow."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ def test_folders_of_killed_servers_are_removed_and_others_kept(monkeypatch, tmp_
     assert sorted(p.name for p in tmp_path.iterdir()) == ["gcs-scene-living", "gcs-scene-young"]
 
 
-def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
+def test_a_scene_that_cannot_start_is_an_error_with_text(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path / "gone"))
     with pytest.raises(SceneError, match="3D view could not be started"):
         asyncio.run(ViserHost().start())
 
 
 def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monkeypatch):
-    """A browser that opens must not hold up the pictures of all others."""
+    """A new browser must not delay the pictures of the others."""
     more = [flying(name) for name in ("31", "32", "33", "34")]
     step, steps, made = Scene._step, [], []
 
@@ -76,8 +76,8 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
             super().__init__(client, index, *rest)
 
     async def look():
-        for query in ("", "?vehicle=33"):  # at the second all poses are known
-            await eventually(lambda: running.scene.viewers == 0)  # one that has gone draws on for a moment
+        for query in ("", "?vehicle=33"):  # in the second round all poses are known
+            await eventually(lambda: running.scene.viewers == 0)  # a closed view is removed after a moment
             made.clear()
             async with open_stream(running, query) as stream:
                 await stream.send(msgspec.msgpack.encode(CAMERA))
@@ -90,10 +90,10 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
     places = [index for _, index in made]
     assert places[0] == [v.id for v in running.fleet.vehicles].index("33")
     assert sorted(places) == list(range(len(running.fleet.vehicles)))
-    assert len({step for step, _ in made}) == len(made), "no two in one step"
+    assert len({step for step, _ in made}) == len(made), "one vehicle per step"
 
 
-def test_for_a_browser_that_does_not_read_nothing_is_drawn_until_it_reads_again(running, monkeypatch):
+def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(running, monkeypatch):
     vehicle = running.fleet.vehicles[0]
 
     async def look():

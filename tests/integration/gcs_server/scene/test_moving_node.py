@@ -1,4 +1,4 @@
-"""What `MovingNode` puts into viser's queue is what viser's own handles would put there."""
+"""`MovingNode` queues the same messages as viser's own scene handles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def moving() -> tuple[MovingNode, list[Any]]:
 
 
 def on_the_wire(message: Any) -> tuple[Any, list[bytes]]:
-    """As viser's `_message_producer` writes it: the message, and its arrays."""
+    """A message and its arrays, encoded like viser's `_message_producer`."""
     buffers: list[memoryview] = []
     packed = msgspec.msgpack.encode(message.as_serializable_dict(buffers))
     return msgspec.msgpack.decode(packed), [bytes(buffer) for buffer in buffers]
@@ -54,17 +54,17 @@ CHANGES = {
 
 
 @pytest.mark.parametrize(("change", "of_viser"), CHANGES.values(), ids=CHANGES)
-def test_a_change_is_written_as_viser_writes_it(change, of_viser):
+def test_a_change_is_encoded_as_viser_encodes_it(change, of_viser):
     node, queued = moving()
     change(node)
     (ours,) = queued
     of_viser.owner = "7"
     assert on_the_wire(ours) == on_the_wire(of_viser)
-    assert ours.redundancy_key() == of_viser.redundancy_key(), "each replaces the other while it waits"
+    assert ours.redundancy_key() == of_viser.redundancy_key(), "each replaces the other in the queue"
 
 
-def test_a_handle_of_viser_queues_the_same_kinds_of_messages(running):
-    """Were it otherwise, what moves would no longer be what viser's program in the browser follows."""
+def test_visers_handles_queue_the_same_kinds_of_messages(running):
+    """A new version of viser that uses other messages fails this test."""
     server = running.host._server
     sent: list[Any] = []
     frame = server.scene.add_frame("/moving", show_axes=False)
@@ -104,7 +104,7 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
             for height_m in (12.0, 9.0):
                 monkeypatch.setitem(vehicle.values, "local_position", local(0.0, 0.0, -height_m))
                 await rests_at(stream, height_m)
-            assert client_ids == set(map(str, running.host.clients())), "viser shows a node to its owner only"
+            assert client_ids == set(map(str, running.host.clients())), "viser shows a node only to its owner"
 
     asyncio.run(look())
 
@@ -116,7 +116,7 @@ def test_unchanged_values_are_not_sent():
     assert queued == []
     for step in range(1, 11):
         node.place((step * MOVED_M * 0.3, 0.0, 0.0))
-    assert len(queued) == 2, "a slow drift is sent once it can be seen"
+    assert len(queued) == 2, "a slow drift is sent when it is large enough to be visible"
 
 
 def test_numpy_numbers_are_encoded():

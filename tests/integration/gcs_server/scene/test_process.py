@@ -1,4 +1,4 @@
-"""The process of the 3D view: what it draws, and what happens when it dies, hangs or cannot be started."""
+"""The process of the 3D view: pictures and clicks, and the cases that it dies, hangs or cannot start."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Site:
     async def is_up(self, http: httpx.AsyncClient, before: int | None = None) -> None:
         """Waits until the 3D view is available, in another process than `before`."""
         async with asyncio.timeout(60):
-            # What is waited for has no event.
+            # There is no event for this.
             while self.scene.pid == before or (await http.get(self.url)).status_code != 200:  # noqa: ASYNC110
                 await asyncio.sleep(0.05)
 
@@ -88,7 +88,7 @@ def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
     async def look():
         async with serving() as (site, http):
             assert (await http.get(site.url)).status_code == 503
-            assert site.scene.warning() is None, "it has not failed, it is starting"
+            assert site.scene.warning() is None, "starting is not a failure"
             await site.is_up(http)
             async with site.open("?view=page&vehicle=2") as stream:
                 await stream.send(pack(CAMERA))
@@ -145,7 +145,7 @@ def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder()
     asyncio.run(look())
 
 
-def test_a_process_that_hangs_delays_nothing_and_is_replaced(monkeypatch):
+def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeypatch):
     monkeypatch.setattr(scene_process, "HUNG_AFTER_S", 1.0)
     monkeypatch.setattr("gcs_server.scene.handle.END_TIMEOUT_S", 0.2)
 
@@ -167,7 +167,7 @@ def test_a_process_that_hangs_delays_nothing_and_is_replaced(monkeypatch):
 
     first, worst_s = asyncio.run(look())
     assert not Path(f"/proc/{first}").exists()
-    assert worst_s < 0.5, "the event loop went on"
+    assert worst_s < 0.5, "the event loop was not blocked"
 
 
 def test_the_process_ends_with_the_server_and_removes_its_folder():

@@ -1,4 +1,4 @@
-"""The proxy to viser: only this server's page gets through, and only with camera messages."""
+"""The proxy to viser accepts only pages of this server, and only camera messages from them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def listening_tcp_ports() -> set[int]:
     return ports
 
 
-# --- who gets to viser ---------------------------------------------------------------------------
+# --- access to viser -----------------------------------------------------------------------------
 
 
 def test_viser_opens_no_port(running):
@@ -112,7 +112,7 @@ def test_same_origin_is_decided_by_host(origin, host, same):
     assert is_same_origin(Headers(headers)) is same
 
 
-# --- what a browser may say ----------------------------------------------------------------------
+# --- messages from a browser ---------------------------------------------------------------------
 
 
 pack = msgspec.msgpack.encode
@@ -122,7 +122,7 @@ def test_a_camera_message_passes_without_extra_fields():
     assert msgspec.msgpack.decode(parse_message(pack(CAMERA)), type=dict) == {
         k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA.items()
     }
-    # Two types in one map: readers differ in which they take, so what passes is written anew.
+    # A map with two types: parsers differ in which one they use, so the proxy encodes the message again.
     twice = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
     passed = parse_message(twice)
     assert passed is None or b"Share" not in passed
@@ -150,7 +150,7 @@ def test_other_messages_are_dropped(data):
 
 
 def test_a_request_for_a_public_tunnel_is_dropped(running, monkeypatch):
-    """On both sides: it does not pass the proxy, and viser has nobody who would answer it."""
+    """The proxy does not pass it, and viser has no handler for it."""
     import viser._tunnel
 
     opened: list[object] = []
@@ -178,7 +178,7 @@ def test_a_request_for_a_public_tunnel_is_dropped(running, monkeypatch):
     assert opened == []
 
 
-def test_text_ends_only_the_stream_that_sent_it(running):
+def test_a_text_message_ends_only_the_stream_that_sent_it(running):
     async def talk():
         async with open_stream(running) as good, open_stream(running) as bad:
             await bad.send("hello")
@@ -190,10 +190,10 @@ def test_text_ends_only_the_stream_that_sent_it(running):
     asyncio.run(talk())
 
 
-# --- what a browser gets -------------------------------------------------------------------------
+# --- data for a browser --------------------------------------------------------------------------
 
 
-def test_the_program_is_served_completely(running):
+def test_visers_page_is_served_completely(running):
     answer = httpx.get(running.url)
     assert answer.status_code == 200
     assert answer.headers["content-type"].startswith("text/html")
@@ -201,11 +201,11 @@ def test_the_program_is_served_completely(running):
     assert answer.text.encode() == page().plain
     again = httpx.get(running.url, headers={"If-None-Match": answer.headers["etag"]})
     assert again.status_code == 304
-    with urlopen(Request(running.url)) as plain:  # asks for no compression
+    with urlopen(Request(running.url)) as plain:  # requests no compression
         assert plain.read() == page().plain
 
 
-def test_the_program_may_connect_only_to_this_server():
+def test_visers_page_may_connect_only_to_this_server():
     policy = content_policy("gcs:8080", secure=False)
     assert "default-src 'none'" in policy
     assert "connect-src 'self' ws://gcs:8080 data: blob:;" in policy
@@ -294,7 +294,7 @@ def test_an_invalid_view_request_names_its_field(running, body, field):
     assert field in answer.text
 
 
-def test_a_bad_token_is_refused(running):
+def test_an_invalid_view_token_is_refused(running):
     assert httpx.post(running.url + "view/a.b", json={}).status_code == 409
 
 

@@ -1,4 +1,4 @@
-"""The process that reads a vehicle's metadata files: its limits, and what it hands back."""
+"""The process that reads a vehicle's metadata files: its results, errors and limits."""
 
 import asyncio
 import json
@@ -30,17 +30,17 @@ def in_a_process(kind, packed, crc=0):
         (bytes(300_000_000), "more than 8,000,000 bytes"),
     ],
 )
-def test_a_packed_file_that_unpacks_to_too_much_is_refused(content, words):
+def test_a_compressed_file_that_is_too_large_is_refused(content, words):
     packed = lzma.compress(content, preset=1)
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 the words are compared below
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 the text is compared below
         in_a_process(PARAMETERS, packed)
     assert any(word in str(caught.value) for word in words.split("|"))
 
 
-def test_a_file_is_read_in_another_process_and_comes_back_whole(monkeypatch):
+def test_a_file_is_read_completely_in_another_process(monkeypatch):
     content = parameters({"name": "A", "type": "Int32", "values": [{"value": 1, "description": "one"}]})
     expected = dict(param_document.parse(content))
-    monkeypatch.setattr(metadata_files, "answer", None)  # this process must not need it
+    monkeypatch.setattr(metadata_files, "answer", None)  # must not be called in this process
     monkeypatch.setattr(param_document, "parse", None)
     found = in_a_process(PARAMETERS, content)
     assert dict(found) == expected
@@ -60,13 +60,13 @@ def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
     assert not ended.stdout
 
 
-def test_a_process_that_ends_without_an_answer_is_a_sentence(monkeypatch):
+def test_a_process_that_ends_without_an_answer_is_an_error_with_text(monkeypatch):
     monkeypatch.setattr(metadata_process, "__name__", "gcs_server.vehicle.no_such_module")
     with pytest.raises(ValueError, match="more memory or time than"):
         in_a_process(PARAMETERS, b"{}")
 
 
-def test_documents_of_all_vehicles_together_take_limited_memory(monkeypatch):
+def test_the_documents_of_all_vehicles_take_limited_memory(monkeypatch):
     monkeypatch.setattr(metadata_process, "MAX_BUFFERED_BYTES", 250)
     reader = metadata_process.DocumentReader()
 

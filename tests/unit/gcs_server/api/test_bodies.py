@@ -1,4 +1,4 @@
-"""What a body may be before it is parsed: small, shallow, with few keys, there in time."""
+"""Limits of request bodies before parsing: size, depth, number of keys, time."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Who gives way when there is no room: strangers before clients, and nobody who controls a vehicle."""
+"""Which connections are closed at a limit: unknown ones first, and those of a client in control never."""
 
 import pytest
 
@@ -37,12 +37,12 @@ LIMITS = ConnectionLimits(
 )
 
 
-class House:
+class Limited:
     def __init__(self):
         self.clock = Clock()
         self.connections = Connections(self.clock, LIMITS, lambda key: key == "pilot")
 
-    def come(self, address="1.1.1.1", key=None, busy=False, unread=0):
+    def connect(self, address="1.1.1.1", key=None, busy=False, unread=0):
         self.clock.now_s += 0.01
         connection = self.connections.open(address)
         if connection is not None:
@@ -55,90 +55,90 @@ class House:
 
 
 @pytest.fixture
-def house():
-    return House()
+def limited():
+    return Limited()
 
 
-def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_one(house):
-    idle = [house.come() for _ in range(20)]
+def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_one(limited):
+    idle = [limited.connect() for _ in range(20)]
     assert [c.closed for c in idle] == [True] * 16 + [False] * 4
     assert all(c.socket.ended for c in idle[:16])
-    assert not house.come("2.2.2.2").closed
+    assert not limited.connect("2.2.2.2").closed
 
 
-def test_the_address_with_most_waiting_connections_loses_one_first(house):
-    crowd = [house.come("3.3.3.3") for _ in range(4)]
-    others = [house.come(f"4.4.4.{n}") for n in range(2)]
-    newest = house.come("5.5.5.5")
+def test_the_address_with_most_waiting_connections_loses_one_first(limited):
+    crowd = [limited.connect("3.3.3.3") for _ in range(4)]
+    others = [limited.connect(f"4.4.4.{n}") for n in range(2)]
+    newest = limited.connect("5.5.5.5")
     assert [c.closed for c in crowd] == [True, False, False, False]
     assert not any(c.closed for c in (*others, newest))
 
 
-def test_idle_clients_are_closed_before_busy_ones_and_clients_in_control_never(house):
-    pilot = house.come("9.9.9.9", "pilot")
-    idle = house.come("8.8.8.8", "idle")
-    busy = [house.come(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
-    assert house.come("6.6.6.6").refusal_status == 0
+def test_idle_clients_are_closed_before_busy_ones_and_clients_in_control_never(limited):
+    pilot = limited.connect("9.9.9.9", "pilot")
+    idle = limited.connect("8.8.8.8", "idle")
+    busy = [limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
+    assert limited.connect("6.6.6.6").refusal_status == 0
     assert idle.closed
     assert not pilot.closed
     assert not any(c.closed for c in busy)
 
 
-def test_without_room_only_a_client_in_control_is_served(house):
+def test_without_room_only_a_client_in_control_is_served(limited):
     for n in range(10):
-        house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
-    stranger, pilot = house.come("1.1.1.1"), house.come("2.2.2.2")
-    assert house.connections.admit(stranger, "stranger") == 503
-    assert house.connections.admit(pilot, "pilot") == 0
+        limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
+    stranger, pilot = limited.connect("1.1.1.1"), limited.connect("2.2.2.2")
+    assert limited.connections.admit(stranger, "stranger") == 503
+    assert limited.connections.admit(pilot, "pilot") == 0
 
 
-def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(house):
+def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(limited):
     for n in range(8):
-        house.come("7.7.7.7", f"busy {n}", busy=True)
-    assert house.connections.admit(house.come("7.7.7.7"), "stranger") == 429
-    assert house.connections.admit(house.come("7.7.7.7"), "pilot") == 0
-    assert house.connections.admit(house.come("2.2.2.2"), "other") == 0
+        limited.connect("7.7.7.7", f"busy {n}", busy=True)
+    assert limited.connections.admit(limited.connect("7.7.7.7"), "stranger") == 429
+    assert limited.connections.admit(limited.connect("7.7.7.7"), "pilot") == 0
+    assert limited.connections.admit(limited.connect("2.2.2.2"), "other") == 0
 
 
-def test_the_reserve_is_limited_and_reused_for_new_connections(house):
+def test_the_reserve_is_limited_and_reused_for_new_connections(limited):
     for n in range(10):
-        house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
-    newcomers = [house.come(f"2.2.2.{n}") for n in range(5)]
+        limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
+    newcomers = [limited.connect(f"2.2.2.{n}") for n in range(5)]
     assert [c.closed for c in newcomers] == [True, True, False, False, False]
     for connection in newcomers[2:]:
-        house.connections.admit(connection, "pilot")
-        house.connections.set_busy(connection, True)
-    assert house.come("1.1.1.1") is None
-    assert len(house.connections) == 13
+        limited.connections.admit(connection, "pilot")
+        limited.connections.set_busy(connection, True)
+    assert limited.connect("1.1.1.1") is None
+    assert len(limited.connections) == 13
 
 
-def test_the_total_size_of_bodies_is_limited_and_released(house):
-    one, other = house.come(), house.come()
-    assert house.connections.take_body(one, 900)
-    assert not house.connections.take_body(other, 200)
-    house.connections.closed(other)
-    house.connections.release_body(one)
-    assert house.connections.take_body(one, 1000)
+def test_the_total_size_of_bodies_is_limited_and_released(limited):
+    one, other = limited.connect(), limited.connect()
+    assert limited.connections.take_body(one, 900)
+    assert not limited.connections.take_body(other, 200)
+    limited.connections.closed(other)
+    limited.connections.release_body(one)
+    assert limited.connections.take_body(one, 1000)
 
 
-def test_the_client_with_most_unread_bytes_is_closed_beyond_the_total_limit(house):
-    pilot = house.come("9.9.9.9", "pilot", busy=True, unread=2000)
-    most = house.come("1.1.1.1", "a", busy=True, unread=700)
-    little = house.come("1.1.1.1", "b", busy=True, unread=100)
-    house.connections.check()
+def test_the_client_with_most_unread_bytes_is_closed_beyond_the_total_limit(limited):
+    pilot = limited.connect("9.9.9.9", "pilot", busy=True, unread=2000)
+    most = limited.connect("1.1.1.1", "a", busy=True, unread=700)
+    little = limited.connect("1.1.1.1", "b", busy=True, unread=100)
+    limited.connections.check()
     assert most.closed
-    assert little.closed, "all others go before one in control"
-    assert pilot.closed, "but not even that one may hold more than the limit"
-    assert len(house.connections) == 0
+    assert little.closed, "other clients are closed before one in control"
+    assert pilot.closed, "even a client in control is closed beyond the limit"
+    assert len(limited.connections) == 0
 
 
-def test_the_warning_lasts_a_minute(house):
-    assert house.connections.warning() is None
+def test_the_warning_lasts_a_minute(limited):
+    assert limited.connections.warning() is None
     for _ in range(5):
-        house.come()
-    assert "refuses clients" in house.connections.warning()
-    house.clock.now_s += WARNED_FOR_S + 1
-    assert house.connections.warning() is None
+        limited.connect()
+    assert "refuses clients" in limited.connections.warning()
+    limited.clock.now_s += WARNED_FOR_S + 1
+    assert limited.connections.warning() is None
 
 
 def test_few_file_descriptors_reduce_all_limits_but_the_reserve():

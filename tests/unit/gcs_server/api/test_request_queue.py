@@ -1,4 +1,4 @@
-"""Requests that come in together are answered each in a turn of the loop of its own, fairly."""
+"""Simultaneous requests start in separate iterations of the event loop, in a fair order."""
 
 import asyncio
 import itertools
@@ -13,7 +13,7 @@ def client(name, address="1.1.1.1"):
 
 
 def served(callers, in_control=()):
-    """(order of the names, how many turns of the loop passed between each two)."""
+    """(names in the served order, number of loop iterations between each two)."""
     order = []
 
     async def run():
@@ -72,7 +72,7 @@ def test_a_cancelled_request_takes_no_turn():
             each.cancel()
         async with asyncio.timeout(1):
             await waiting[9]
-        assert sum(each.cancelled() for each in waiting) >= 8  # the first had its turn
+        assert sum(each.cancelled() for each in waiting) >= 8  # the first one was already served
 
     asyncio.run(run())
 
@@ -87,7 +87,7 @@ def test_a_known_client_is_served_before_a_thousand_new_ones():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("innocent"))
-        for n in range(1000):  # they must not make it forgotten
+        for n in range(1000):  # many clients must not remove it from the known ones
             await request_queue.wait(client(f"earlier {n}"))
         await asyncio.sleep(KNOWN_AFTER_S + 1)
         hostile = [ask(request_queue, client(f"hostile {n}")) for n in range(1000)]

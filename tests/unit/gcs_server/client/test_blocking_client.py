@@ -1,4 +1,4 @@
-"""The blocking client can do all that the asynchronous one can, by the same names."""
+"""The blocking client has the same calls as the asynchronous one."""
 
 import asyncio
 import inspect

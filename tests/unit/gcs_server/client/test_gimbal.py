@@ -1,4 +1,4 @@
-"""The gimbal in a program's hands."""
+"""The gimbal calls of the client."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Following long work from a program, against answers as the server gives them."""
+"""The client's calls for operations, with answers like those of the server."""
 
 import asyncio
 
@@ -16,7 +16,7 @@ def operation(state, error=None, vehicle="1"):
 
 
 class Server:
-    """Answers with one after the other, the last for ever."""
+    """Returns the answers in order, then always the last one."""
 
     def __init__(self, *answers):
         self.answers = list(answers)

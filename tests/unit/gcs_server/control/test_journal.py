@@ -1,4 +1,4 @@
-"""A journal that cannot be written costs its lines on disk, never a command."""
+"""The journal: its files, limits and disk errors; a disk error never fails a command."""
 
 import asyncio
 import json
@@ -184,7 +184,7 @@ def test_the_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
         for number in range(3000):
             add(journal, f"command-{number}")
             if number % 100 == 0:
-                await asyncio.sleep(0)  # the writer waits for its disk; this goes on
+                await asyncio.sleep(0)  # the writer is blocked; the loop is not
         assert len(journal.tail(1000)) == 1000
         assert not blocked.is_set()
         blocked.set()

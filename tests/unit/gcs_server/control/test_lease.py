@@ -1,4 +1,4 @@
-"""One client at a time commands a vehicle: taking, asking, forcing, running out. On a clock of its own."""
+"""Control of a vehicle by one client at a time: taken, requested, forced, expired. With a fake clock."""
 
 import pytest
 
@@ -20,36 +20,36 @@ class Clock:
         return 1e9 + self.now_s
 
 
-class Desk:
-    """A lease, and everything around it."""
+class LeaseSetup:
+    """A control lease, the connected clients, and the published changes."""
 
     def __init__(self):
-        self.clock, self.there, self.told = Clock(), set(), []
-        reachable = lambda client: client.key in self.there  # noqa: E731
+        self.clock, self.connected, self.changes = Clock(), set(), []
+        reachable = lambda client: client.key in self.connected  # noqa: E731
         self.lease = Lease(
-            self.clock, "7", LeaseTimes(lease_s=30.0, answer_s=15.0), reachable, self.told.append
+            self.clock, "7", LeaseTimes(lease_s=30.0, answer_s=15.0), reachable, self.changes.append
         )
 
-    def sits_down(self, *clients):
-        self.there |= {client.key for client in clients}
+    def connect(self, *clients):
+        self.connected |= {client.key for client in clients}
 
-    def gets_up(self, client):
-        self.there.discard(client.key)
+    def disconnect(self, client):
+        self.connected.discard(client.key)
 
     def after(self, seconds):
         self.clock.now_s += seconds
         self.lease.expire_due()
 
     def actions(self):
-        return [change.action for change in self.told]
+        return [change.action for change in self.changes]
 
 
 @pytest.fixture
-def desk():
-    return Desk()
+def setup():
+    return LeaseSetup()
 
 
-# --- who is who -----------------------------------------------------------------------------------
+# --- identity -------------------------------------------------------------------------------------
 
 
 def test_two_tabs_with_the_same_name_are_two_clients():
@@ -71,234 +71,234 @@ def test_an_id_is_never_shown():
     assert "secret" not in client.key + client.name
 
 
-# --- holding --------------------------------------------------------------------------------------
+# --- control --------------------------------------------------------------------------------------
 
 
-def test_a_command_takes_free_control_and_others_are_refused_with_a_reason(desk):
-    desk.lease.command(ANNA)
-    desk.lease.command(ANNA)
-    assert desk.lease.holder.key == ANNA.key
+def test_a_command_takes_free_control_and_others_are_refused_with_a_reason(setup):
+    setup.lease.command(ANNA)
+    setup.lease.command(ANNA)
+    assert setup.lease.holder.key == ANNA.key
     with pytest.raises(NotInControl, match=r"anna has control of vehicle 7, not you") as refused:
-        desk.lease.command(BOB)
+        setup.lease.command(BOB)
     assert refused.value.details() == {"holder": "anna", "holder_key": ANNA.key}
     assert "Hold, Land now and Kill" in refused.value.remedy
-    assert desk.actions() == ["taken"]
+    assert setup.actions() == ["taken"]
 
 
-def test_a_client_without_id_blocks_others_only_after_taking_control_explicitly(desk):
+def test_a_client_without_id_blocks_others_only_after_taking_control_explicitly(setup):
     shell, other = Principal.of("", "", "127.0.0.1"), Principal.of("script", "", "127.0.0.1")
-    desk.lease.command(shell)
-    assert desk.lease.holder.name == "127.0.0.1"
-    desk.lease.command(other)
-    assert desk.lease.holder.name == "script"
-    desk.lease.command(ANNA)
+    setup.lease.command(shell)
+    assert setup.lease.holder.name == "127.0.0.1"
+    setup.lease.command(other)
+    assert setup.lease.holder.name == "script"
+    setup.lease.command(ANNA)
     for client in (shell, other):
         with pytest.raises(NotInControl):
-            desk.lease.command(client)
-    desk.lease.release(ANNA)
-    desk.lease.take(shell)
+            setup.lease.command(client)
+    setup.lease.release(ANNA)
+    setup.lease.take(shell)
     with pytest.raises(NotInControl):
-        desk.lease.command(ANNA)
-    assert desk.actions() == ["taken", "taken", "taken", "released", "taken"]
+        setup.lease.command(ANNA)
+    assert setup.actions() == ["taken", "taken", "taken", "released", "taken"]
 
 
-def test_control_expires_when_the_holder_sends_nothing(desk):
-    desk.lease.take(ANNA, on_expiry="hold")
-    desk.after(29)
-    desk.lease.renew(ANNA)
-    desk.after(29)
-    assert desk.lease.holder.key == ANNA.key
-    desk.lease.renew(BOB)
-    desk.after(1.1)
-    assert desk.lease.holder is None
-    assert desk.told[-1].action == "expired"
-    assert desk.told[-1].on_expiry == "hold"
-    desk.lease.command(BOB)
-    assert desk.lease.on_expiry == "nothing", "what was agreed with another"
+def test_control_expires_when_the_holder_sends_nothing(setup):
+    setup.lease.take(ANNA, on_expiry="hold")
+    setup.after(29)
+    setup.lease.renew(ANNA)
+    setup.after(29)
+    assert setup.lease.holder.key == ANNA.key
+    setup.lease.renew(BOB)
+    setup.after(1.1)
+    assert setup.lease.holder is None
+    assert setup.changes[-1].action == "expired"
+    assert setup.changes[-1].on_expiry == "hold"
+    setup.lease.command(BOB)
+    assert setup.lease.on_expiry == "nothing", "the action of the previous holder does not apply"
 
 
-def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(desk):
-    desk.sits_down(ANNA)
-    desk.lease.command(ANNA)
-    desk.after(3600)
-    assert desk.lease.holder.key == ANNA.key
-    desk.gets_up(ANNA)
-    desk.after(29)
-    assert desk.lease.holder is not None
-    desk.after(2)
-    assert desk.lease.holder is None
+def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(setup):
+    setup.connect(ANNA)
+    setup.lease.command(ANNA)
+    setup.after(3600)
+    assert setup.lease.holder.key == ANNA.key
+    setup.disconnect(ANNA)
+    setup.after(29)
+    assert setup.lease.holder is not None
+    setup.after(2)
+    assert setup.lease.holder is None
 
 
-def test_release_frees_control_and_has_no_effect_for_other_clients(desk):
-    desk.lease.command(ANNA)
-    desk.lease.release(BOB)
-    assert desk.lease.holder.key == ANNA.key
-    desk.lease.release(ANNA)
-    assert desk.lease.holder is None
-    assert desk.actions() == ["taken", "released"]
+def test_release_frees_control_and_has_no_effect_for_other_clients(setup):
+    setup.lease.command(ANNA)
+    setup.lease.release(BOB)
+    assert setup.lease.holder.key == ANNA.key
+    setup.lease.release(ANNA)
+    assert setup.lease.holder is None
+    assert setup.actions() == ["taken", "released"]
 
 
-# --- asking ---------------------------------------------------------------------------------------
+# --- requests -------------------------------------------------------------------------------------
 
 
-def test_a_request_is_listed_with_its_reason_and_can_be_granted(desk):
-    desk.sits_down(ANNA, BOB)
-    desk.lease.command(ANNA)
-    desk.lease.request(BOB, "I see it better")
-    desk.lease.request(BOB)
-    [asked] = desk.lease.requests()
-    assert (asked.client, asked.reason, asked.answer_left_s) == ("bob", "I see it better", 15.0)
+def test_a_request_is_listed_with_its_reason_and_can_be_granted(setup):
+    setup.connect(ANNA, BOB)
+    setup.lease.command(ANNA)
+    setup.lease.request(BOB, "I see it better")
+    setup.lease.request(BOB)
+    [request] = setup.lease.requests()
+    assert (request.client, request.reason, request.answer_left_s) == ("bob", "I see it better", 15.0)
     with pytest.raises(NotInControl):
-        desk.lease.grant(BOB, "bob")
-    desk.lease.grant(ANNA, "bob")
-    assert desk.lease.holder.key == BOB.key
-    assert desk.told[-1].previous.key == ANNA.key
-    assert desk.lease.requests() == ()
+        setup.lease.grant(BOB, "bob")
+    setup.lease.grant(ANNA, "bob")
+    assert setup.lease.holder.key == BOB.key
+    assert setup.changes[-1].previous.key == ANNA.key
+    assert setup.lease.requests() == ()
     with pytest.raises(NotInControl):
-        desk.lease.command(ANNA)
+        setup.lease.command(ANNA)
 
 
-def test_requesting_free_control_takes_it(desk):
-    desk.lease.request(BOB)
-    assert desk.lease.holder.key == BOB.key
+def test_requesting_free_control_takes_it(setup):
+    setup.lease.request(BOB)
+    assert setup.lease.holder.key == BOB.key
 
 
-def test_force_needs_a_request_to_a_reachable_holder(desk):
-    desk.sits_down(ANNA)
-    desk.lease.command(ANNA)
+def test_force_needs_a_request_to_a_reachable_holder(setup):
+    setup.connect(ANNA)
+    setup.lease.command(ANNA)
     with pytest.raises(NotInControl):
-        desk.lease.take(BOB)
+        setup.lease.take(BOB)
     with pytest.raises(Refused, match="has not been asked"):
-        desk.lease.take(BOB, force=True)
-    desk.lease.request(BOB)
+        setup.lease.take(BOB, force=True)
+    setup.lease.request(BOB)
     with pytest.raises(Refused, match="15 s left to answer"):
-        desk.lease.take(BOB, force=True)
-    desk.after(15)
-    desk.lease.take(BOB, force=True)
-    assert desk.lease.holder.key == BOB.key
-    assert desk.told[-1].action == "forced"
-    assert desk.told[-1].text == "bob has taken control of vehicle 7 from anna by force."
+        setup.lease.take(BOB, force=True)
+    setup.after(15)
+    setup.lease.take(BOB, force=True)
+    assert setup.lease.holder.key == BOB.key
+    assert setup.changes[-1].action == "forced"
+    assert setup.changes[-1].text == "bob has taken control of vehicle 7 from anna by force."
 
 
-def test_a_denied_client_gets_the_reason_and_may_force(desk):
-    desk.sits_down(ANNA)
-    desk.lease.command(ANNA)
-    desk.lease.request(BOB)
-    desk.lease.deny(ANNA, BOB.key, "landing now")
-    assert desk.lease.requests() == ()
-    assert desk.told[-1].reason == "landing now"
-    desk.lease.take(BOB, force=True)
-    assert desk.lease.holder.key == BOB.key
+def test_a_denied_client_gets_the_reason_and_may_force(setup):
+    setup.connect(ANNA)
+    setup.lease.command(ANNA)
+    setup.lease.request(BOB)
+    setup.lease.deny(ANNA, BOB.key, "landing now")
+    assert setup.lease.requests() == ()
+    assert setup.changes[-1].reason == "landing now"
+    setup.lease.take(BOB, force=True)
+    assert setup.lease.holder.key == BOB.key
 
 
-def test_control_of_an_unreachable_holder_may_be_forced_at_once(desk):
-    desk.lease.command(ANNA)
-    desk.lease.take(BOB, force=True)
-    assert desk.lease.holder.key == BOB.key
+def test_control_of_an_unreachable_holder_may_be_forced_at_once(setup):
+    setup.lease.command(ANNA)
+    setup.lease.take(BOB, force=True)
+    assert setup.lease.holder.key == BOB.key
 
 
-def test_requests_wait_again_after_a_change_of_holder(desk):
-    desk.sits_down(ANNA, BOB, CARL)
-    desk.lease.command(ANNA)
-    desk.lease.request(BOB)
-    desk.after(14)
-    desk.lease.request(CARL)
-    desk.lease.grant(ANNA, "bob")
-    assert [asked.client for asked in desk.lease.requests()] == ["carl"]
-    desk.after(14)
+def test_requests_wait_again_after_a_change_of_holder(setup):
+    setup.connect(ANNA, BOB, CARL)
+    setup.lease.command(ANNA)
+    setup.lease.request(BOB)
+    setup.after(14)
+    setup.lease.request(CARL)
+    setup.lease.grant(ANNA, "bob")
+    assert [request.client for request in setup.lease.requests()] == ["carl"]
+    setup.after(14)
     with pytest.raises(Refused, match="1 s left"):
-        desk.lease.take(CARL, force=True)
+        setup.lease.take(CARL, force=True)
 
 
-def test_a_denial_does_not_allow_forcing_the_next_holder(desk):
-    desk.sits_down(ANNA, CARL)
-    desk.lease.command(ANNA)
-    desk.lease.request(BOB)
-    desk.lease.deny(ANNA, "bob")
-    desk.lease.request(CARL)
-    desk.lease.grant(ANNA, "carl")
+def test_a_denial_does_not_allow_forcing_the_next_holder(setup):
+    setup.connect(ANNA, CARL)
+    setup.lease.command(ANNA)
+    setup.lease.request(BOB)
+    setup.lease.deny(ANNA, "bob")
+    setup.lease.request(CARL)
+    setup.lease.grant(ANNA, "carl")
     with pytest.raises(Refused, match="has not been asked"):
-        desk.lease.take(BOB, force=True)
+        setup.lease.take(BOB, force=True)
 
 
 @pytest.mark.parametrize("ending", ["released", "expired"])
-def test_the_first_request_gets_control_when_the_holder_releases_or_disconnects(desk, ending):
-    desk.lease.command(ANNA)
-    desk.lease.request(BOB)
-    desk.lease.request(CARL)
+def test_the_first_request_gets_control_when_the_holder_releases_or_disconnects(setup, ending):
+    setup.lease.command(ANNA)
+    setup.lease.request(BOB)
+    setup.lease.request(CARL)
     if ending == "released":
-        desk.lease.release(ANNA)
+        setup.lease.release(ANNA)
     else:
-        desk.after(31)
-    assert desk.lease.holder.key == BOB.key
-    assert desk.actions()[-2:] == [ending, "taken"]
-    assert [asked.client for asked in desk.lease.requests()] == ["carl"]
+        setup.after(31)
+    assert setup.lease.holder.key == BOB.key
+    assert setup.actions()[-2:] == [ending, "taken"]
+    assert [request.client for request in setup.lease.requests()] == ["carl"]
 
 
-def test_requests_can_be_withdrawn_and_expire(desk):
-    desk.sits_down(ANNA)
-    desk.lease.command(ANNA)
-    desk.lease.request(BOB)
-    desk.lease.release(BOB)
-    assert desk.told[-1].action == "withdrawn"
-    desk.lease.request(CARL)
-    desk.after(121)
-    assert desk.lease.requests() == ()
+def test_requests_can_be_withdrawn_and_expire(setup):
+    setup.connect(ANNA)
+    setup.lease.command(ANNA)
+    setup.lease.request(BOB)
+    setup.lease.release(BOB)
+    assert setup.changes[-1].action == "withdrawn"
+    setup.lease.request(CARL)
+    setup.after(121)
+    assert setup.lease.requests() == ()
 
 
-def test_the_key_distinguishes_clients_of_the_same_name(desk):
-    desk.sits_down(ANNA)
+def test_the_key_distinguishes_clients_of_the_same_name(setup):
+    setup.connect(ANNA)
     first, second = Principal.of("page", "one"), Principal.of("page", "two")
-    desk.lease.command(ANNA)
-    desk.lease.request(first)
-    desk.lease.request(second)
+    setup.lease.command(ANNA)
+    setup.lease.request(first)
+    setup.lease.request(second)
     with pytest.raises(Refused, match="2 clients named 'page'"):
-        desk.lease.grant(ANNA, "page")
+        setup.lease.grant(ANNA, "page")
     with pytest.raises(Refused, match="'dora' has not requested"):
-        desk.lease.grant(ANNA, "dora")
-    desk.lease.grant(ANNA, second.key)
-    assert desk.lease.holder.key == second.key
+        setup.lease.grant(ANNA, "dora")
+    setup.lease.grant(ANNA, second.key)
+    assert setup.lease.holder.key == second.key
 
 
-def test_the_holder_is_informed_of_open_commands_of_others(desk):
-    desk.lease.intervened(BOB, "Hold")
-    desk.lease.command(ANNA)
-    desk.lease.intervened(ANNA, "Hold")
-    desk.lease.intervened(BOB, "Land now")
-    assert desk.actions() == ["taken", "intervened"]
-    assert desk.told[-1].text == "bob commanded Land now of vehicle 7; anna still has control."
-    assert desk.lease.holder.key == ANNA.key
+def test_the_holder_is_informed_of_open_commands_of_others(setup):
+    setup.lease.intervened(BOB, "Hold")
+    setup.lease.command(ANNA)
+    setup.lease.intervened(ANNA, "Hold")
+    setup.lease.intervened(BOB, "Land now")
+    assert setup.actions() == ["taken", "intervened"]
+    assert setup.changes[-1].text == "bob commanded Land now of vehicle 7; anna still has control."
+    assert setup.lease.holder.key == ANNA.key
 
 
 # --- bounds ---------------------------------------------------------------------------------------
 
 
-def test_the_number_of_open_requests_is_limited(desk):
-    desk.sits_down(ANNA)
-    desk.lease.take(ANNA)
-    crowd = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)]
-    for client in crowd[:MAX_REQUESTS]:
-        desk.lease.request(client)
-    assert desk.lease.has_max_requests
+def test_the_number_of_open_requests_is_limited(setup):
+    setup.connect(ANNA)
+    setup.lease.take(ANNA)
+    clients = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)]
+    for client in clients[:MAX_REQUESTS]:
+        setup.lease.request(client)
+    assert setup.lease.has_max_requests
     with pytest.raises(Refused, match="20 clients already request"):
-        desk.lease.request(crowd[MAX_REQUESTS])
-    desk.lease.deny(ANNA, crowd[0].key)
-    desk.lease.request(crowd[MAX_REQUESTS])
-    assert len(desk.lease.requests()) == MAX_REQUESTS
-    desk.after(REQUEST_LIFETIME_S + 1)
-    assert desk.lease.requests() == ()
-    assert not desk.lease.has_max_requests
+        setup.lease.request(clients[MAX_REQUESTS])
+    setup.lease.deny(ANNA, clients[0].key)
+    setup.lease.request(clients[MAX_REQUESTS])
+    assert len(setup.lease.requests()) == MAX_REQUESTS
+    setup.after(REQUEST_LIFETIME_S + 1)
+    assert setup.lease.requests() == ()
+    assert not setup.lease.has_max_requests
 
 
-def test_one_address_cannot_use_all_requests(desk):
-    desk.sits_down(ANNA)
-    desk.lease.take(ANNA)
+def test_one_address_cannot_use_all_requests(setup):
+    setup.connect(ANNA)
+    setup.lease.take(ANNA)
     for n in range(MAX_REQUESTS_PER_ADDRESS):
-        desk.lease.request(Principal.of("hostile", f"id {n}", "6.6.6.6"))
+        setup.lease.request(Principal.of("hostile", f"id {n}", "6.6.6.6"))
     for n in range(3000):
         with pytest.raises(Refused, match="at your address"):
-            desk.lease.request(Principal.of("hostile", f"other id {n}", "6.6.6.6"))
-    assert len(desk.lease.requests()) == MAX_REQUESTS_PER_ADDRESS
+            setup.lease.request(Principal.of("hostile", f"other id {n}", "6.6.6.6"))
+    assert len(setup.lease.requests()) == MAX_REQUESTS_PER_ADDRESS
     bob = Principal.of("bob", "bob", "10.0.0.7")
-    desk.lease.request(bob)
-    assert [r.key for r in desk.lease.requests()][-1] == bob.key
+    setup.lease.request(bob)
+    assert [r.key for r in setup.lease.requests()][-1] == bob.key

@@ -1,4 +1,4 @@
-"""Every route whose row says `journaled` passes the seam under its row's name; every other passes none."""
+"""Each journaled route calls `authorized_command` with the name in its row; other routes do not call it."""
 
 import ast
 import inspect
@@ -9,18 +9,22 @@ from gcs_server.api.permission import calls_of
 from gcs_server.api.schema import bare_app
 from gcs_server.control.commands import BY_CALL
 
-SEAMS = {"authorized_command", "carry_out", "command_mission", "authorized_commands"}
-"""The other three hand the command's name on to `authorized_command`."""
+AUTHORIZING = {"authorized_command", "carry_out", "command_mission", "authorized_commands"}
+"""`carry_out`, `command_mission` and `authorized_commands` pass the name on to `authorized_command`."""
 
 
 def commands_of(function):
-    """Names of the commands that a function hands to the seam."""
+    """Names that a function passes to `authorized_command`."""
     nodes = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))
     calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
     if any(call.func.id == "apply" for call in calls):
         return commands_of(offboard_stream.apply)
     texts = [
-        arg for call in calls if call.func.id in SEAMS for arg in call.args if isinstance(arg, ast.Constant)
+        arg
+        for call in calls
+        if call.func.id in AUTHORIZING
+        for arg in call.args
+        if isinstance(arg, ast.Constant)
     ]
     return {text.value for text in texts if isinstance(text.value, str)}
 
@@ -37,10 +41,14 @@ def test_every_route_uses_authorized_command_as_its_row_says():
 
 
 def test_commands_that_change_a_flight_are_journaled():
-    """Whoever adds a command that needs control cannot leave it out of the journal."""
-    quiet = {row.name for row in BY_CALL.values() if not row.journaled}
-    assert {row.name for row in BY_CALL.values() if row.control != "none"} & quiet == {"control/renew"}
-    changing = {row.name for call, row in BY_CALL.items() if not call.startswith(("GET ", "WS "))} & quiet
+    """A new command that needs control but is not journaled fails this test."""
+    not_journaled = {row.name for row in BY_CALL.values() if not row.journaled}
+    assert {row.name for row in BY_CALL.values() if row.control != "none"} & not_journaled == {
+        "control/renew"
+    }
+    changing = {
+        row.name for call, row in BY_CALL.items() if not call.startswith(("GET ", "WS "))
+    } & not_journaled
     assert changing == {
         "control/renew",
         "mission/download",

@@ -1,4 +1,4 @@
-"""A caller's address is where its bytes come from: what it says of itself counts only by a proxy we know."""
+"""X-Forwarded headers are used only from trusted proxies; otherwise the peer's own address counts."""
 
 import asyncio
 
@@ -10,7 +10,7 @@ from gcs_server.http_server.server import HttpServer
 
 
 def address_seen(trusted, came_from):
-    """(address, scheme) that the application is told."""
+    """(address, scheme) that the application gets."""
     seen = {}
 
     async def app(scope, receive, send):

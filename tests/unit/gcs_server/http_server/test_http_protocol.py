@@ -1,4 +1,4 @@
-"""HTTP within limits, without sockets: what exceeds them is refused in words, once, and closed."""
+"""Limits of HTTP connections, without sockets: a request beyond them is refused once and closed."""
 
 import asyncio
 import json
@@ -151,7 +151,7 @@ def test_too_many_pipelined_requests_close_the_connection():
     async def story(wire):
         transport = wire.connect()
         await wire.sends(transport, (GET + b"\r\n") * 10_000)
-        assert transport.written == b"", "words would be taken for the answer to the first request"
+        assert transport.written == b"", "a text would be taken for the answer to the first request"
         assert transport.eof
         await wire.passes(LINGER_S + 1)
         assert len(wire.connections) == 0
@@ -169,7 +169,7 @@ def test_an_answer_that_is_not_read_ends_the_connection_in_time():
             slow.unread = slow.unread[1:]
             await wire.passes(1)
         assert stuck.aborted
-        assert not slow.closed, "it takes little, but it takes something"
+        assert not slow.closed, "it reads slowly, but it reads"
 
     on_a_wire(story)
 

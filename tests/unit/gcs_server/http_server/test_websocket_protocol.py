@@ -1,4 +1,4 @@
-"""A WebSocket within limits, without sockets: floods wait, who does not read is closed with a reason."""
+"""Limits of WebSockets, without sockets: floods wait, and a client that does not read is disconnected."""
 
 import asyncio
 import base64
@@ -26,7 +26,7 @@ async def opened(wire):
 
 
 def closing(transport):
-    """(code, reason) of the close frame at the end of what was written."""
+    """(code, reason) of the close frame at the end of the written bytes."""
     at = transport.written.rindex(b"\x88")
     size = transport.written[at + 1]
     payload = transport.written[at + 2 :]

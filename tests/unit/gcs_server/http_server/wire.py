@@ -1,4 +1,4 @@
-"""A connection without a socket, on simulated time."""
+"""HTTP connections without sockets, on simulated time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.jump_time import in_jumps
 
 
 class Transport(asyncio.Transport):
-    """Takes everything that is written, or nothing while `stuck`."""
+    """Accepts all written bytes, or none while `stuck`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -71,7 +71,7 @@ class Transport(asyncio.Transport):
 
 
 class Wire:
-    """A server of one application, and the connections made to it."""
+    """A server with one application, and its connections."""
 
     def __init__(self, app: Any) -> None:
         self.clock = LoopClock(asyncio.get_running_loop())
@@ -93,14 +93,14 @@ class Wire:
         return transport
 
     async def passes(self, seconds: float) -> None:
-        """Time, with a look at the deadlines each half second."""
+        """Waits; checks the deadlines every half second."""
         end_s = self.clock.monotonic_s() + seconds
         while self.clock.monotonic_s() < end_s:
             await asyncio.sleep(0.5)
             self.connections.check()
 
     async def sends(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
-        """As a client that stops sending once it is not read any more; how much was taken."""
+        """Sends until the server stops reading; returns the number of received bytes."""
         for at in range(0, len(data), piece):
             for _ in range(2000):
                 if not transport.paused:
@@ -115,7 +115,7 @@ class Wire:
 
 
 async def echo(scope: Any, receive: Any, send: Any) -> None:
-    """Answers with the size of the body; a WebSocket says how many messages came."""
+    """Answers with the size of the body; reads a WebSocket until it closes."""
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.accept"})
@@ -136,7 +136,7 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
 
 
 def on_a_wire(story: Callable[[Wire], Coroutine[Any, Any, None]], app: Any = echo) -> None:
-    """Runs a story about connections."""
+    """Runs a test with a server and its connections."""
 
     async def run() -> None:
         await story(Wire(app))

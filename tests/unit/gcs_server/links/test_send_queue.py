@@ -1,4 +1,4 @@
-"""What waits for a slow link, on a clock of the test's: order, expiry, and that nothing starves."""
+"""The send queue of a slow link with a fake clock: order, expiry, and no starvation."""
 
 import random
 
@@ -19,7 +19,7 @@ from gcs_server.links.send_queue import (
 
 PEER, OTHER = Peer("a"), Peer("b")
 LONGEST_WAIT_PACKETS = PASSED_OVER + 2 * (CLASSES - 2)
-"""Stated bound: so many packets, those of class 0 aside, may pass one class over."""
+"""The most packets of other classes (except class 0) that may be sent before a waiting one."""
 
 
 def packet(name, priority, *, expires_s=1e9, key=None, group=None, peer=PEER, size=40):
@@ -66,7 +66,7 @@ def test_a_newer_flight_command_removes_waiting_ones_of_its_vehicle_but_not_stop
     queue = SendQueue(SendCounts())
     queue.put(packet("arm", 2, group="1"), 0.0)
     queue.put(packet("arm 2", 2, group="2"), 0.0)
-    queue.put(packet("hold", 1, group="1"), 0.0)  # or it would arm after it was told to hold
+    queue.put(packet("hold", 1, group="1"), 0.0)  # otherwise it would arm after a command to hold
     queue.put(packet("stop", 0, key="s", group="1"), 0.0)
     queue.put(packet("terminate", 0, key="t", group="1"), 0.0)
     queue.put(packet("land", 1, group="1"), 0.0)
@@ -83,7 +83,7 @@ def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
     assert counts.frames_dropped == 36 + 88
     old = SendQueue(SendCounts())
     assert all(old.put(packet(f"r{n}", LAST, size=1000, expires_s=1.0), 0.0) for n in range(64))
-    assert old.put(packet("new", LAST, size=1000), 2.0), "what has expired makes room"
+    assert old.put(packet("new", LAST, size=1000), 2.0), "expired packets are removed for new ones"
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -120,8 +120,8 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
             priority, expires_s = put[number]
             assert number not in taken
             taken.add(number)
-            assert expires_s >= now_s, "nothing leaves late"
-            assert priority == FIRST or not stops_waiting, "stop motors is first"
+            assert expires_s >= now_s, "an expired packet was sent"
+            assert priority == FIRST or not stops_waiting, "stop motors was not first"
             stops_waiting.discard(number)
             for other in range(1, CLASSES):
                 still = waiting[other] and bool(queue._waiting[other]) and other != priority
@@ -131,4 +131,4 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
     assert len(taken) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(
         queue
     ) == len(put)
-    assert stops_waiting == {int(p.finish()) for p in queue._waiting[FIRST].values()}, "no stop was lost"
+    assert stops_waiting == {int(p.finish()) for p in queue._waiting[FIRST].values()}, "a stop was lost"

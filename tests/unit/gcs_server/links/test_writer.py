@@ -1,4 +1,4 @@
-"""A slow link under load on a clock of the test's: what leaves, when, and what never does."""
+"""The writer of a slow link under load with a fake clock: what is sent, when, and what is not."""
 
 import heapq
 import itertools
@@ -28,7 +28,7 @@ HOLD, ARM, STOP = (1.0, 4.0, 176), (1.0, 0.0, 400), (0.0, 21196.0, 400)
 
 
 class FakeLoop:
-    """Time that the test moves; timers run on it."""
+    """A fake event loop with timers; the test advances its time."""
 
     def __init__(self):
         self.now_s, self._timers, self._count = 1000.0, [], itertools.count()
@@ -52,7 +52,7 @@ class FakeLoop:
 
 
 class SlowLink(Link):
-    """A link on a line's double, on fake time."""
+    """A link on a simulated serial line, on fake time."""
 
     def __init__(self, pacer=None, write=None):
         super().__init__("slow", "serial")
@@ -82,7 +82,7 @@ class SlowLink(Link):
         return self.writer
 
     def setpoint(self, system=1):
-        """It carries when it was made."""
+        """Sends a setpoint with its time of creation."""
         made_ms = round((self.loop.now_s - 1000) * 1000)
         payload = struct.pack("<I11fHBBB", made_ms, *range(1, 12), 2552, system, 1, 1)
         return self.sender.send(SETPOINT, payload, PEER)
@@ -96,7 +96,7 @@ class SlowLink(Link):
         return self.sender.send(PARAM_READ, struct.pack("<hBB16s", number, 1, 1, b""), PEER)
 
     def under_load(self, for_s, done=lambda: False):
-        """A setpoint every 20 ms, and always parameters that wait."""
+        """Sends a setpoint every 20 ms, and keeps parameter requests waiting."""
         for _ in range(round(for_s / 0.02)):
             self.setpoint()
             self.parameters = getattr(self, "parameters", itertools.count())
@@ -121,16 +121,16 @@ def test_under_load_stop_motors_is_sent_within_50_ms():
     link.under_load(2.0)
     late_s = []
     for number in range(20):
-        link.loop.run(0.0013 * number)  # at any moment of what is on the line
-        asked_s, seen = link.loop.now_s, len(link.left(COMMAND))
+        link.loop.run(0.0013 * number)  # at different moments of the current transmission
+        requested_s, seen = link.loop.now_s, len(link.left(COMMAND))
         assert link.command(STOP)
         link.under_load(0.1)
-        late_s.append(link.left(COMMAND)[seen][0] - asked_s)
+        late_s.append(link.left(COMMAND)[seen][0] - requested_s)
     assert max(late_s) < 0.05
     assert max(link.ages_s()) < 0.1
-    assert len(link.left(SETPOINT)) > 45 * 4, "the stream goes on"
-    assert len(link.left(PARAM_READ)) > 4 * 30, "so do the parameters"
-    assert sum(link.line.parser.lost.values()) == 0, "numbers have no gaps"
+    assert len(link.left(SETPOINT)) > 45 * 4, "the stream continues"
+    assert len(link.left(PARAM_READ)) > 4 * 30, "parameters are still sent"
+    assert sum(link.line.parser.lost.values()) == 0, "sequence numbers have gaps"
 
 
 def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
@@ -147,9 +147,9 @@ def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
     assert stop_s - (stalled_s + 5.0) < 0.05
     after = [frame for at_s, frame in link.line.left if at_s > stalled_s + 5.0]
     assert sum(f.msg_id == SETPOINT for f in after[: after.index(link.left(COMMAND)[0][1])]) <= 2
-    on_their_way = 2  # in the driver when the line stopped: nobody gets them back
-    assert sum(age_s > 0.1 for age_s in link.ages_s()) <= on_their_way
-    assert len(link.left(COMMAND)) == 1, "what was to arm it is not sent after its motors were stopped"
+    in_driver = 2  # already in the driver at the stall, so they cannot be removed
+    assert sum(age_s > 0.1 for age_s in link.ages_s()) <= in_driver
+    assert len(link.left(COMMAND)) == 1, "a waiting arm command is removed by stop motors"
     assert before
     assert sum(link.line.parser.lost.values()) == 0
     info = link.info()
@@ -315,7 +315,7 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
     run(story)
 
 
-def test_faults_and_counters_belong_to_the_link():
+def test_a_writer_counts_in_its_links_counters():
     counts = SendCounts()
     writer = LinkWriter(None, lambda data, _: len(data), counts, FaultLog("x"), lambda: 0.0)
     assert writer.submit(Packet(PEER, 3, lambda: b"abc"))

@@ -1,4 +1,4 @@
-"""Our framing against pymavlink's encoder, whole, in pieces, and with garbage between."""
+"""The server's framing compared with pymavlink's encoder: whole frames, pieces, and garbage between them."""
 
 import math
 import struct
@@ -93,7 +93,7 @@ def test_garbage_never_raises_and_the_next_frame_is_found(garbage):
     parser.feed(garbage, 0.0)
     good = packed(sim.MAVLink_heartbeat_message(2, 12, 29, 0, 4, 3), 9)
     found = []
-    for _ in range(40):  # enough to fill whatever a false header still waits for
+    for _ in range(40):  # enough bytes to complete a frame with a false header
         found += [f for f in parser.feed(good, 0.0) if f.raw == good]
     assert len(found) >= 25
 
@@ -180,7 +180,7 @@ def test_nan_is_encoded_and_decoded():
 
 
 @pytest.mark.parametrize("count", [200])
-def test_parsing_is_cheap(count):
+def test_the_work_for_parsing_is_limited(count):
     import time
 
     raw = b"".join(
@@ -191,4 +191,4 @@ def test_parsing_is_cheap(count):
         began = time.perf_counter()
         parser.feed(raw, 0.0)
         fastest = min(fastest, time.perf_counter() - began)
-    assert fastest / count < 15e-6  # about 1.5 µs; far below pymavlink's 20
+    assert fastest / count < 15e-6  # about 1.5 µs; pymavlink takes 20

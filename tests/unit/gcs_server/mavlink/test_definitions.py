@@ -40,7 +40,7 @@ NOT_IN_PX4 = {
     "TARGET_RELATIVE",
     "WIFI_CONFIG_AP",
 }
-"""Defined, but neither sent nor read by PX4 v1.16: what the simulator has of them does not matter."""
+"""Neither sent nor read by PX4 v1.16, so the simulator need not have them."""
 
 
 def pinned(shared):

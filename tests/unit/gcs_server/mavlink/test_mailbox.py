@@ -1,4 +1,4 @@
-"""Who waits for a message gets it, and a flood of matches has an end."""
+"""The number of messages waiting for one receiver is limited."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""What leaves a link first, and until when: decided by the message alone."""
+"""Priority and lifetime of each message on a link."""
 
 import math
 
@@ -15,7 +15,7 @@ def long(command, p1=0.0, p2=0.0, *, system=1, confirmation=0):
 
 
 def urgency(message):
-    """As it is, and without the zeros that MAVLink 2 cuts off: it must be the same."""
+    """Classifies a message; the zeros that MAVLink 2 cuts off must not change the priority."""
     payload = encode_payload(message)
     whole, cut = classify(message.get_msgId(), payload), classify(message.get_msgId(), payload.rstrip(b"\0"))
     assert whole.priority == cut.priority
@@ -47,7 +47,7 @@ def urgency(message):
         (d.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251), Priority.REST),
     ],
 )
-def test_every_message_has_its_class(message, priority):
+def test_each_message_has_its_priority(message, priority):
     assert urgency(message).priority is priority
 
 

@@ -1,4 +1,4 @@
-"""Message signing beside pymavlink's own, which shares no code with it; replays, forgeries, leaking keys."""
+"""Message signing compared with pymavlink, which shares no code; replays, forgeries, secrecy of keys."""
 
 import io
 import logging
@@ -44,7 +44,7 @@ def clock(at_s=NOW_S, at_least=0):
 
 
 def signed(key=KEY, link_id=3, timestamp=NOW, system_id=1, payload=bytes(9), msg_id=0):
-    """A frame with that very timestamp."""
+    """A frame signed with this timestamp."""
     signer = FrameSigner(SecretKey(key), link_id, clock(EPOCH_UNIX_S, timestamp - 1))
     return encode_frame(msg_id, payload, 0, system_id, 1, signer)
 
@@ -106,7 +106,7 @@ def test_a_flipped_bit_anywhere_is_refused(key, payload, data):
     forged[bit // 8] ^= 1 << bit % 8
     own = verifier(key)
     assert own.refusal(bytes(forged), 1, 1) in (Refusal.WRONG_SIGNATURE, Refusal.UNSIGNED)
-    # A forgery is not remembered: the good frame is still taken.
+    # The forgery does not change the state: the valid frame is still accepted.
     assert own.refusal(raw, 1, 1) is None
 
 
@@ -126,11 +126,11 @@ def test_a_new_stream_may_be_a_minute_behind_and_no_more():
     assert verifier().refusal(signed(timestamp=NOW - MINUTE), 1, 1) is None
     assert verifier().refusal(signed(timestamp=NOW - MINUTE - 1), 1, 1) is Refusal.TOO_OLD
     assert verifier().refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
-    # Behind what another sender with this key has shown: refused as well.
+    # Also refused: earlier than the newest time of another sender with this key.
     own = verifier()
     assert own.refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
     assert own.refusal(signed(timestamp=NOW, system_id=2), 2, 1) is Refusal.TOO_OLD
-    # A stream that is known may lag: on another link its frames come later.
+    # A known stream may be later than others: its frames may come over a slower link.
     assert own.refusal(signed(timestamp=NOW + 10 * MINUTE + 1), 1, 1) is None
 
 
@@ -255,7 +255,7 @@ def test_a_frame_of_one_link_is_a_replay_on_other_links_with_the_key(tmp_path):
     signing.release(two)
     anew = signing.open("field", SigningOptions("field", required=True))
     assert anew.signer.link_id == 1
-    assert not anew.accepts(frame(signed())), "what was heard is remembered when a link is opened again"
+    assert not anew.accepts(frame(signed())), "received timestamps are kept when a link is opened again"
     assert three.accepts(frame(signed(bytes(32))))
 
 
@@ -265,7 +265,7 @@ def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
     first.open("one", SigningOptions("field", required=True))
     used = first.clock.next()
     first.keep()
-    later.unix += 9.9  # not written down any more: killed
+    later.unix += 9.9  # not saved, as if the server was killed
     used = max(used, first.clock.next())
     later.unix -= 86_400
     assert Signing(later, kept).clock.next() > used
@@ -341,7 +341,7 @@ def test_keys_are_read_as_hexadecimal_or_base64(key):
             parse_key(bad)
 
 
-def test_a_passphrase_gives_the_same_key_as_mavproxy():
+def test_a_passphrase_gives_the_same_key_as_in_mavproxy():
     expected = "c4bbcb1fbec99d65bf59d85c8cb62ee2db963f0fe106f483d9afa73bd4e39a8a"
     assert key_of_passphrase("correct horse battery staple").reveal().hex() == expected
     with pytest.raises(ValueError, match="12 characters"):

@@ -1,4 +1,4 @@
-"""Recordings: readable by ours and pymavlink's record format, rotated, stopped by a full disk alone."""
+"""Recordings of telemetry: format, rotation, and behaviour with a full or slow disk."""
 
 import errno
 import os
@@ -32,7 +32,7 @@ def test_appended_records_are_read_back(tmp_path):
     assert list(read_tlog(path)) == [(NOW_US + n, FRAME) for n in range(100)]
 
 
-def test_a_link_without_traffic_leaves_no_file(tmp_path):
+def test_a_link_without_traffic_creates_no_file(tmp_path):
     tape = recorder(tmp_path)
     tape.channel("quiet")
     tape.close()
@@ -64,7 +64,7 @@ def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypa
         if not full:
             return real_write(descriptor, data)
         if len(data) > 10:
-            return real_write(descriptor, data[:10])  # a torn record, then the end
+            return real_write(descriptor, data[:10])  # an incomplete record, then an error
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(tlog_writer.os, "write", write)

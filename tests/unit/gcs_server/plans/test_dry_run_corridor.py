@@ -41,7 +41,7 @@ def with_roles(**changes):
 
 
 LEFT = (HERE[0], HERE[1] + 20.0, HERE[2] + 3.0)
-"""The vehicle of the second role, which stands 3 m lower."""
+"""The start of the second role's vehicle, 3 m lower."""
 
 
 def test_the_corridor_of_a_role_begins_at_its_own_vehicle():

@@ -1,4 +1,4 @@
-"""Plans on the disk: versions, conflicts, bounds, and what a damaged file costs."""
+"""Plans on disk: versions, conflicts, limits, and damaged files."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Telemetry logs made for tests: two vehicles, changes of mode, texts, from nothing but a seed."""
+"""Random telemetry logs for tests: two vehicles with changes of mode and texts, from a seed."""
 
 import random
 import struct
@@ -13,13 +13,13 @@ def record(time_us, raw):
     return struct.pack(">Q", time_us) + raw
 
 
-class Speaker:
+class FrameSource:
     """One system that packs messages with its own sequence numbers."""
 
     def __init__(self, system_id, component_id=1):
         self.wire = sim.MAVLink(None, system_id, component_id)
 
-    def say(self, message):
+    def frame(self, message):
         raw = bytes(message.pack(self.wire))
         self.wire.seq = (self.wire.seq + 1) % 256
         return raw
@@ -31,23 +31,23 @@ def heartbeat(mode, *, armed=False, autopilot=12, kind=2):
 
 
 def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
-    """(time, raw) of a made-up flight, in the order of a log."""
+    """(time, raw) of each record of a random flight, in the order of a log."""
     chance = random.Random(seed)
     out = []
-    station = Speaker(255, 190)
+    station = FrameSource(255, 190)
     for system_id in systems:
-        speaker, gimbal = Speaker(system_id), Speaker(system_id, 154)
+        autopilot, gimbal = FrameSource(system_id), FrameSource(system_id, 154)
         mode, armed = HOLD, False
         for step in range(seconds * 10):
             at_us = begin_us + step * 100_000 + system_id * 1000
             boot_ms = 5000 + step * 100
-            said = []
+            frames = []
             if step % 10 == 3:
-                said.append(speaker.say(heartbeat(mode, armed=armed)))
-                said.append(gimbal.say(heartbeat(0, autopilot=8, kind=26)))
+                frames.append(autopilot.frame(heartbeat(mode, armed=armed)))
+                frames.append(gimbal.frame(heartbeat(0, autopilot=8, kind=26)))
             if step == 25:
-                said.append(
-                    speaker.say(
+                frames.append(
+                    autopilot.frame(
                         sim.MAVLink_home_position_message(
                             473977420, 85455940, 489_000 + system_id, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0
                         )
@@ -55,19 +55,21 @@ def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
                 )
             if chance.random() < 0.02:
                 mode, armed = chance.choice((HOLD, OFFBOARD, RTL)), chance.random() < 0.7
-                said.append(speaker.say(sim.MAVLink_current_mode_message(0, mode, mode)))
+                frames.append(autopilot.frame(sim.MAVLink_current_mode_message(0, mode, mode)))
             if chance.random() < 0.03:
                 text = f"note {system_id} at {step}".encode()
-                said.append(speaker.say(sim.MAVLink_statustext_message(chance.randrange(3, 7), text, 0, 0)))
-            said.append(
-                speaker.say(
+                frames.append(
+                    autopilot.frame(sim.MAVLink_statustext_message(chance.randrange(3, 7), text, 0, 0))
+                )
+            frames.append(
+                autopilot.frame(
                     sim.MAVLink_attitude_quaternion_message(
                         boot_ms, 1.0, 0.0, 0.0, chance.random(), 0.0, 0.0, 0.1
                     )
                 )
             )
-            said.append(
-                speaker.say(
+            frames.append(
+                autopilot.frame(
                     sim.MAVLink_global_position_int_message(
                         boot_ms,
                         473977420 + step,
@@ -82,10 +84,10 @@ def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
                 )
             )
             if step % 20 == 0:
-                said.append(speaker.say(sim.MAVLink_extended_sys_state_message(0, 2 if armed else 1)))
-            out += [(at_us, raw) for raw in said]
+                frames.append(autopilot.frame(sim.MAVLink_extended_sys_state_message(0, 2 if armed else 1)))
+            out += [(at_us, raw) for raw in frames]
         out += [
-            (begin_us + second * 1_000_000, station.say(heartbeat(0, autopilot=8, kind=6)))
+            (begin_us + second * 1_000_000, station.frame(heartbeat(0, autopilot=8, kind=6)))
             for second in range(seconds)
         ]
     return sorted(out, key=lambda r: r[0])

@@ -1,4 +1,4 @@
-"""A recording may come from anybody: whatever it holds, what is made of it stays within stated bounds."""
+"""Hostile recordings: index, jumps, memory and disk space stay within limits for any content."""
 
 import asyncio
 import gzip
@@ -19,7 +19,7 @@ from gcs_server.replay.index import make_index
 from gcs_server.replay.index_process import from_bytes, to_bytes
 from gcs_server.replay.playback import moment
 from gcs_server.replay.records import open_log
-from tests.unit.gcs_server.replay.made_logs import BEGIN_US, Speaker, flight, heartbeat, log_bytes, record
+from tests.unit.gcs_server.replay.made_logs import BEGIN_US, FrameSource, flight, heartbeat, log_bytes, record
 
 
 def many_kinds(count, step_us=100):
@@ -58,8 +58,8 @@ def test_too_many_message_kinds_are_left_out_and_counted(log):
 
 def test_too_many_events_are_cut_and_counted(log, monkeypatch):
     monkeypatch.setattr(index_module, "MAX_EVENT_RECORDS", 30)
-    speaker = Speaker(1)
-    switching = [(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16))) for i in range(100)]
+    autopilot = FrameSource(1)
+    switching = [(BEGIN_US + i, autopilot.frame(heartbeat(i % 2 << 16))) for i in range(100)]
     index = index_of(log(log_bytes(switching)))
     assert len(index.changes) == 60
     assert index.left_out == 70
@@ -87,10 +87,9 @@ def newest(there):
 def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch):
     monkeypatch.setattr("gcs_server.replay.playback.CHANGES_RESTORED", 5)
     monkeypatch.setattr("gcs_server.replay.playback.TEXTS_RESTORED", 5)
-    speaker = Speaker(1)
-    path = log(
-        log_bytes([(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16, armed=i % 2 > 0))) for i in range(500)])
-    )
+    autopilot = FrameSource(1)
+    beats = (autopilot.frame(heartbeat(i % 2 << 16, armed=i % 2 > 0)) for i in range(500))
+    path = log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(beats)]))
     index = index_of(path)
     with open_log(path) as file:
         there = moment(file, index, index.end_us)
@@ -142,14 +141,14 @@ def test_a_file_name_that_is_not_text_is_not_listed(tmp_path):
 
 @pytest.mark.parametrize("how", ["fast", "jump"])
 def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
-    """A recording of thousands of senders, all at once: the vehicles in the air wait for none of it."""
+    """A recording with thousands of senders at the same time must not delay real vehicles."""
     monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
     path = log(many_kinds(3000, step_us=10))
     request_queue = []
 
     async def story():
         link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
-        fed = io.StringIO()  # one dot a record, one stroke a turn of the loop
+        fed = io.StringIO()  # one dot per record, one bar per iteration of the loop
         link.start(lambda data, peer, at_s: fed.write("."), lambda peer: None, lambda: None)
         await link.opened()
         ticking = asyncio.get_running_loop()

@@ -1,4 +1,4 @@
-"""What the time bar tells of flights of a real PX4."""
+"""The marks of the time bar for flights of a real PX4."""
 
 import pytest
 
@@ -8,19 +8,19 @@ from gcs_server.replay.records import open_log
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "expected"),
     [
         ("offboard-api.tlog.gz", ["Armed", "Take-off detected", "Failsafe active", "Disarmed"]),
         ("failsafe-battery.tlog", ["Armed", "Takeoff detected", "Low battery", "Critical battery"]),
     ],
 )
-def test_texts_are_in_order_without_findings_of_reports(shared, name, told):
+def test_texts_are_in_order_without_findings_of_reports(shared, name, expected):
     path = shared / "px4" / "tlogs" / name
     with open_log(path) as file:
         index = make_index(file)
     (vehicle,) = make_marks(path, index)
     texts = [message.text for message in vehicle.messages]
-    assert [text for text in dict.fromkeys(texts) if text in told] == told
+    assert [text for text in dict.fromkeys(texts) if text in expected] == expected
     assert len(texts) < 20
     assert vehicle.armed
     assert vehicle.modes[-1].end_unix_s == index.end_us / 1e6

@@ -1,4 +1,4 @@
-"""Records are found whatever was done to the file, and their times can be relied on."""
+"""Records are read from damaged files, and their times are corrected."""
 
 import gzip
 import io
@@ -54,7 +54,7 @@ def test_records_are_equal_for_any_read_size(cuts):
 def test_damage_affects_only_the_records_that_it_touches(at, garbage):
     found = whole(DATA[:at] + garbage + DATA[at:])
     lost = Counter(raw for _, raw in FLIGHT) - Counter(r.raw for r in found.records)
-    assert lost.total() <= 8  # the torn one, and what a header made of garbage swallows (290 bytes)
+    assert lost.total() <= 8  # the damaged record, and up to 290 bytes after a false header
     times = [r.time_us for r in found.records]
     assert times == sorted(times)
     assert FLIGHT[0][0] <= times[0]
@@ -87,7 +87,7 @@ def test_a_pause_of_hours_is_kept_and_jitter_is_smoothed():
     assert [r.time_us - BEGIN_US for r in found.records] == [0, 50, 50, 7_200_000_000]
 
 
-def test_packed_files_and_torn_ones(tmp_path):
+def test_compressed_and_truncated_files_are_read(tmp_path):
     plain, packed, torn, cut = (tmp_path / n for n in ("a.tlog", "b.tlog.gz", "c.tlog", "d.tlog.gz"))
     plain.write_bytes(DATA)
     packed.write_bytes(gzip.compress(DATA))

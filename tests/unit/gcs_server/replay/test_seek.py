@@ -1,4 +1,4 @@
-"""After a jump a vehicle is exactly what it would be had the log been played up to there."""
+"""After a jump in a log the state of a vehicle is the same as after playing the log up to there."""
 
 import asyncio
 
@@ -41,7 +41,7 @@ class Tape(Link):
 
 
 def fleet_after(records, until_us, begin_us, *, ticks):
-    """What the server knows after these records."""
+    """The state of each vehicle after these records."""
 
     async def story():
         world = World()
@@ -55,19 +55,19 @@ def fleet_after(records, until_us, begin_us, *, ticks):
             tape.feed(record)
         tape.clock.time_us = until_us
         world.fleet.tick()
-        told = {vehicle.id: picture(vehicle) for vehicle in world.fleet.all()}
+        states = {vehicle.id: state_of(vehicle) for vehicle in world.fleet.all()}
         await world.close()
-        return told
+        return states
 
     return asyncio.run(story())
 
 
-def picture(vehicle):
+def state_of(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
-    # Links and components connect, for a jump, where its records begin.
-    story = sorted(e for e in events if e[1] not in ("link", "component"))
-    return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, story
+    # After a jump, links and components connect at the first record that it feeds.
+    texts = sorted(e for e in events if e[1] not in ("link", "component"))
+    return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, texts
 
 
 def everything(file):
@@ -88,7 +88,7 @@ def compare(path, share):
         jumped = fleet_after(there.records, until_us, index.begin_us, ticks=False)
         played = fleet_after(before, until_us, index.begin_us, ticks=True)
         assert jumped == played
-        # and it goes on with the very next record
+        # playing continues with the next record
         rest = list(there.following)
         batch = Batch([], there.after, at_end=there.at_end, bytes_skipped=0)
         while not batch.at_end:

@@ -1,4 +1,4 @@
-"""One mode of this server in PX4: what is sent, and when; with recorded messages of a real PX4."""
+"""Registration, arming checks and end of an external mode, with recorded messages of a real PX4."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.support.dds_samples import recorded
 
 RECORDED = recorded()
 NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
-"""Of the recorded registration."""
+"""Values of the recorded registration."""
 REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REPLY])
 ASKED: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
 MASK = 1 << 23
@@ -53,13 +53,15 @@ def fields(messages: list[Message], topic: str) -> dict[str, Any]:
     return dict(MESSAGES[SENT_TYPES[topic]].decode(data))
 
 
-def test_the_request_is_the_recorded_one_of_the_interface_library() -> None:
+def test_the_registration_request_equals_the_recorded_one() -> None:
     ((topic, data),) = mode().step(0.0)
     assert topic == REGISTER
-    assert RECORDED[REGISTER].removeprefix(data).strip(b"\0") == b"", "only DDS's padding differs"
+    assert RECORDED[REGISTER].removeprefix(data).strip(b"\0") == b"", (
+        "differs in more than the padding of DDS"
+    )
 
 
-def test_it_can_be_selected_once_px4_has_evaluated_an_answer() -> None:
+def test_a_mode_is_registered_once_px4_has_evaluated_an_answer() -> None:
     made = mode()
     made.step(0.0)
     controllers = fields(made.on_reply(REGISTERED, 0.02), CONTROLLERS)
@@ -93,7 +95,7 @@ def test_the_reply_differs_from_the_recorded_one_only_in_what_it_states() -> Non
     assert {name for name in ours if ours[name] != theirs[name]} == {"mode_req_prevent_arming"}
 
 
-def test_without_a_reply_it_asks_five_times_and_then_says_why() -> None:
+def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
     made, sent, now_s = mode(), 0, 0.0
     while made.registration.state == "registering" and now_s < 20.0:
         sent += len(made.step(now_s))
@@ -139,7 +141,7 @@ def test_a_second_registration_by_a_repeated_request_is_removed() -> None:
     assert made.registration.mode == "external_1"
 
 
-def test_when_px4_stops_asking_the_mode_is_lost() -> None:
+def test_without_arming_check_requests_the_mode_is_lost() -> None:
     made = registered()
     assert made.step(LOST_S - 0.01) == []
     assert made.registration.state == "registered"
@@ -163,7 +165,7 @@ def test_a_mode_that_px4_has_removed_is_lost() -> None:
     assert "no answers in time" in made.registration.why
 
 
-def test_it_reports_its_end_and_its_failure() -> None:
+def test_success_and_failure_of_a_mode_are_reported() -> None:
     made = registered()
     assert fields(made.completed(success=True), COMPLETED) == {
         "timestamp": 0, "result": 0, "nav_state": 23,
@@ -191,7 +193,7 @@ def test_a_removed_mode_is_unregistered_as_recorded_and_answers_nothing() -> Non
         ("direct_actuator", ""),
     ],
 )
-def test_each_level_runs_its_controller_and_all_below(level: str, enabled: str) -> None:
+def test_each_level_enables_its_controller_and_all_below(level: str, enabled: str) -> None:
     values = fields([controllers_message(23, level)], CONTROLLERS)
     flags = {name for name, value in values.items() if name.startswith("flag_") and value}
     assert flags == {f"flag_control_{each}_enabled" for each in enabled.split()}

@@ -1,4 +1,4 @@
-"""The inspector of ROS 2 topics, without DDS and on a clock that the test sets."""
+"""The inspector of ROS 2 topics, without DDS and with a fake clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded ROS 2 messages of a real PX4 become the state that MAVLink fills."""
+"""Recorded ROS 2 messages of a real PX4 converted to MAVLink messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A fleet whose topics are what a test sets."""
+"""A fake fleet whose topics are set by the test."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from missions.frames import Quaternion
 
 @dataclass
 class StillClock:
-    """Stands where a test puts it."""
+    """A clock that only the test advances."""
 
     now_s: float = 1000.0
 
@@ -51,7 +51,7 @@ class FakeVehicle:
     clock: Clock = field(default_factory=SystemClock)
     past: list[Sample] = field(default_factory=list)
     asked: int = 0
-    """How often the history was asked for."""
+    """Number of requests for the history."""
     looked_at: int = 0
 
     def topic(self, name: str) -> Sample | None:
@@ -82,7 +82,7 @@ class FakeFleet:
 
 
 def q_from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Aerospace order, independent of the code under test."""
+    """Quaternion from roll, pitch and yaw, independent of the tested code."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -123,7 +123,7 @@ def motors(*pwm: int) -> Motors:
 
 
 def flying(vehicle_id: str = "1") -> FakeVehicle:
-    """Ten metres above its home, armed, with a gimbal."""
+    """An armed vehicle 10 m above its home, with a gimbal."""
     return FakeVehicle(
         vehicle_id,
         FakeIdentity(simulated=True),

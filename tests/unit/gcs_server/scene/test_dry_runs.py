@@ -1,4 +1,4 @@
-"""A dry run in the 3D view: where its vehicle is, how wide its corridor, which view shows it."""
+"""A dry run in the 3D view: the position of its vehicle, its corridor, and the views that show it."""
 
 import math
 
@@ -14,7 +14,7 @@ from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flyin
 
 HALF = math.sqrt(0.5)
 EAST = (HALF, 0.0, 0.0, HALF)
-"""The nose to the east."""
+"""Attitude with heading east."""
 FOUND = {
     "nominal": {
         "origin": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0},

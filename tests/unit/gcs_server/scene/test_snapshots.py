@@ -1,4 +1,4 @@
-"""What the server sends to the process of the 3D view, and what that process makes of it."""
+"""Snapshots from the server to the process of the 3D view, and the fleet that this process builds."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flyin
 
 
 class Both:
-    """Builder and mirror, connected."""
+    """A snapshot builder and the mirror that gets its snapshots."""
 
     def __init__(self, *vehicles, offboard=None):
         self.fleet = FakeFleet(list(vehicles))
         self.builder = SnapshotBuilder(self.fleet, offboard, StillClock())
-        self.asked: list[tuple[int, tuple[str, ...], float]] = []
-        self.mirror = MirrorFleet(lambda *request: self.asked.append(request))
+        self.requests: list[tuple[int, tuple[str, ...], float]] = []
+        self.mirror = MirrorFleet(lambda *request: self.requests.append(request))
 
     def step(self, *followed: str, stalled=()) -> SnapshotData:
         data = self.builder.snapshot(set(followed), stalled)
@@ -30,7 +30,7 @@ class Both:
         return msgspec.msgpack.decode(data, type=SnapshotData)
 
 
-def test_the_mirror_has_all_that_is_drawn():
+def test_the_mirror_has_all_drawn_topics():
     one = flying("1")
     both = Both(one, offboard=lambda _: ((1.0, 2.0, 3.0), None, 0.5))
     both.step(stalled=["7"])
@@ -116,12 +116,12 @@ def test_a_trail_is_built_once_the_server_has_sent_the_history():
     for i in range(3):
         (track,) = tracks.update(i * 0.03, 0.03).values()
     assert track.trail.recent == []
-    (request,) = both.asked
+    (request,) = both.requests
     both.mirror.take_history(request[0], both.builder.history(*request))
     tracks.update(0.1, 0.03)
     assert [p[1] for p in track.trail.recent] == pytest.approx([-30.0, -20.0, -10.0])
     tracks.update(0.13, 0.03)
-    assert len(both.asked) == 1
+    assert len(both.requests) == 1
 
 
 def test_a_history_that_comes_after_a_pause_is_not_used():
@@ -131,11 +131,11 @@ def test_a_history_that_comes_after_a_pause_is_not_used():
     both.step()
     seen = both.mirror.get("1")
     assert seen.history(("local_position",), 0.0) is None
-    both.mirror.take_history(both.asked[0][0], both.builder.history(*both.asked[0]))
+    both.mirror.take_history(both.requests[0][0], both.builder.history(*both.requests[0]))
     clock.now_s += 30.0
     both.step()
     assert seen.history(("local_position",), 0.0) is None
-    assert len(both.asked) == 2
+    assert len(both.requests) == 2
 
 
 def test_the_history_of_a_removed_vehicle_is_empty():

@@ -1,4 +1,4 @@
-"""Nobody looking costs nothing, and yet the trail is there when somebody looks."""
+"""Trails in the 3D view: no work without a view, and complete when a view opens."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def points(track: Track) -> list[tuple[float, float, float]]:
 
 
 def flew_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> None:
-    """A metre a second, up to now at the origin, ten metres up."""
+    """Adds a history: 1 m/s to the north, ending at the origin now, 10 m high."""
     for ago_s in range(seconds, 0, -1):
         unix_s, at = clock.unix_s() - ago_s, local(-float(ago_s), 0.0, -10.0)
         vehicle.past.append(Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, at))
@@ -90,7 +90,7 @@ def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
 def test_vehicles_without_a_follower_are_updated_a_third_as_often():
     vehicles = [flying(str(i)) for i in range(1, 8)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
-    tracks.update(0.0, 0.03, {"4"})  # the first look is at all
+    tracks.update(0.0, 0.03, {"4"})  # the first update covers all vehicles
     poses = {v: track.smoother.pose for v, track in tracks.update(0.03, 0.03, {"4"}).items()}
     for vehicle in vehicles:
         vehicle.values["local_position"] = local(1.0, 0.0, -10.0)
@@ -103,7 +103,7 @@ def test_vehicles_without_a_follower_are_updated_a_third_as_often():
     assert all("4" in each for each in changed)
     assert set.union(*changed) == {v.id for v in vehicles}
     norths = {v: pose.position_enu_m[1] for v, pose in poses.items()}
-    last = changed[-1]  # one that waited for three looks has come as far as the followed one
+    last = changed[-1]  # a vehicle updated after three periods has moved as far as the followed one
     assert [norths[v] for v in last] == pytest.approx([norths["4"]] * len(last))
 
 
@@ -128,7 +128,7 @@ def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first
     fleet.vehicles = [far]
     (track,) = tracks.update(clock.monotonic_s() + 5, 0.03).values()
     assert points(track) == []
-    # It is the only one: the world begins where it is.
+    # It is the only vehicle, so its position is the origin of the scene.
     assert track.smoother.pose.position_enu_m == pytest.approx((0.0, 0.0, 0.0))
 
 
@@ -150,7 +150,7 @@ def test_a_replayed_vehicles_trail_uses_the_recordings_time():
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(9e5, 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
-    long_ago.now_s += 2.0  # half speed, while nobody looked
+    long_ago.now_s += 2.0  # played at half speed, without a view
     vehicle.past.append(
         Sample("local_position", None, long_ago.unix_s() - 1, long_ago.now_s - 1, local(1.0, 0.0, -10.0))
     )
@@ -161,9 +161,9 @@ def test_a_replayed_vehicles_trail_uses_the_recordings_time():
 def test_a_vehicle_that_cannot_be_placed_is_left_out_and_the_others_are_drawn() -> None:
     bad, good = flying("1"), flying("2")
     tracks = Tracks(FakeFleet([bad, good]), None, SystemClock())
-    bad.values["local_position"] = local("north", 0.0, -10.0)  # what no maths can be done with
+    bad.values["local_position"] = local("north", 0.0, -10.0)  # not a number
     assert list(tracks.update(1.0, 0.03)) == ["2"]
-    assert good.asked == 1, "its trail is made up, too"
+    assert good.asked == 1, "its trail is also built"
     (fault,) = tracks.isolation.faults
     assert "vehicle 1" in fault
     bad.values["local_position"] = local(0.0, 0.0, -10.0)

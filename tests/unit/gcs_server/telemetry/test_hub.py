@@ -108,7 +108,7 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
     told(story)
 
 
-def test_a_topic_of_the_servers_own_is_sent_after_a_subscription_and_when_it_changes():
+def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes():
     async def story(fleet, socket, hub):
         ask = json.dumps({"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50})
         stream = {"state": "idle"}
@@ -186,7 +186,7 @@ def test_events_are_never_conflated_and_too_many_close_the_client():
     told(story)
 
 
-def test_a_topic_that_cannot_be_encoded_costs_that_topic_only():
+def test_a_topic_that_cannot_be_encoded_affects_only_itself():
     async def story(fleet, socket, hub):
         ask = {"type": "subscribe", "topics": ["hud", "estimator", "gps"], "rate_hz": 100}
         await socket.asks.put(json.dumps(ask))
@@ -219,7 +219,7 @@ def test_an_event_that_cannot_be_encoded_is_left_out():
 @pytest.mark.parametrize(
     "ask", ['{"type": "subscribe", "rate_hz": 0}', "[]", '{"type": "subscribe", "topics": "all"}']
 )
-def test_a_bad_request_is_explained_and_the_socket_stays(ask):
+def test_an_invalid_request_is_explained_and_the_socket_stays_open(ask):
     async def story(fleet, socket, hub):
         await socket.asks.put(ask)
         await asyncio.sleep(0.05)
@@ -249,7 +249,7 @@ def test_invalid_requests_of_a_client_that_reads_nothing_use_no_memory():
     told(story)
 
 
-def test_large_events_that_are_not_read_close_the_client_before_their_number_does():
+def test_unread_events_are_also_limited_by_their_size():
     async def story(fleet, socket, hub):
         await asyncio.sleep(0.02)
         socket.writable.clear()

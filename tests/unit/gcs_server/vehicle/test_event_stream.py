@@ -16,7 +16,7 @@ def started(at):
     st.integers(0, 65535),
     st.lists(st.integers(0, 30), min_size=1, max_size=80).map(lambda steps: [1, *steps]),
 )
-def test_any_order_with_repeats_comes_out_once_and_in_order(first, offsets):
+def test_events_received_in_any_order_and_repeatedly_are_passed_on_once_and_in_order(first, offsets):
     stream, out = started(first), []
     for offset in offsets:
         sequence = (first + offset) & 0xFFFF

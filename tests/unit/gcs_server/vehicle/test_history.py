@@ -17,7 +17,7 @@ def frame(msg_id: int, at_s: float) -> Frame:
     return Frame(msg_id, 1, 2, 7, raw, at_s)
 
 
-def test_a_frame_is_kept_once_and_comes_back_as_it_was():
+def test_a_frame_is_stored_once_and_returned_unchanged():
     history = History([ATTITUDE])
     one = frame(ATTITUDE, 1.0)
     history.keep({ATTITUDE: one, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
@@ -29,7 +29,7 @@ def test_a_frame_is_kept_once_and_comes_back_as_it_was():
     assert (back.system_id, back.component_id, back.seq) == (1, 2, 7)
 
 
-def test_of_two_messages_the_older_holds_on_until_its_next():
+def test_a_slower_message_is_repeated_until_its_next_one():
     history = History([ATTITUDE, HEARTBEAT])
     beat = frame(HEARTBEAT, 1.0)
     for step in range(4):
@@ -40,7 +40,7 @@ def test_of_two_messages_the_older_holds_on_until_its_next():
     assert [f[1].received_monotonic_s for _, f in seen if f[1] is not None] == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_it_does_not_grow_for_ever():
+def test_the_history_has_a_limited_length():
     history = History([ATTITUDE])
     steps = 2 * int(HISTORY_S)
     for step in range(steps):

@@ -57,7 +57,7 @@ def test_a_silent_vehicle_is_lost_after_three_and_a_half_seconds(listener):
     assert listener.state.silence() == "no messages for 4.0 s"
 
 
-def test_lost_heartbeats_on_a_bad_link_do_not_lose_a_vehicle_that_sends(listener):
+def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(listener):
     assert listener.lost_after_s(ATTITUDE, within_s=9.0) is None
 
 

@@ -32,7 +32,7 @@ def live(shared):
     return content.get("parameters", content)
 
 
-def test_every_parameter_of_the_recorded_vehicle_is_understood(facts, live):
+def test_every_parameter_of_the_recorded_vehicle_is_decoded_and_has_metadata(facts, live):
     assert len(live) == 929
     table = ParamTable()
     for name, one in live.items():
@@ -61,7 +61,7 @@ def table_with_hash(table, value):
     return table
 
 
-def test_values_that_px4_shipped_keep_to_their_own_ranges(facts, live):
+def test_nearly_all_recorded_values_are_within_their_ranges(facts, live):
     """What it does not keep to itself shows what the check would forbid: very little."""
     odd = set()
     for name, one in live.items():
@@ -90,7 +90,7 @@ def test_a_value_out_of_range_is_refused_with_the_range(facts, name, value, word
     facts["COM_OF_LOSS_T"].check(struct.unpack("<f", struct.pack("<f", 0.1))[0])
 
 
-def test_a_range_with_one_end_says_so():
+def test_the_error_about_a_range_with_one_limit_names_it():
     one = param_metadata.ParamMetadata("A", False, "G", "Standard", min=1.5)
     with pytest.raises(InvalidRequest, match=r"at least 1\.5"):
         one.check(1)
@@ -103,7 +103,7 @@ def test_a_range_with_one_end_says_so():
 
 
 @given(st.binary(min_size=4, max_size=4), st.sampled_from([1, 2, 3, 4, 5, 6, 9, 10]))
-def test_bits_are_never_changed_on_their_way(bits, kind):
+def test_the_bits_of_a_value_are_unchanged_in_report_and_cache(bits, kind):
     report = read_report(packed("ABCDEFGHIJKLMNOP", bits, kind=kind))
     if kind == 10:
         assert report is None  # a double does not fit 32 bits
@@ -131,7 +131,7 @@ def test_a_cache_of_another_state_or_damaged_is_not_used():
     assert ParamTable.load(b"[]", 9, 1) is None
 
 
-def test_a_list_of_another_length_has_moved():
+def test_a_parameter_of_a_list_with_another_length_is_not_stored_by_index():
     table = ParamTable()
     assert table.put(ParamReport(Param("A", 1, True), 0, 3))
     assert table.put(ParamReport(Param("B", 1, True), 65535, 4))  # asked for by name: no place
@@ -172,7 +172,7 @@ def test_a_checksum_that_is_not_a_number_is_none():
         assert table.hash is None
 
 
-def test_names_that_no_parameter_can_have_fill_their_place_and_are_counted():
+def test_invalid_parameter_names_complete_the_list_and_are_counted():
     table = ParamTable()
     for index, name in enumerate(("GOOD", "\ufffd\ufffd", "A B", "", "A\nB", "A.B")):
         table.put(ParamReport(Param(name, 1, True), index, 6))

@@ -26,7 +26,7 @@ def test_an_airspeed_that_is_not_a_number_is_unknown() -> None:
     assert "NaN" not in json.dumps(asdict(sample))
 
 
-def test_a_vehicle_without_a_mission_says_so_in_two_ways() -> None:
+def test_two_encodings_of_no_mission_are_both_zero_items() -> None:
     for state, mode in ((0, 0), (1, 2)):
         message = d.MAVLink_mission_current_message(0, 65535, state, mode, 0, 0, 0)
         decoded = decoders.mission({d.MAVLINK_MSG_ID_MISSION_CURRENT: encode_payload(message)})
@@ -34,7 +34,7 @@ def test_a_vehicle_without_a_mission_says_so_in_two_ways() -> None:
         assert decoded[0].count == 0
 
 
-def test_altitude_cruise_is_flown_by_hand_and_never_asked_for() -> None:
+def test_altitude_cruise_is_a_manual_mode_and_cannot_be_requested() -> None:
     name, label = modes.name_and_label(0x000B0000, d.MAV_AUTOPILOT_PX4)
     assert (name, label) == ("altitude_cruise", "Altitude cruise")
     assert name in PILOT_MODES
@@ -48,7 +48,7 @@ def test_the_version_is_read() -> None:
     assert read_version(encode_payload(message)).firmware == "1.17.0"
 
 
-def test_a_message_that_the_dialect_does_not_know_costs_none_of_its_neighbours() -> None:
+def test_a_message_unknown_to_the_dialect_does_not_affect_other_frames() -> None:
     beat = encode_frame(0, encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)), 7, 1, 1)
     payload = bytes(range(40))
     head = struct.pack("<BBBBBBB", 0xFD, len(payload), 0, 0, 8, 1, 1) + GLOBAL_POSITION.to_bytes(3, "little")

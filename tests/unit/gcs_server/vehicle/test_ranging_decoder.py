@@ -36,7 +36,7 @@ def test_each_sensor_has_direction_distance_range_and_age():
     assert (ahead.range_min_m, ahead.range_max_m, ahead.behind_s, boot_s) == (0.1, 20.0, 0.0, 1.0)
 
 
-def test_an_invalid_signal_is_unknown_and_a_direction_that_nobody_knows_is_left_out():
+def test_an_invalid_signal_is_unknown_and_a_sensor_without_a_known_direction_is_left_out():
     value, _ = distance_sensors(sensor(300, signal_quality=1))
     assert value.sensors[0].distance_m is None
     turned = q_from_euler(0.0, 0.0, math.pi / 2)
@@ -51,7 +51,7 @@ def test_an_invalid_signal_is_unknown_and_a_direction_that_nobody_knows_is_left_
             distance_sensors(unusable)
 
 
-def test_sectors_have_their_step_begin_and_frame():
+def test_sectors_are_decoded_with_step_offset_and_frame():
     value, boot_s = obstacle_distance(
         around([500, 2001], step=0, increment_f=7.5, angle_offset=-15.0, frame=12)
     )
@@ -68,7 +68,7 @@ def sample(decoded, received_s=100.0):
     return Sample("x", None, 0.0, received_s, decoded[0])
 
 
-def test_rays_turn_with_the_vehicle_and_say_when_they_were_measured():
+def test_rays_turn_with_the_vehicle_and_have_their_time_of_measurement():
     east = q_from_euler(0.0, 0.0, math.pi / 2)
     sensors = sample(distance_sensors(sensor(300, orientation=25, time_ms=500) | sensor(2500, sensor_id=1)))
     sectors = sample(obstacle_distance(around([500, 2001], frame=12)))
@@ -85,7 +85,7 @@ def test_rays_turn_with_the_vehicle_and_say_when_they_were_measured():
     assert scans_of((sensors, sectors, None), east, 104.0) == ()
 
 
-def test_a_vehicle_that_lies_nose_down_looks_at_the_ground_with_sectors_of_its_body_only():
+def test_sectors_in_the_body_frame_tilt_with_the_vehicle_and_those_in_the_north_frame_do_not():
     nose_down = q_from_euler(0.0, -0.3, 0.0)
     body = scans_of((sample(obstacle_distance(around([500], frame=12))),), nose_down, 100.0)[0]
     north = scans_of((sample(obstacle_distance(around([500], frame=0))),), nose_down, 100.0)[0]

@@ -1,4 +1,4 @@
-"""The real process and a vehicle at the other end of real sockets, for the tests beside this file."""
+"""The real stream process and a vehicle connected by real sockets, for the tests in this folder."""
 
 import asyncio
 import contextlib
@@ -22,29 +22,29 @@ HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 OWN_IDS = (255, 191)
 MSG_SET_POSITION_TARGET_LOCAL_NED = 84
 VELOCITY_ONLY = 2503
-"""The type_mask of a velocity without a yaw rate, its yaw kept."""
+"""The type_mask of a velocity with a yaw and without a yaw rate."""
 
 
 class Vehicle:
-    """Somebody at the other end of a UDP link (or of another kind), and the link as the server has it."""
+    """The receiver of a UDP link (or of another kind), and the server's objects for this link."""
 
     def __init__(self):
-        self.heard = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.heard.bind(("127.0.0.1", 0))
+        self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.receiver.bind(("127.0.0.1", 0))
         self.frames, self.recorded, self.relayed = [], [], []
         self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.datagrams = True
         link = SimpleNamespace(datagrams=lambda: self.link_socket if self.datagrams else None)
         self.way = SimpleNamespace(
             connection=SimpleNamespace(link=link, sent_elsewhere=self._record, signing=None),
-            peer=Peer("peer", self.heard.getsockname()),
+            peer=Peer("peer", self.receiver.getsockname()),
         )
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self):
         with contextlib.suppress(OSError):
             while True:
-                self.frames.append((time.monotonic(), self.heard.recv(300)))
+                self.frames.append((time.monotonic(), self.receiver.recv(300)))
 
     def _record(self, time_us, raw):
         self.recorded.append((time_us, raw))
@@ -58,12 +58,12 @@ class Vehicle:
         return self.way
 
     def close(self):
-        self.heard.close()
+        self.receiver.close()
         self.link_socket.close()
 
 
 def flown(story):
-    """A test of the process and one vehicle, in a loop of its own."""
+    """Runs a test with the stream process and one vehicle in its own event loop."""
 
     @functools.wraps(story, assigned=("__name__", "__doc__"))
     def test(**more):
@@ -105,12 +105,12 @@ def ended(pid):
 
 
 def type_mask(raw):
-    """Of a framed SET_POSITION_TARGET_LOCAL_NED."""
+    """The type_mask in a frame of SET_POSITION_TARGET_LOCAL_NED."""
     return struct.unpack_from("<H", raw, 10 + 48)[0]
 
 
 def stall(seconds):
-    """The loop, which the test is, stands still."""
+    """Blocks the event loop, in which the test runs."""
     time.sleep(seconds)
 
 

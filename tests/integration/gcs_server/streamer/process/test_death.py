@@ -1,4 +1,4 @@
-"""A process that dies, hangs or does not read: it is replaced, and nothing in the server waits for it."""
+"""A stream process that dies, hangs or does not read is replaced; the event loop never waits for it."""
 
 import asyncio
 import os
@@ -74,7 +74,7 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
     await begin(streams, "1", vehicle)
     pid = streams.pid
     streams.beat({"1": snapshot()})
-    os.kill(pid, signal.SIGSTOP)  # both stand still, as on a machine that was suspended
+    os.kill(pid, signal.SIGSTOP)  # both are stopped, as on a suspended machine
     streams.beat({"1": snapshot()})
     stall(0.6)
     streams.beat({"1": snapshot()})
@@ -87,7 +87,7 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
 
 @flown
 async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
-    """It hangs: each plain call returns at once, and the loop turns while a coroutine waits for an answer."""
+    """The process hangs: plain calls return at once, and the loop runs while a coroutine waits for it."""
     await begin(streams, "1", vehicle)
     os.kill(streams.pid, signal.SIGSTOP)
     guard = GroupGuard(
@@ -128,7 +128,7 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
             slowest_s = max(slowest_s, time.thread_time() - began_s)
         turn_s = time.monotonic()
         await asyncio.sleep(0.01)
-        assert time.monotonic() - turn_s < 1.0, "the loop turns"
+        assert time.monotonic() - turn_s < 1.0, "the loop was blocked"
         assert time.thread_time() < until_s
     assert not await changing
     assert slowest_s < 0.1
@@ -145,7 +145,7 @@ async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicl
     began_s = time.monotonic()
     for _ in range(12):
         streams.beat({"1": big})
-    assert time.monotonic() - began_s < 1.0, "without a wait"
+    assert time.monotonic() - began_s < 1.0, "the calls waited"
     await soon(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
@@ -163,8 +163,8 @@ async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, 
 def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
     waits = []
 
-    class Hurrying:
-        """Wakes a millisecond later than it was to, and then is due at once."""
+    class AlwaysLate:
+        """A clock and scheduler that is always late and due again at once."""
 
         def __init__(self):
             self.now_s = 10.0
@@ -201,11 +201,11 @@ def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
 
     def select(read, _write, _errors, timeout_s):
         waits.append(timeout_s)
-        hurrying.now_s += timeout_s
+        always_late.now_s += timeout_s
         return (read if len(waits) == 1000 else [], [], [])
 
-    hurrying = Hurrying()
+    always_late = AlwaysLate()
     monkeypatch.setattr("gcs_server.streamer.process.worker.select.select", select)
     with socket.socket() as sender:
-        Worker(Messages(), sender, OWN_IDS, hurrying, hurrying).run()
+        Worker(Messages(), sender, OWN_IDS, always_late, always_late).run()
     assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20

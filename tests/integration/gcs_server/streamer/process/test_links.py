@@ -1,4 +1,4 @@
-"""How the process sends: by the links' own sockets, signed and recorded, else by the server."""
+"""How the stream process sends: by the sockets of the links, signed and recorded; otherwise by the server."""
 
 import asyncio
 import time
@@ -23,7 +23,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 
 @flown
-async def test_sent_frames_have_own_ids_continuous_numbers_and_are_recorded(streams, vehicle):
+async def test_sent_frames_have_own_ids_and_continuous_sequence_numbers_and_are_recorded(streams, vehicle):
     await begin(streams, "1", vehicle)
     await soon(lambda: len(vehicle.frames) >= 10)
     streams.end("1", "stopped", "")
@@ -38,7 +38,7 @@ async def test_sent_frames_have_own_ids_continuous_numbers_and_are_recorded(stre
 
 
 @flown
-async def test_sent_frames_are_signed_and_the_key_is_in_no_argument(streams, vehicle):
+async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_arguments(streams, vehicle):
     key = bytes(range(32))
     signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
     vehicle.way.connection.signing = SimpleNamespace(signer=signer)
@@ -77,7 +77,7 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
     at_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
-    assert 0 <= at_s - created_s < 0.5, "handed over with its age, so that a late one can be left out"
+    assert 0 <= at_s - created_s < 0.5, "the time of creation lets the link drop a late setpoint"
 
 
 @flown
@@ -98,7 +98,7 @@ async def test_a_new_route_is_used_with_the_next_beat(streams, vehicle):
 
 
 @flown
-async def test_a_closed_links_port_is_free_although_the_process_sent_by_its_socket(streams, vehicle):
+async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(streams, vehicle):
     vehicle.link_socket.bind(("127.0.0.1", 0))
     address = vehicle.link_socket.getsockname()
     await begin(streams, "1", vehicle)
@@ -108,7 +108,7 @@ async def test_a_closed_links_port_is_free_although_the_process_sent_by_its_sock
     vehicle.link_socket.close()
     streams.beat({})
     await soon(lambda: bindable(address), 1.0)
-    await begin(streams, "2", second := Vehicle())  # the process still takes sockets
+    await begin(streams, "2", second := Vehicle())  # the process still accepts sockets
     await soon(lambda: len(second.frames) >= 2)
     second.close()
 
@@ -130,7 +130,7 @@ async def test_a_relay_error_loses_one_setpoint_and_the_thread_continues(streams
 
 
 @flown
-async def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_and_again(streams, vehicle):
+async def test_streams_to_vehicles_of_different_links_can_alternate(streams, vehicle):
     other = Vehicle()
     streams.attach("2", other, (8, 1))
     await begin(streams, "1", vehicle)
@@ -148,8 +148,8 @@ async def test_vehicles_of_different_links_are_streamed_to_one_after_the_other_a
 
 
 @flown
-async def test_a_closed_links_port_is_free_at_once_whoever_streams(streams, vehicle):
-    """Its descriptor lives in the process, too: a link deleted and added again would find its port taken."""
+async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_streamed_to(streams, vehicle):
+    """The process has a copy of the descriptor; otherwise a link added again would find its port in use."""
     other = Vehicle()
     other.link_socket.bind(("127.0.0.1", 0))
     await begin(streams, "1", vehicle)
@@ -158,7 +158,7 @@ async def test_a_closed_links_port_is_free_at_once_whoever_streams(streams, vehi
     address = other.link_socket.getsockname()
     other.link_socket.close()
     other.way = None
-    streams.links_changed()  # and no beat
+    streams.links_changed()  # without a beat
     await soon(lambda: bindable(address), 1.0)
     assert streams.state("1").phase == "streaming"
     other.close()

@@ -1,4 +1,4 @@
-"""What the server asks of the process is sent at once, answered, and never delayed by the event loop."""
+"""Requests of the server to the stream process: executed at once, answered, not delayed by the event loop."""
 
 import asyncio
 import os
@@ -30,12 +30,12 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 
 @flown
-async def test_streams_while_the_loop_is_stalled_and_stops_when_it_stays_silent(streams, vehicle):
+async def test_it_streams_during_a_short_stall_of_the_loop_and_stops_after_a_long_one(streams, vehicle):
     await begin(streams, "1", vehicle)
     streams.beat({"1": snapshot()})
     stall(0.8)
     await soon(lambda: streams.active() == [])
-    assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 a second, and the moment of the start"
+    assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 Hz, and the setpoints of the start"
     count = len(vehicle.frames)
     await asyncio.sleep(0.2)
     assert len(vehicle.frames) == count
@@ -53,7 +53,7 @@ async def test_a_change_is_sent_at_once(streams, vehicle):
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
     await soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
     sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
-    assert sent_us <= changed_us, "before the call returned, not when the next was due"
+    assert sent_us <= changed_us, "sent before the call returned, not at the next period"
 
 
 @flown
@@ -61,7 +61,7 @@ async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(stream
     other = Vehicle()
     await begin(streams, "1", vehicle)
     await begin(streams, "2", other)
-    for _ in range(8):  # longer than the server may be silent
+    for _ in range(8):  # longer than the limit for a silent server
         bad = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
         streams.beat({"1": bad, "2": snapshot()})
         await asyncio.sleep(0.1)
@@ -76,7 +76,7 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
     streams.attach("1", vehicle, (7, 1))
     await streams.ready()
     starting = asyncio.ensure_future(streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot()))
-    await asyncio.sleep(0)  # sent, and not answered
+    await asyncio.sleep(0)  # sent but not answered yet
     starting.cancel()
     with pytest.raises(asyncio.CancelledError):
         await starting
@@ -89,7 +89,7 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
 
 
 @flown
-async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehicle):
+async def test_a_renewal_of_a_whole_group_is_shown_directly_after_its_answer(streams, vehicle):
     await begin(streams, "1", vehicle)
     request, now_s = StreamRequest(HOVER, 5.0), time.monotonic()
 
@@ -120,7 +120,7 @@ async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, ve
 
 @flown
 async def test_the_event_loop_continues_while_the_process_starts(streams, vehicle, monkeypatch):
-    """The moment after its end: a server that waited with its loop would hear no vehicle meanwhile."""
+    """If the loop waited for the process, the server would receive nothing from vehicles during a restart."""
     turns = []
 
     async def turn():
@@ -154,7 +154,7 @@ async def test_the_event_loop_continues_while_the_process_starts(streams, vehicl
 
 
 @flown
-async def test_an_invalid_order_is_an_error_and_ends_no_stream(streams, vehicle):
+async def test_an_invalid_setpoint_is_an_error_and_ends_no_stream(streams, vehicle):
     await begin(streams, "1", vehicle)
     with pytest.raises(ValueError, match="vehicle 2 sends no position"):
         await streams.change("1", StreamRequest(Follow("2"), 60.0), snapshot())
@@ -174,7 +174,7 @@ async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehi
     assert not await streams.begin("1", StreamRequest(HOVER), 50.0, snapshot())
     pid = streams.pid
     streams.close()
-    await asyncio.sleep(0.1)  # what was sent is heard
+    await asyncio.sleep(0.1)  # sent frames are received
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count

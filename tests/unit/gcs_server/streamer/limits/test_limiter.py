@@ -122,7 +122,7 @@ def stoppable(velocity, here, limits):
 
 @settings(max_examples=400)
 @given(orders, bounds(), heres, st.none() | orders, st.floats(0.005, 1.0))
-def test_any_ordered_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt_s):
+def test_any_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt_s):
     result = apply_limits(wanted, limits, here, before, dt_s)
     sent = result.setpoint
     assert sent is not None
@@ -277,6 +277,6 @@ def test_a_far_target_is_approached_at_the_operators_speed():
 
 
 @given(st.floats(0, 200))
-def test_from_the_braking_speed_it_stops_in_the_distance(distance_m):
+def test_at_the_braking_speed_the_vehicle_stops_within_the_distance(distance_m):
     speed = braking_speed(distance_m, BRAKE_M_S2, BRAKE_DELAY_S)
     assert speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2) == pytest.approx(distance_m, abs=1e-6)

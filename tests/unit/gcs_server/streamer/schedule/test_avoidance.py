@@ -85,7 +85,7 @@ def test_the_operator_switches_the_brake_off_and_avoidance_keeps_it_on(stream):
     ],
     ids=lambda wanted: wanted.type,
 )
-def test_with_avoidance_on_every_position_setpoint_climbs_over(stream, wanted):
+def test_with_avoidance_every_position_setpoint_climbs_over_the_obstacle(stream, wanted):
     stream.avoidance, stream.bounds = "over", Bounds(origin=ORIGIN)
     sent = stream.send(wanted, 3)
     assert isinstance(sent, Velocity)
@@ -110,7 +110,7 @@ def test_avoidance_can_be_switched_between_two_setpoints(stream):
     assert stream.pipeline.avoiding is None
 
 
-def test_without_a_position_it_is_stopped_and_with_silent_sensors_too(stream):
+def test_without_a_position_or_with_silent_sensors_the_vehicle_is_stopped(stream):
     stream.avoidance = "over"
     stream.silent_s = 1.5
     assert stream.send(GOAL).position_ned_m == (0.0, 0.0, -2.0)
@@ -130,7 +130,7 @@ def test_a_silent_sensor_is_reported_once_and_the_stream_continues(stream):
 
 
 @pytest.mark.parametrize("wanted", [GOAL, Velocity((5.0, 0.0, 0.0))], ids=lambda wanted: wanted.type)
-def test_a_sensor_that_falls_silent_while_the_brake_holds_the_vehicle_does_not_release_it(stream, wanted):
+def test_a_sensor_that_stops_sending_does_not_release_a_braked_vehicle(stream, wanted):
     stream.send(wanted, 2)
     stream.silent_s = 2.5
     assert stream.go_on(5) == Position((0.0, 0.0, -2.0), 0.0)
@@ -140,7 +140,7 @@ def test_a_sensor_that_falls_silent_while_the_brake_holds_the_vehicle_does_not_r
     assert stream.go_on().position_ned_m[0] < 2.0
 
 
-def test_what_is_held_after_the_order_is_not_avoided(stream):
+def test_a_position_hold_uses_no_avoidance(stream):
     stream.avoidance = "over"
     stream.send(GOAL)
     stream.pipeline.hold_position(stream.now_s, stream.snapshot())
@@ -148,7 +148,7 @@ def test_what_is_held_after_the_order_is_not_avoided(stream):
     assert stream.pipeline.avoiding is None
 
 
-def test_the_fence_holds_a_detour_as_any_other_setpoint(stream):
+def test_the_fence_limits_a_detour_like_any_other_setpoint(stream):
     stream.avoidance = "over"
     stream.bounds = Bounds(region=Region(down_min_m=-2.2))
     sent = stream.send(GOAL, 3)
@@ -166,7 +166,7 @@ AVOIDING, NOT_AVOIDING = (
 )
 
 
-def test_a_missions_avoidance_acts_in_its_steps_only_and_not_once_it_is_switched_off(stream):
+def test_a_missions_avoidance_acts_only_in_its_steps_and_while_it_is_enabled(stream):
     stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
     for step, on in ((AVOIDING, True), (NOT_AVOIDING, False)):
         stream.send(script(step))
@@ -179,7 +179,7 @@ def test_a_missions_avoidance_acts_in_its_steps_only_and_not_once_it_is_switched
     assert stream.pipeline.avoiding.state == "clear"
 
 
-def test_a_detour_is_not_broken_off_where_the_next_step_asks_for_no_avoidance(stream):
+def test_a_detour_continues_into_a_step_without_avoidance(stream):
     stream.position, stream.mission_avoidance = (0.0, 0.0, -10.0), "over"
     stream.send(script(AVOIDING), 3)
     assert stream.pipeline.avoiding.state == "over"

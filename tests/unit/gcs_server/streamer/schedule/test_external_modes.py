@@ -126,7 +126,7 @@ def bench() -> Bench:
     return made
 
 
-def test_without_modes_it_has_nothing_to_do() -> None:
+def test_without_modes_no_step_is_due() -> None:
     assert Bench().modes.step(10.0, server_alive=True, flown=lambda _: False) == float("inf")
 
 
@@ -140,7 +140,7 @@ def test_every_request_is_answered_within_a_tenth_of_a_second(bench: Bench) -> N
     assert bench.answers() == [True]
 
 
-def test_while_the_event_loop_is_silent_the_answers_say_that_it_cannot_run(bench: Bench) -> None:
+def test_while_the_event_loop_is_silent_the_answers_report_that_the_mode_cannot_run(bench: Bench) -> None:
     bench.alive = False
     bench.run(1.0)
     assert set(bench.answers()) == {False}
@@ -182,7 +182,7 @@ def test_two_modes_are_registered_one_after_the_other_and_removed_one_after_the_
     assert bench.modes.states() == {}
 
 
-def test_what_is_refused(bench: Bench) -> None:
+def test_registrations_beyond_the_limits_are_refused(bench: Bench) -> None:
     with pytest.raises(ValueError, match="already registered"):
         bench.register()
     with pytest.raises(ValueError, match="another ROS 2 link"):

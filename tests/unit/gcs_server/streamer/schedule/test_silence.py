@@ -144,7 +144,7 @@ def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
     assert [(who, report.code) for who, report in bench.streams.take_reports()] == [("bad", "fault")]
 
 
-def test_a_fault_in_the_look_after_a_stall_leaves_the_others(monkeypatch):
+def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
     """What the loop's silence should have ended is ended when it is back: all of it."""
     bench = two()
     bench.run(0.5, beats=True)
@@ -274,7 +274,7 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
 
 
 @pytest.mark.parametrize(("stall_s", "goes_on"), [(0.4, True), (2.0, False)])
-def test_a_stalled_loop_of_0_4_s_is_nothing_and_of_2_s_ends_the_stream(stall_s, goes_on):
+def test_a_stall_of_0_4_s_does_not_end_the_stream_and_one_of_2_s_does(stall_s, goes_on):
     bench = Bench()
     bench.run(1.0, beats=True)
     bench.run(stall_s, beats=False)

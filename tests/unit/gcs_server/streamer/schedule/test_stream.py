@@ -99,7 +99,7 @@ def started(setpoint, **lasting):
     return flight
 
 
-def test_streams_fifty_a_second_to_the_target_in_local_ned():
+def test_setpoints_are_streamed_at_50_hz_in_local_ned():
     flight = started(HOVER, valid_for_s=60)
     out = flight.run(2.0)
     assert 99 <= len(out) <= 101
@@ -181,7 +181,7 @@ def test_expiry_without_a_position_estimate_lands():
     assert flight.told() == ["expired", "landing"]
 
 
-def test_on_expiry_land_and_stop_stream():
+def test_on_expiry_the_stream_requests_land_or_stops():
     flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("land"))
     assert COMMAND in [m for _, m, _ in flight.run(0.6)]
     flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("stop_stream"))
