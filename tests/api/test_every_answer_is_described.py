@@ -65,9 +65,9 @@ async def with_a_vehicle(data, story):
     server = app.state.server
     server.router.start()
     server.fleet.start()
-    link = MemoryLink("memory", outgoing=lambda data, _: pilot.receive(data))
+    link = MemoryLink("memory", outgoing=lambda data, _: autopilot.receive(data))
     server.router.add(link)
-    pilot = FakeAutopilot(link)
+    autopilot = FakeAutopilot(link)
     transport = httpx.ASGITransport(app, raise_app_exceptions=False)
     try:
         async with httpx.AsyncClient(

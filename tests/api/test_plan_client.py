@@ -11,7 +11,7 @@ from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
 from gcs_server.settings import Settings
 from tests.jump_time import in_jumps
-from tests.protocol.mission_world import MissionPilot
+from tests.protocol.mission_world import MissionAutopilot
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
@@ -27,9 +27,9 @@ def run(tmp_path, story):
         server = app.state.server
         server.router.start()
         server.fleet.start()
-        link = MemoryLink("memory", outgoing=lambda data, _: pilot.receive(data))
+        link = MemoryLink("memory", outgoing=lambda data, _: autopilot.receive(data))
         server.router.add(link)
-        pilot = MissionPilot(link)
+        autopilot = MissionAutopilot(link)
         gcs = Gcs("http://localhost", client="anna")
         gcs._http = httpx.AsyncClient(
             transport=httpx.ASGITransport(app),
@@ -40,9 +40,9 @@ def run(tmp_path, story):
         try:
             await asyncio.sleep(5.0)
             async with gcs:
-                await story(gcs, pilot)
+                await story(gcs, autopilot)
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await server.fleet.close()
             await server.supervisor.close()
             await server.router.close()
@@ -83,7 +83,7 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
 
 
 def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
-    async def story(gcs, pilot):
+    async def story(gcs, autopilot):
         vehicle = await gcs.wait_for_vehicle("1")
         mission = vehicle.mission
         kept = await gcs.plans().create("Tower", PLAN)
@@ -93,8 +93,8 @@ def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
         assert (await mission.download())["plan_name"]["version"] == 1
         assert (await mission.compare(PLAN))["equal"]
         await mission.start(1)
-        assert (pilot.armed, pilot.flight.current) == (True, 1)
-        pilot.landed = 2
+        assert (autopilot.armed, autopilot.flight.current) == (True, 1)
+        autopilot.landed = 2
         await vehicle.until(lambda v: v["status"]["landed_state"] == "in_air", what="it to fly")
         await vehicle.hold()
         await mission.resume()

@@ -91,11 +91,11 @@ def test_a_conflicting_save_names_the_other_client(client):
 def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         kept = keep(client)
-        told = event(socket, "plan_changed")
-        assert (told["action"], told["client"], told["plan"]["id"]) == ("created", "anna", kept["id"])
+        change = event(socket, "plan_changed")
+        assert (change["action"], change["client"], change["plan"]["id"]) == ("created", "anna", kept["id"])
         client.delete(f"plans/{kept['id']}", params={"base_version": 1}, headers=BOB)
-        told = event(socket, "plan_changed")
-        assert (told["action"], told["client"], told["text"]) == (
+        change = event(socket, "plan_changed")
+        assert (change["action"], change["client"], change["text"]) == (
             "deleted",
             "bob",
             "bob deleted the plan 'Tower' (version 1).",

@@ -213,9 +213,9 @@ def test_a_replay_is_opened_controlled_and_closed(client):
         BEGIN_S + 12.001, abs=1e-3
     )
     assert not vehicle["status"]["link_lost"]
-    told = client.get(f"{API}/vehicles/1/messages").json()["messages"]
-    assert told
-    assert all(BEGIN_S <= m["unix_s"] <= BEGIN_S + 12.1 for m in told if m["kind"] != "link")
+    messages = client.get(f"{API}/vehicles/1/messages").json()["messages"]
+    assert messages
+    assert all(BEGIN_S <= m["unix_s"] <= BEGIN_S + 12.1 for m in messages if m["kind"] != "link")
 
     control_replay(client, name, position_unix_s=BEGIN_S + 3.05)  # backwards
     assert vehicles(client)["7"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(3.0)

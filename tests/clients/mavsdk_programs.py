@@ -218,8 +218,8 @@ async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
     texts: list[str] = []
 
     async def listen() -> None:
-        async for told in drone.stream("status_text"):
-            texts.append(told.text)
+        async for message in drone.stream("status_text"):
+            texts.append(message.text)
 
     listener = asyncio.ensure_future(listen())
     instructions, progress = list[str](), 0.0

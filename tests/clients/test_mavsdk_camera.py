@@ -33,7 +33,9 @@ async def _photograph(folder: Path) -> None:
 
         await camera.set_mode(number, Mode.PHOTO)
         assert await camera.get_mode(number) is Mode.PHOTO
-        update = await until(camera.storage(), lambda told: told.component_id == number, "its storage", 20)
+        update = await until(
+            camera.storage(), lambda storage: storage.component_id == number, "its storage", 20
+        )
         assert update.storage.total_storage_mib == pytest.approx(32 * 1024)
         assert update.storage.storage_id == 1
 

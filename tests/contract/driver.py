@@ -253,14 +253,14 @@ def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
     """PX4 reports an unavailable mode at most once per second; the dialogue shows whether it had just
     reported one."""
     if dialogue["state"].get("armed") and sends(dialogue, "COMMAND_LONG"):
-        told = [e for e in dialogue["received"] if REFUSAL in str(e["fields"].get("text", ""))]
+        reported = [e for e in dialogue["received"] if REFUSAL in str(e["fields"].get("text", ""))]
         refused = any(
             e["msg"] == "COMMAND_ACK" and e["fields"]["command"] == SET_MODE and e["fields"]["result"] == 1
             for e in dialogue["received"]
         )
-        if told or refused:
+        if reported or refused:
             vehicle.run(1.1)
-        if refused and not told:
+        if refused and not reported:
             vehicle.command(SET_MODE, 1, 1)
             vehicle.run(0.1)
 

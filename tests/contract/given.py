@@ -52,10 +52,10 @@ def _height(above_home_m: float, north_m: int = 0) -> Action:
 
 def _at_the_centre(vehicle: Vehicle, dialogue: Dialogue) -> None:
     """Orbits without a given centre are flown around the vehicle's position."""
-    told = next(e["fields"] for e in dialogue["received"] if e["msg"] == "ORBIT_EXECUTION_STATUS")
+    orbit = next(e["fields"] for e in dialogue["received"] if e["msg"] == "ORBIT_EXECUTION_STATUS")
     free = math.isnan(dialogue["send"][0]["fields"]["param5"] or math.nan)
-    lat, lon = (told["x"], told["y"]) if free else (HOME_LAT_E7, HOME_LON_E7)
-    vehicle.go_to(lat, lon, told["z"])
+    lat, lon = (orbit["x"], orbit["y"]) if free else (HOME_LAT_E7, HOME_LON_E7)
+    vehicle.go_to(lat, lon, orbit["z"])
 
 
 def _rally_point_near(vehicle: Vehicle, _: Dialogue) -> None:

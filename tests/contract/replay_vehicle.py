@@ -255,13 +255,13 @@ class Vehicle:
 
 
 def _as_sent(report: CheckResults) -> list[Received]:
-    announcer, told = Announcer(lambda: 0), list[Received]()
+    announcer, sent = Announcer(lambda: 0), list[Received]()
 
     def hear(item: StatusText | Event) -> None:
         if isinstance(item, Event):
             values = {"id": item.id, "log_levels": item.log_levels, "arguments": item.arguments}
-            told.append(Received(0.0, "EVENT", values))
+            sent.append(Received(0.0, "EVENT", values))
 
     announcer.add_listener(hear)
     announce(report, announcer)
-    return told
+    return sent

@@ -1,4 +1,4 @@
-"""Recorded ROS 2 dialogues of a real PX4, and how the simulated vehicle repeats them on a fake clock."""
+"""Recorded ROS 2 dialogues of a real PX4, and their replay with the simulated vehicle on simulated time."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ REGISTERED, FORMAT = "/fmu/out/register_ext_component_reply", "/fmu/out/message_
 COMPLETED = "/fmu/out/mode_completed"
 STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
 PERIOD_S = 0.3138
-"""Of the requests, by the recorder's clock."""
+"""Period of the arming check requests on the recorder's clock."""
 LATE_S = 0.05
 """An answer later than this was delayed on purpose."""
 GCS = (255, 190)
 BETWEEN_S, LONGEST_PAUSE_S = 1.5, 60.0
 EARLY_S = 0.25
 SLACK_S = 0.7
-"""Times may differ by so much: `vehicle_status` comes at 2 Hz, `failsafe_flags` at 1.8 Hz."""
+"""Tolerance of times: `vehicle_status` comes at 2 Hz, `failsafe_flags` at 1.8 Hz."""
 STATE = (
     "arming_state", "nav_state", "nav_state_user_intention", "failsafe", "executor_in_charge",
     "failsafe_defer_state", "pre_flight_checks_pass",
@@ -49,7 +49,7 @@ Dialogue = dict[str, Any]
 
 
 def load(groups: tuple[str, ...]) -> list[Dialogue]:
-    """Dialogues of these groups, the ones of one boot together and in order."""
+    """Dialogues of these groups, sorted by boot and in order."""
     found: list[Dialogue] = []
     for group in groups:
         path = RECORDED / f"{group}.jsonl"
@@ -75,43 +75,43 @@ def _fields(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A dialogue, how long it lasts until the next one of its boot begins, and what goes on until then."""
+class TimedDialogue:
+    """A dialogue, and the time until the next one of the same boot begins."""
 
     dialogue: Dialogue
     lasts_s: float
-    answers_go_on: bool = False
-    """Whether the components that answered last still answer when the next dialogue begins."""
+    answers_continue: bool = False
+    """Whether the components that answered last continue to answer until the next dialogue."""
 
 
-def scenes(dialogues: list[Dialogue]) -> list[Scene]:
-    """The dialogues with the times between them, which the ids of the requests tell."""
-    return [_scene(each, after) for each, after in itertools.zip_longest(dialogues, dialogues[1:])]
+def timed_dialogues(dialogues: list[Dialogue]) -> list[TimedDialogue]:
+    """The dialogues with the times between them, calculated from the ids of the requests."""
+    return [_timed_dialogue(each, after) for each, after in itertools.zip_longest(dialogues, dialogues[1:])]
 
 
-def _scene(dialogue: Dialogue, after: Dialogue | None) -> Scene:
+def _timed_dialogue(dialogue: Dialogue, after: Dialogue | None) -> TimedDialogue:
     end_s = _end(dialogue)
     before, then = _requests(dialogue), _requests(after) if after else []
     if after is None or after["session"] != dialogue["session"] or not before or not then:
-        return Scene(dialogue, end_s + BETWEEN_S)
+        return TimedDialogue(dialogue, end_s + BETWEEN_S)
     lasts_s = before[-1][0] + (then[0][1] - before[-1][1]) % REQUEST_IDS * PERIOD_S - then[0][0]
     if not end_s - PERIOD_S < lasts_s < end_s + LONGEST_PAUSE_S:
-        return Scene(dialogue, end_s + BETWEEN_S)
+        return TimedDialogue(dialogue, end_s + BETWEEN_S)
     replies = _replies(after)
     answered = bool(replies) and replies[0]["fields"]["request_id"] <= then[0][1]
-    return Scene(dialogue, max(lasts_s, end_s + SLACK_S), answered)
+    return TimedDialogue(dialogue, max(lasts_s, end_s + SLACK_S), answered)
 
 
 class _Responder:
     """Answers arming check requests as one entry of a dialogue did."""
 
-    def __init__(self, entry: dict[str, Any], requested: dict[int, float], goes_on: bool) -> None:
+    def __init__(self, entry: dict[str, Any], requested: dict[int, float], continues: bool) -> None:
         self._fields = _fields(entry["fields"])
         first_s = entry["dt_s"]
         delay_s = first_s - requested.get(entry["fields"]["request_id"], first_s)
         self._delay_s = delay_s if delay_s > LATE_S else 0.0
         self._from_s, self._until_s = first_s - self._delay_s - 0.1, entry["until_dt_s"] - self._delay_s + 0.1
-        if goes_on:
+        if continues:
             self._until_s = math.inf
         self._left, self._last_id = entry["count"], 0
 
@@ -131,7 +131,7 @@ class _Responder:
 
 
 class _Vehicle(Ros2Vehicle):
-    """A vehicle of whose messages only those are decoded that are compared."""
+    """A vehicle that decodes only the compared topics."""
 
     def publish(self, topic: str, data: bytes) -> None:
         if topic in COMPARED:
@@ -149,9 +149,9 @@ class Player:
         self.modes: list[dict[str, Any]] = []
         """AVAILABLE_MODES received in this dialogue."""
 
-    def play(self, scene: Scene) -> None:
+    def play(self, timed_dialogue: TimedDialogue) -> None:
         """Repeats one dialogue, and waits until the next one of the same boot begins."""
-        dialogue = scene.dialogue
+        dialogue = timed_dialogue.dialogue
         if dialogue["session"] != self._session:
             self._session = dialogue["session"]
             namespaced = "ns1" in self._session
@@ -168,10 +168,12 @@ class Player:
         self._until_s = self.began_s + _end(dialogue) + SLACK_S
         self._begin(dialogue)
         sends = sorted(_sends(dialogue), key=lambda each: each[0])
-        responders = _responders(dialogue, goes_on=scene.answers_go_on or self._lands(dialogue))
+        responders = _responders(
+            dialogue, continues=timed_dialogue.answers_continue or self._ends_with_landing(dialogue)
+        )
         seen = len(self.vehicle.received)
         pending: list[tuple[float, str, dict[str, Any]]] = list(sends)
-        while not self._over(now_s := self.vehicle.sim.time_s - self.began_s, scene):
+        while not self._has_ended(now_s := self.vehicle.sim.time_s - self.began_s, timed_dialogue):
             for at_s, topic, fields in self.vehicle.received[seen:]:
                 if topic == REQUEST:
                     pending += _answers(responders, at_s - self.began_s, fields["request_id"])
@@ -184,13 +186,13 @@ class Player:
                 self._send(topic, fields)
             self._run(0.004)
 
-    def _lands(self, dialogue: Dialogue) -> bool:
+    def _ends_with_landing(self, dialogue: Dialogue) -> bool:
         """Whether the dialogue ends with a landing, which may take longer than recorded."""
         return False
 
-    def _over(self, now_s: float, scene: Scene) -> bool:
+    def _has_ended(self, now_s: float, timed_dialogue: TimedDialogue) -> bool:
         """Whether the dialogue has ended."""
-        return now_s >= scene.lasts_s
+        return now_s >= timed_dialogue.lasts_s
 
     def _boot(self) -> None:
         """Called after a boot."""
@@ -272,12 +274,12 @@ def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
     return [each for each in dialogue["send"] if each["topic"].endswith("arming_check_reply")]
 
 
-def _responders(dialogue: Dialogue, *, goes_on: bool) -> list[_Responder]:
+def _responders(dialogue: Dialogue, *, continues: bool) -> list[_Responder]:
     requests = {request_id: at_s for at_s, request_id in reversed(_requests(dialogue))}
     last_s = max(requests.values(), default=0.0)
     replies = _replies(dialogue)
     return [
-        _Responder(each, requests, goes_on and each["until_dt_s"] > last_s - PERIOD_S) for each in replies
+        _Responder(each, requests, continues and each["until_dt_s"] > last_s - PERIOD_S) for each in replies
     ]
 
 

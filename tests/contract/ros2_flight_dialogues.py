@@ -1,4 +1,4 @@
-"""Recorded ROS 2 dialogues in flight: what PX4 did before each of them is done first."""
+"""Recorded ROS 2 dialogues in flight: the simulated vehicle is first brought into the initial state."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.contract.ros2_dialogues import (
     STATUS,
     Dialogue,
     Player,
-    Scene,
+    TimedDialogue,
     recorded_changes,
     recorded_modes,
 )
@@ -28,7 +28,7 @@ RTL, LAND_COMMAND, TAKEOFF_COMMAND, ARM, SET_NAV_STATE = 5, 21, 22, 400, 100_001
 CONTROLLERS = ("position", "velocity", "altitude", "climb_rate", "acceleration", "attitude", "rates")
 TRAJECTORY = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
 SETTLE_S = 9.0
-"""From the take-off command to Hold, at least."""
+"""Minimum time from the take-off command to Hold."""
 LOWEST_M = 2.5
 HEARTBEAT_S = 1.0
 STEP_S = 0.02
@@ -44,7 +44,7 @@ class FlightPlayer(Player):
     def __init__(self) -> None:
         super().__init__()
         self._silences: list[tuple[float, float]] = []
-        """Times without heartbeats, since boot."""
+        """Periods without heartbeats, in time since boot."""
         self._heartbeat_at_s = 0.0
         self._answered = 0
         self._prepares = False
@@ -69,11 +69,11 @@ class FlightPlayer(Player):
         if self._status()["nav_state_user_intention"] != state["nav_state_user_intention"]:
             self.vehicle.command(SET_NAV_STATE, float(state["nav_state_user_intention"]))
             self._run(1.0)
-        self._put_in_charge(state["executor_in_charge"])
+        self._activate_executor(state["executor_in_charge"])
         self._prepares = False
 
-    def _put_in_charge(self, executor: int) -> None:
-        """Makes an executor select the mode that is selected already."""
+    def _activate_executor(self, executor: int) -> None:
+        """Activates an executor by selecting its mode, which then selects the previous mode again."""
         status = self._status()
         if executor and not status["executor_in_charge"]:
             intended = float(status["nav_state_user_intention"])
@@ -117,16 +117,19 @@ class FlightPlayer(Player):
         while autopilot.commander.active is NavState.TAKEOFF:
             self._run(1.0)
 
-    def _lands(self, dialogue: Dialogue) -> bool:
+    def _ends_with_landing(self, dialogue: Dialogue) -> bool:
         changes = recorded_changes(dialogue, STATUS, "arming_state")
         return any(after == DISARMED for _, (_, after) in changes)
 
-    def _over(self, now_s: float, scene: Scene) -> bool:
-        if now_s < scene.lasts_s:
+    def _has_ended(self, now_s: float, timed_dialogue: TimedDialogue) -> bool:
+        if now_s < timed_dialogue.lasts_s:
             return False
-        if self._lands(scene.dialogue) and self.vehicle.sim.autopilots[0].commander.armed:
+        if (
+            self._ends_with_landing(timed_dialogue.dialogue)
+            and self.vehicle.sim.autopilots[0].commander.armed
+        ):
             self._until_s = self.vehicle.sim.time_s + SLACK_S
-        return self.vehicle.sim.time_s >= self._until_s or now_s >= scene.lasts_s + LANDING_S
+        return self.vehicle.sim.time_s >= self._until_s or now_s >= timed_dialogue.lasts_s + LANDING_S
 
     def _begin(self, dialogue: Dialogue) -> None:
         marks = {each["text"]: self.began_s + each["dt_s"] for each in dialogue.get("marks") or []}

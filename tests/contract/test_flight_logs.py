@@ -78,10 +78,10 @@ def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str
 
 def changes(heard: Received, name: str, value_of: Any, until_s: float, lasting_s: float = 0.0) -> list[Any]:
     """The values of `value_of` for a message's fields, whenever the value is new and remains for a while."""
-    told = [
+    values = [
         (time_s, value_of(fields)) for time_s, n, fields in heard if n == name and READY_S < time_s < until_s
     ]
-    runs = itertools.groupby((row for row in told if row[1] is not None), key=lambda row: row[1])
+    runs = itertools.groupby((row for row in values if row[1] is not None), key=lambda row: row[1])
     spans = [(value, [time_s for time_s, _ in run]) for value, run in runs]
     kept = [value for value, times_s in spans if times_s[-1] - times_s[0] >= lasting_s]
     return [value for value, _ in itertools.groupby(kept)]
@@ -132,10 +132,10 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
     until_s = [disarmed_s(real), disarmed_s(ours)]
 
     def both(message: str, value_of: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
-        told = [
+        values = [
             changes(h, message, value_of, s, lasting_s) for h, s in zip((real, ours), until_s, strict=True)
         ]
-        return told[0], told[1]
+        return values[0], values[1]
 
     for message, value_of in (
         ("HEARTBEAT", lambda f: (f["base_mode"] >> 7, hex(f["custom_mode"]), f["system_status"])),
@@ -154,7 +154,7 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
     assert simulated == px4, "controlled quantities"
     px4, simulated = both("COMMAND_LONG", lambda f: f["command"])
     assert set(simulated) == set(px4), "commands to its own components"
-    px4, simulated = (steps(told) for told in both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"]))
+    px4, simulated = (steps(values) for values in both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"]))
     assert simulated == [pytest.approx(height_m, abs=HEIGHT_M) for height_m in px4], "target positions"
     px4, simulated = both("TIME_ESTIMATE_TO_TARGET", lambda f: f["safe_return"])
     assert max(simulated, default=0) == pytest.approx(max(px4, default=0), abs=3), (

@@ -1,7 +1,7 @@
 """Recorded ROS 2 dialogues of a real PX4 repeated on the simulated vehicle: answers, states, their times.
 
 A dialogue is compared by all answers that were recorded, the changes of the vehicle's state with their
-times, and the list of modes over MAVLink. A difference has to be explained below.
+times, and the list of modes over MAVLink. Each difference must be explained in `EXPLAINED`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.ros2_dialogues import Player, Scene, compare, load, scenes
+from tests.contract.ros2_dialogues import Player, TimedDialogue, compare, load, timed_dialogues
 from tests.support.ros2_vehicle import Ros2Vehicle
 from vehicle_sim.ros2.topics import COMMAND_ACK
 
@@ -19,7 +19,7 @@ GROUPS = (
     "message_format", "namespace", "inputs",
 )  # fmt: skip
 SLOWEST_ANSWER_S = 0.036
-"""Recorded from 3 to 35 ms."""
+"""The recorded answers took 3 to 35 ms."""
 EXPLAINED = {
     "burst_20": "Twenty messages arrive at once here; PX4 took two before the last four were left.",
     "burst_of_10": "Ten requests arrive at once here; PX4's client took two before the last one was left.",
@@ -34,17 +34,21 @@ def player() -> Player:
     return Player()
 
 
-@pytest.mark.parametrize("scene", scenes(load(GROUPS)), ids=lambda scene: scene.dialogue["id"])
-def test_a_recorded_dialogue_goes_the_same_way(player: Player, scene: Scene) -> None:
-    player.play(scene)
-    found = compare(player, scene.dialogue)
-    if scene.dialogue["id"] in EXPLAINED:
-        assert found, f"{scene.dialogue['id']} is as recorded: take it off EXPLAINED"
+@pytest.mark.parametrize(
+    "timed_dialogue", timed_dialogues(load(GROUPS)), ids=lambda timed_dialogue: timed_dialogue.dialogue["id"]
+)
+def test_a_replayed_dialogue_has_the_recorded_answers_and_states(
+    player: Player, timed_dialogue: TimedDialogue
+) -> None:
+    player.play(timed_dialogue)
+    found = compare(player, timed_dialogue.dialogue)
+    if timed_dialogue.dialogue["id"] in EXPLAINED:
+        assert found, f"{timed_dialogue.dialogue['id']} no longer differs: delete it from EXPLAINED"
     else:
         assert not found
 
 
-def test_answers_come_as_soon_as_recorded() -> None:
+def test_answers_are_as_fast_as_recorded() -> None:
     vehicle = Ros2Vehicle()
     sent_s = vehicle.sim.time_s
     vehicle.command(31999)

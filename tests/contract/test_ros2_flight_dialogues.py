@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.ros2_dialogues import Scene, compare, load, scenes
+from tests.contract.ros2_dialogues import TimedDialogue, compare, load, timed_dialogues
 from tests.contract.ros2_flight_dialogues import FlightPlayer, landed_s
 
 GROUPS = ("component_lost_in_flight", "executor", "overrides", "mode_replacement", "mode_flight")
@@ -38,12 +38,18 @@ def player() -> FlightPlayer:
     return FlightPlayer()
 
 
-@pytest.mark.parametrize("scene", scenes(DIALOGUES), ids=lambda scene: scene.dialogue["id"])
-def test_a_recorded_dialogue_in_flight_goes_the_same_way(player: FlightPlayer, scene: Scene) -> None:
-    player.play(scene)
-    found = compare(player, scene.dialogue, until_s=landed_s(scene.dialogue), ignored=IGNORED)
-    if scene.dialogue["id"] in EXPLAINED:
-        assert found, f"{scene.dialogue['id']} is as recorded: take it off EXPLAINED"
+@pytest.mark.parametrize(
+    "timed_dialogue", timed_dialogues(DIALOGUES), ids=lambda timed_dialogue: timed_dialogue.dialogue["id"]
+)
+def test_a_replayed_dialogue_in_flight_has_the_recorded_answers_and_states(
+    player: FlightPlayer, timed_dialogue: TimedDialogue
+) -> None:
+    player.play(timed_dialogue)
+    found = compare(
+        player, timed_dialogue.dialogue, until_s=landed_s(timed_dialogue.dialogue), ignored=IGNORED
+    )
+    if timed_dialogue.dialogue["id"] in EXPLAINED:
+        assert found, f"{timed_dialogue.dialogue['id']} no longer differs: delete it from EXPLAINED"
     else:
         assert not found
 

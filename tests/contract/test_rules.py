@@ -70,9 +70,9 @@ def test_only_messages_of_the_last_moment_may_be_missing_in_the_recording() -> N
 
 
 def test_only_the_heights_of_a_return_may_differ() -> None:
-    told = "RTL: start return at 530 m (30 m above destination)\t"
-    assert rules.without_heights(told) == "RTL: start return at … m (… m above destination)\t"
-    assert rules.heights_in(told) == [530.0, 30.0]
+    sample_text = "RTL: start return at 530 m (30 m above destination)\t"
+    assert rules.without_heights(sample_text) == "RTL: start return at … m (… m above destination)\t"
+    assert rules.heights_in(sample_text) == [530.0, 30.0]
     other = "Climb to 10.0 meters above home"
     assert (rules.without_heights(other), rules.heights_in(other)) == (other, [])
     assert rules.return_heights(list(struct.pack("<ii", 530, -3)) + [0] * 32) == [530.0, -3.0]

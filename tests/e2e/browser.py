@@ -154,11 +154,16 @@ def opened(
 ) -> Generator[Page]:
     """Opens the page in a new window and checks it until it is closed.
 
-    Without `scene` the page finds no 3D view, as on a server without one: drawing it in software takes most
-    of a small machine, and most tests are about something else; what is drawn is `coarse`, but for pictures
-    that somebody looks at. The page is the same client as the test's
-    programs, and so in control of what they fly, unless it has a `client_id` of its own. `script` runs before
-    any of its own.
+    Args:
+        browser: a running Chromium.
+        url: address of the page.
+        theme: colour scheme of the browser.
+        size: size of the window [CSS px].
+        scene: False: the 3D view is not available. Rendering it in software takes most of a small machine.
+        script: JavaScript that runs before the scripts of the page.
+        client_id: id of the client. By default it is that of the test's programs, so the page controls their
+            vehicles.
+        coarse: whether to render with few pixels; False for pictures in the documentation.
     """
     context = browser.new_context(
         viewport={"width": size[0], "height": size[1]},

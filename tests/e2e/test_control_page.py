@@ -47,8 +47,8 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
             said = bob.get_by_role("alert").filter(has_text="Not in control")
             expect(said).to_contain_text("Anna has control of this vehicle. Request control")
             bob.keyboard.press("h")
-            told = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
-            expect(told).to_be_visible()
+            notice = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
+            expect(notice).to_be_visible()
 
             # requested by keyboard, with a reason; force is refused while the other is connected
             bob.keyboard.press("c")

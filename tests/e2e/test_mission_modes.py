@@ -169,7 +169,7 @@ def streams_process(server: int) -> int:
 
 
 @pytest.mark.realtime
-def test_a_mission_is_a_mode_in_every_ground_station_and_is_started_by_both(vehicle: Vehicle) -> None:
+def test_a_registered_mission_is_a_mode_of_another_station_and_both_can_start_it(vehicle: Vehicle) -> None:
     mode = vehicle.in_air()
     assert NAME in vehicle.other.names()
     vehicle.other.choose(mode)
@@ -188,7 +188,7 @@ def test_a_mission_is_a_mode_in_every_ground_station_and_is_started_by_both(vehi
 
 
 @pytest.mark.realtime
-def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_told(vehicle: Vehicle) -> None:
+def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(vehicle: Vehicle) -> None:
     vehicle.flying()
     os.kill(streams_process(vehicle.process.pid), signal.SIGKILL)
     station.wait_until(lambda: vehicle.status["mode"] in ("hold", "rtl"), "the end of the mode", 5.0)

@@ -310,12 +310,12 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
-            ) as told,
+            ) as request,
             running(command),
         ):
             wait_until(lambda: answers(url), "the second server")
             notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
             expect(chip).not_to_contain_text("no server")
-            assert told.value.post_data_json["mode"] == "top"
+            assert request.value.post_data_json["mode"] == "top"
     context.close()

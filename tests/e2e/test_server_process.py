@@ -216,8 +216,8 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
 
             def said() -> list[tuple[str, int, str]]:
                 messages = drone.request("GET", "/messages")["messages"]
-                told = [m for m in messages if m["data"].get("source") == "offboard"]
-                return [(m["kind"], m["severity"], m["data"]["code"]) for m in told]
+                events = [m for m in messages if m["data"].get("source") == "offboard"]
+                return [(m["kind"], m["severity"], m["data"]["code"]) for m in events]
 
             wait_until(said, "the line about the shutdown")
             assert said() == [("command", 6, "commanded")]

@@ -81,15 +81,15 @@ def with_routes(jump, story, *, flying=True, loss=0.0, seed=0):
 
     async def run():
         world = OffboardWorld()
-        pilot = world.offboard_pilot(world.link(), loss=loss, seed=seed)
+        autopilot = world.offboard_autopilot(world.link(), loss=loss, seed=seed)
         if flying:
-            pilot.fly()
+            autopilot.fly()
         try:
             vehicle = await world.ready()
             await seconds(1.5)
             station = station_of(world)
             station.authority.start()
-            await story(SimpleNamespace(world=world, station=station, vehicle=vehicle, pilot=pilot))
+            await story(SimpleNamespace(world=world, station=station, vehicle=vehicle, autopilot=autopilot))
         finally:
             await world.close()
 

@@ -43,7 +43,7 @@ class FakeAutopilot:
         self.refuse: dict[int, int] = {}
         self.silent_commands: set[int] = set()
         self.arm_denied = False
-        self.vehicle_type, self.autopilot, self.version = 2, 12, True
+        self.vehicle_type, self.autopilot_type, self.version = 2, 12, True
         self.home = (47.397742, 8.545594, 489.0)
         self.position = [47.397742, 8.545594, 489.0]
         self.has_position = True
@@ -79,9 +79,8 @@ class FakeAutopilot:
     def send_raw(self, raw: bytes) -> None:
         self.mav.seq = (self.mav.seq + 1) % 256
         if self.alive and self.random.random() >= self.loss:
-            self.arrives_s = max(
-                self.loop.time() + LATENCY_S, self.arrives_s + 1e-6
-            )  # packets keep their order
+            # Packets keep their order.
+            self.arrives_s = max(self.loop.time() + LATENCY_S, self.arrives_s + 1e-6)
             self.loop.call_at(self.arrives_s, lambda: self.link.inject(raw, self.peer))
 
     def receive(self, data: bytes) -> None:
@@ -95,7 +94,9 @@ class FakeAutopilot:
 
     def heartbeat(self) -> None:
         base = 29 | (128 if self.armed else 0)
-        self.send(sim.MAVLink_heartbeat_message(self.vehicle_type, self.autopilot, base, self.mode, 4, 3))
+        self.send(
+            sim.MAVLink_heartbeat_message(self.vehicle_type, self.autopilot_type, base, self.mode, 4, 3)
+        )
 
     def current_mode(self) -> None:
         self.send(sim.MAVLink_current_mode_message(0, self.mode, self.mode))
@@ -245,10 +246,8 @@ class FakeAutopilot:
         self.armed = p[0] == 1
         self.ack(400, 0)
         if self.armed and self.mode == TAKEOFF:
-            self.target = (
-                *self.position[:2],
-                self.home[2] + 2.5,
-            )  # an altitude from an earlier command is discarded
+            # PX4 discards the altitude of an earlier command.
+            self.target = (*self.position[:2], self.home[2] + 2.5)
             self.loop.call_later(1.5, self.lift)
 
     def lift(self) -> None:

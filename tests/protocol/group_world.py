@@ -18,27 +18,33 @@ def with_routes(jump, story, *, count=3, spacing_m=10.0):
 
     async def run():
         world = OffboardWorld()
-        pilots = {}
+        autopilots = {}
         for index in range(count):
-            pilot = world.offboard_pilot(
+            autopilot = world.offboard_autopilot(
                 world.link(f"link{index}"), peer=f"peer{index}", system=index + 1, uid=index + 1, seed=index
             )
-            pilot.home = (47.0, 8.0 + index * spacing_m / (DEG_M * math.cos(math.radians(47.0))), 489.0)
-            pilot.position = list(pilot.home)
-            pilot.fly()
-            pilots[str(index + 1)] = pilot
-        told = []
-        world.streamer.groups.on_change = lambda text, status, warning: told.append(
+            autopilot.home = (47.0, 8.0 + index * spacing_m / (DEG_M * math.cos(math.radians(47.0))), 489.0)
+            autopilot.position = list(autopilot.home)
+            autopilot.fly()
+            autopilots[str(index + 1)] = autopilot
+        group_changes = []
+        world.streamer.groups.on_change = lambda text, status, warning: group_changes.append(
             (text, status.state, warning)
         )
         try:
-            for vehicle_id in pilots:
+            for vehicle_id in autopilots:
                 await world.ready(vehicle_id)
             await seconds(2.5)
             station = station_of(world)
-            vehicles = {v: world.fleet.get(v) for v in pilots}
+            vehicles = {v: world.fleet.get(v) for v in autopilots}
             await story(
-                SimpleNamespace(world=world, station=station, pilots=pilots, vehicles=vehicles, told=told)
+                SimpleNamespace(
+                    world=world,
+                    station=station,
+                    autopilots=autopilots,
+                    vehicles=vehicles,
+                    group_changes=group_changes,
+                )
             )
         finally:
             await world.close()
@@ -73,16 +79,17 @@ async def begin(at, setpoints, client=ANNA, **more):
 
 
 def modes(at):
-    return {v: pilot.mode for v, pilot in at.pilots.items()}
+    return {v: autopilot.mode for v, autopilot in at.autopilots.items()}
 
 
-def first_s(pilot, north_m):
+def first_s(autopilot, north_m):
     """Time when a setpoint for that position was first received."""
-    return next(t for t, m in pilot.setpoints if abs(m.x - north_m) < 0.01)
+    return next(t for t, m in autopilot.setpoints if abs(m.x - north_m) < 0.01)
 
 
 def nobody_moved(at):
-    assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
+    """Checks that no vehicle got a setpoint away from its start position."""
+    assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
 
 
 ALL_NORTH = {"1": place(4), "2": place(4), "3": place(4)}

@@ -18,16 +18,16 @@ class HostileFiles:
 
     def __init__(
         self,
-        pilot,
+        autopilot,
         size: int,
         *,
         read: Answer | None = None,
         burst: Answer | None = None,
         every_s: float = 0.0,
     ) -> None:
-        self.pilot, self.size, self.read, self.burst, self.every_s = pilot, size, read, burst, every_s
+        self.autopilot, self.size, self.read, self.burst, self.every_s = autopilot, size, read, burst, every_s
         self.asked: dict[int, int] = {}
-        pilot.handlers.append(self.handle)
+        autopilot.handlers.append(self.handle)
 
     def handle(self, message) -> bool:
         if message.get_type() != "FILE_TRANSFER_PROTOCOL":
@@ -41,12 +41,16 @@ class HostileFiles:
             self.answer(sequence + 1, opcode, 0, b"\x07", NAK)
         elif opcode == BURST:
             for n, (at, data) in enumerate(self.burst(offset, size)):
-                self.pilot.loop.call_later(n * self.every_s, self.answer, sequence + 1 + n, opcode, at, data)
+                self.autopilot.loop.call_later(
+                    n * self.every_s, self.answer, sequence + 1 + n, opcode, at, data
+                )
         elif opcode == READ:
             for at, data in self.read(offset, size):
                 self.answer(sequence + 1, opcode, at, data)
         elif opcode == LIST:
-            self.pilot.loop.call_later(self.every_s, self.answer, sequence + 1, opcode, offset, b"Fx\t1\0")
+            self.autopilot.loop.call_later(
+                self.every_s, self.answer, sequence + 1, opcode, offset, b"Fx\t1\0"
+            )
         else:
             self.answer(sequence + 1, opcode, 0, b"")
         return True
@@ -54,4 +58,4 @@ class HostileFiles:
     def answer(self, sequence: int, to: int, offset: int, data: bytes, kind: int = ACK) -> None:
         payload = HEAD.pack(sequence & 0xFFFF, 0, kind, len(data), to, 0, 0, offset) + data
         body = struct.pack("<BBB", 0, 255, 190) + payload.ljust(251, b"\0")
-        self.pilot.send_raw(encode_frame(FTP_ID, body, self.pilot.mav.seq, self.pilot.system, 1))
+        self.autopilot.send_raw(encode_frame(FTP_ID, body, self.autopilot.mav.seq, self.autopilot.system, 1))

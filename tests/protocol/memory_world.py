@@ -26,24 +26,24 @@ class World:
         self.fleet.start()
 
     def link(self, name: str = "memory", *, replay: bool = False, forward: bool = False) -> MemoryLink:
-        """A memory link whose frames go to the autopilots in `pilots` by their peer."""
-        pilots: dict[str, FakeAutopilot] = {}
+        """A memory link whose frames go to the autopilots in `autopilots` by their peer."""
+        autopilots: dict[str, FakeAutopilot] = {}
         sent: list[tuple[bytes, str]] = []
 
         def outgoing(data: bytes, peer: Any) -> None:
             sent.append((data, peer.name))
-            if peer.name in pilots:
-                pilots[peer.name].receive(data)
+            if peer.name in autopilots:
+                autopilots[peer.name].receive(data)
 
         link = MemoryLink(name, outgoing=outgoing, replay=replay, forward=forward)
-        link.pilots, link.sent = pilots, sent  # type: ignore[attr-defined]
+        link.autopilots, link.sent = autopilots, sent  # type: ignore[attr-defined]
         self.router.add(link)
         return link
 
-    def pilot(self, link: MemoryLink, *, peer: str = "peer", **options: Any) -> FakeAutopilot:
-        pilot = FakeAutopilot(link, peer=peer, **options)
-        link.pilots[peer] = pilot  # type: ignore[attr-defined]
-        return pilot
+    def autopilot(self, link: MemoryLink, *, peer: str = "peer", **options: Any) -> FakeAutopilot:
+        autopilot = FakeAutopilot(link, peer=peer, **options)
+        link.autopilots[peer] = autopilot  # type: ignore[attr-defined]
+        return autopilot
 
     async def ready(self, vehicle_id: str = "1", patience_s: float = 20.0) -> Any:
         """The vehicle, once its connection is good."""

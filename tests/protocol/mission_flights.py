@@ -81,8 +81,8 @@ def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) ->
         world = OffboardWorld()
         missions = Missions(world, tmp_path)
         link = world.link()
-        pilot = world.offboard_pilot(link)
-        pilot.fly()
+        autopilot = world.offboard_autopilot(link)
+        autopilot.fly()
         try:
             vehicle = await world.ready()
             await seconds(1.5)
@@ -90,7 +90,7 @@ def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) ->
                 missions.take(ALICE)
                 missions.begin(vehicle, mission, in_air=True)
                 await missions.reach("flying", within_s=10)
-                await story(missions, vehicle, pilot)
+                await story(missions, vehicle, autopilot)
         finally:
             await world.close()
 
@@ -99,5 +99,5 @@ def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) ->
 
 def event_codes(vehicle: Vehicle) -> list[str]:
     """Codes of the mission's events, in order."""
-    told = [event.data or {} for event in vehicle.events.since()]
-    return [str(data["code"]) for data in told if data.get("source") == "offboard_mission"]
+    data_of_events = [event.data or {} for event in vehicle.events.since()]
+    return [str(data["code"]) for data in data_of_events if data.get("source") == "offboard_mission"]

@@ -23,7 +23,7 @@ class Flight:
         self.current = seq
 
 
-class MissionPilot(FakeAutopilot):
+class MissionAutopilot(FakeAutopilot):
     """A scripted autopilot with the simulator's own mission service."""
 
     def __init__(self, link: Any, **options: Any) -> None:
@@ -91,8 +91,8 @@ class MissionPilot(FakeAutopilot):
 class OtherStation:
     """Another ground station on the same link, without packet loss."""
 
-    def __init__(self, pilot: MissionPilot) -> None:
-        self._pilot = pilot
+    def __init__(self, autopilot: MissionAutopilot) -> None:
+        self._pilot = autopilot
 
     async def upload(self, items: Any, pause_s: float = 0.05) -> None:
         """Sends all items without waiting for requests."""

@@ -23,7 +23,7 @@ ROUND_S = 0.004
 OF_LOSS_S = 1.0
 
 
-class OffboardPilot(FakeAutopilot):
+class OffboardAutopilot(FakeAutopilot):
     """Accepts Offboard only with a stream, switches to Position by failsafe a second after the last setpoint,
     and reports Offboard again after disarming, because it is still the requested mode."""
 
@@ -37,7 +37,7 @@ class OffboardPilot(FakeAutopilot):
         self.velocity = (0.0, 0.0, 0.0)
         self.estimates = True
         self.take_offboard_after_s = 0.008
-        self.asked_mode = self.mode
+        self.requested_mode = self.mode
         self.failsafes = 0
         self.next_mode_s = 0.0
         self._every(0.03, self.local_position)
@@ -79,11 +79,11 @@ class OffboardPilot(FakeAutopilot):
 
         def commander() -> None:
             if mode != OFFBOARD:
-                self.mode = self.asked_mode = mode
+                self.mode = self.requested_mode = mode
                 self.ack(176, 0)
                 self.current_mode()
             elif not self.armed or self.has_stream():
-                self.mode = self.asked_mode = OFFBOARD
+                self.mode = self.requested_mode = OFFBOARD
                 self.ack(176, 0)
                 self.current_mode()
             else:
@@ -99,7 +99,7 @@ class OffboardPilot(FakeAutopilot):
 
     def land_and_disarm(self) -> None:
         """Lands and disarms: the failsafe ends and the requested mode is reported again."""
-        self.armed, self.landed, self.mode = False, 1, self.asked_mode
+        self.armed, self.landed, self.mode = False, 1, self.requested_mode
         self.heartbeat()
         self.current_mode()
 
@@ -112,17 +112,17 @@ class OffboardWorld(World):
         self.streamer = Streamer(self.clock, LoopStreams(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.supervisor.start("offboard-beat", self.streamer._beat)
-        self.supervisor.start("stream", self._rounds)
+        self.supervisor.start("stream", self._run_scheduler)
 
-    async def _rounds(self) -> None:
+    async def _run_scheduler(self) -> None:
         while True:
             self.streamer._streams.step()
             await self.clock.sleep(ROUND_S)
 
-    def offboard_pilot(self, link: Any, *, peer: str = "peer", **options: Any) -> OffboardPilot:
-        pilot = OffboardPilot(link, peer=peer, **options)
-        link.pilots[peer] = pilot
-        return pilot
+    def offboard_autopilot(self, link: Any, *, peer: str = "peer", **options: Any) -> OffboardAutopilot:
+        autopilot = OffboardAutopilot(link, peer=peer, **options)
+        link.autopilots[peer] = autopilot
+        return autopilot
 
 
 def stream_request(
@@ -151,13 +151,13 @@ def flight(jump, story, *, flying=True, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
-        pilot = world.offboard_pilot(link, loss=loss, seed=seed)
+        autopilot = world.offboard_autopilot(link, loss=loss, seed=seed)
         if flying:
-            pilot.fly()
+            autopilot.fly()
         try:
             vehicle = await world.ready()
             await seconds(1.5)
-            await story(world, vehicle, pilot, link)
+            await story(world, vehicle, autopilot, link)
         finally:
             await world.close()
 
@@ -168,18 +168,19 @@ def codes(vehicle):
     return [e.data["code"] for e in vehicle.events.since() if (e.data or {}).get("source") == "offboard"]
 
 
-def gaps_s(pilot):
-    return [b - a for (a, _), (b, _) in itertools.pairwise(pilot.setpoints)]
+def gaps_s(autopilot):
+    return [b - a for (a, _), (b, _) in itertools.pairwise(autopilot.setpoints)]
 
 
-def asks(pilot, mode):
-    return [m for m in pilot.commands(176) if (int(m.param2) << 16 | int(m.param3) << 24) == mode]
+def mode_requests(autopilot, mode):
+    """Received DO_SET_MODE commands for this mode."""
+    return [m for m in autopilot.commands(176) if (int(m.param2) << 16 | int(m.param3) << 24) == mode]
 
 
-async def silent(pilot, link, seconds_=3.0, settle_s=0.02):
+async def silent(autopilot, link, seconds_=3.0, settle_s=0.02):
     """Checks that no message that flies the vehicle is sent."""
     await seconds(settle_s)
-    setpoints, commands = len(pilot.setpoints), len(pilot.commands(176))
+    setpoints, commands = len(autopilot.setpoints), len(autopilot.commands(176))
     await seconds(seconds_)
-    assert len(pilot.setpoints) == setpoints
-    assert len(pilot.commands(176)) == commands
+    assert len(autopilot.setpoints) == setpoints
+    assert len(autopilot.commands(176)) == commands

@@ -8,10 +8,10 @@ def flight(kit, jump, story, *, loss=0.0, seed=0):
     async def run():
         world = kit.World()
         link = world.link()
-        pilot = world.pilot(link, loss=loss, seed=seed)
+        autopilot = world.autopilot(link, loss=loss, seed=seed)
         try:
             vehicle = await world.ready()
-            await story(world, vehicle, pilot)
+            await story(world, vehicle, autopilot)
         finally:
             await world.close()
 

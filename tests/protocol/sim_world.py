@@ -11,7 +11,7 @@ from vehicle_sim.fleet import VehicleSim
 STEP_S = 0.02
 
 
-class SimPilot:
+class SimulatedAutopilot:
     """Replaces `FakeAutopilot`: one peer of a memory link.
 
     Args:
@@ -25,7 +25,7 @@ class SimPilot:
         self.loop = asyncio.get_running_loop()
         self.heard: list[bytes] = []
         self.alive = True
-        link.pilots[peer] = self
+        link.autopilots[peer] = self
         self.loop.call_later(STEP_S, self.run)
 
     def run(self) -> None:

@@ -44,7 +44,7 @@ class SimulatedWorld(OffboardWorld):
     def _feeder(self, row: int) -> Any:
         return lambda data, _peer: self.sim.feed(row, "gcs", data)
 
-    async def _rounds(self) -> None:
+    async def _run_scheduler(self) -> None:
         """Runs at the rate of the vehicle's steps: packets within a step arrive at its end anyway."""
         while True:
             self.streamer._streams.step()

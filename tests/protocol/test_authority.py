@@ -10,7 +10,14 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, lines, station_of, view, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
-from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, seconds, silent, stream_request
+from tests.protocol.offboard_world import (
+    POSITION,
+    OffboardWorld,
+    mode_requests,
+    seconds,
+    silent,
+    stream_request,
+)
 from vehicle_sim.mavlink import generated_dialect as sim
 
 SETPOINT = SetpointRequest.model_validate(
@@ -18,14 +25,14 @@ SETPOINT = SetpointRequest.model_validate(
 )
 
 
-def told(vehicle):
+def control_changes(vehicle):
     return [(e.data["action"], e.text) for e in vehicle.events.since() if e.kind == "control"]
 
 
 def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(jump):
     async def story(at):
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
-        heard = len(at.pilot.commands(176))
+        heard = len(at.autopilot.commands(176))
         for work in (
             lambda: vehicle_routes.rtl("1", at.station, BOB),
             lambda: vehicle_routes.disarm("1", at.station, BOB),
@@ -38,8 +45,8 @@ def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client
             ):
                 await work()
         await seconds(2)
-        assert len(at.pilot.commands(176)) == heard
-        assert not at.pilot.commands(400)
+        assert len(at.autopilot.commands(176)) == heard
+        assert not at.autopilot.commands(400)
         assert lines(at.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
     with_routes(jump, story)
@@ -57,11 +64,11 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
         else:
             said = models.KillRequest(confirm="motors stop, vehicle 1 falls")
             await vehicle_routes.kill("1", said, at.station, BOB)
-        await silent(at.pilot, None, settle_s=0.2)
-        assert at.pilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[what]
-        assert at.pilot.armed == (what != "kill")
+        await silent(at.autopilot, None, settle_s=0.2)
+        assert at.autopilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[what]
+        assert at.autopilot.armed == (what != "kill")
         name = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}[what]
-        assert told(at.vehicle)[-1] == (
+        assert control_changes(at.vehicle)[-1] == (
             "intervened",
             f"bob commanded {name} of vehicle 1; anna still has control.",
         )
@@ -78,8 +85,8 @@ def test_land_now_without_confirmation_sends_nothing(jump):
                 await vehicle_routes.land_now(
                     "1", control_models.LandNowRequest(confirm=said), at.station, BOB
                 )
-        assert not asks(at.pilot, LAND)
-        assert told(at.vehicle) == []
+        assert not mode_requests(at.autopilot, LAND)
+        assert control_changes(at.vehicle) == []
 
     with_routes(jump, story)
 
@@ -96,14 +103,14 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
             given = view(await control_routes.grant("1", to, at.station, ANNA))
             assert (given["holder"], given["holder_key"], given["yours"]) == ("bob", BOB.key, False)
             await seconds(0.5)
-            assert at.pilot.mode == OFFBOARD
+            assert at.autopilot.mode == OFFBOARD
             assert at.vehicle.offboard.status().client == "anna"
             with pytest.raises(NotInControl):
                 await offboard_routes.stop("1", at.station, ANNA)
             await offboard_routes.stop("1", at.station, BOB)
-            await silent(at.pilot, None, settle_s=0.1)
-            assert at.pilot.mode == HOLD
-        assert [action for action, _ in told(at.vehicle)] == ["taken", "requested", "granted"]
+            await silent(at.autopilot, None, settle_s=0.1)
+            assert at.autopilot.mode == HOLD
+        assert [action for action, _ in control_changes(at.vehicle)] == ["taken", "requested", "granted"]
 
     with_routes(jump, story)
 
@@ -117,7 +124,7 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump)
             await control_routes.request("1", at.station, BOB)
             await seconds(15.1)
             assert view(await control_routes.take("1", at.station, BOB, YES))["yours"]
-        action, text = told(at.vehicle)[-1]
+        action, text = control_changes(at.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
         [event] = [e for e in at.vehicle.events.since() if e.data.get("action") == "forced"]
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
@@ -134,7 +141,7 @@ def test_any_request_renews_control_and_disconnecting_releases_it(jump):
             at.station.authority.renew(ANNA)
         assert view(await control_routes.me(at.station, ANNA))["controls"] == ["1"]
         assert view(await control_routes.leave(at.station, ANNA))["controls"] == []
-        assert told(at.vehicle)[-1][0] == "released"
+        assert control_changes(at.vehicle)[-1][0] == "released"
         assert lines(at.station)[-1] == ("anna", "control/release", "1", "ok")
 
     with_routes(jump, story)
@@ -165,16 +172,16 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
 )
 def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, ends):
     async def story(at):
-        at.pilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
-        at.pilot.mode = mode
+        at.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
+        at.autopilot.mode = mode
         await seconds(2.5)
         take = control_models.TakeControl(on_expiry=agreed)
         await control_routes.take("1", at.station, ANNA, take)
         await seconds(29)
-        assert not at.pilot.commands(176)
+        assert not at.autopilot.commands(176)
         await seconds(5)
-        assert at.pilot.mode == ends
-        assert told(at.vehicle)[-1][0] == "expired"
+        assert at.autopilot.mode == ends
+        assert control_changes(at.vehicle)[-1][0] == "expired"
         ours = [line for line in lines(at.station) if line[0] == "server"]
         assert ours[0] == ("server", "control/expired", "1", "ok")
         assert ours[1:] == ([] if ends == mode else [("server", agreed, "1", "ok")])
@@ -184,11 +191,11 @@ def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, end
 
 def test_expired_control_commands_nothing_on_the_ground(jump):
     async def story(at):
-        at.pilot.mode = MISSION
+        at.autopilot.mode = MISSION
         await seconds(2.5)
         await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
         await seconds(40)
-        assert not at.pilot.commands(176)
+        assert not at.autopilot.commands(176)
 
     with_routes(jump, story, flying=False)
 
@@ -200,21 +207,21 @@ def mode_lines(vehicle):
     return [(e.text, e.severity, e.data["cause"]) for e in vehicle.events.since() if e.kind == "mode_changed"]
 
 
-def transmitter(pilot):
+def transmitter(autopilot):
     """Simulates the input of an RC transmitter."""
     rc = 1 << 16
-    pilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
+    autopilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
 
 
 def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
     async def story(at):
-        transmitter(at.pilot)
+        transmitter(at.autopilot)
         await offboard_routes.start("1", START, at.station, ANNA)
         assert mode_lines(at.vehicle)[-1] == ("Mode Offboard", 5, "command")
-        at.pilot.mode = at.pilot.asked_mode = POSITION
-        at.pilot.current_mode()
-        await silent(at.pilot, None, seconds_=40.0, settle_s=0.1)
-        assert at.pilot.mode == POSITION
+        at.autopilot.mode = at.autopilot.requested_mode = POSITION
+        at.autopilot.current_mode()
+        await silent(at.autopilot, None, seconds_=40.0, settle_s=0.1)
+        assert at.autopilot.mode == POSITION
         assert mode_lines(at.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
         cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
@@ -225,16 +232,16 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
 def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
-        at.pilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
-        at.pilot.mode = at.pilot.asked_mode = RTL
-        at.pilot.current_mode()
-        await silent(at.pilot, None, settle_s=0.1)
+        at.autopilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
+        at.autopilot.mode = at.autopilot.requested_mode = RTL
+        at.autopilot.current_mode()
+        await silent(at.autopilot, None, settle_s=0.1)
         assert mode_lines(at.vehicle)[-1] == (
             "Mode Return: another ground station commanded it (station 245/190)",
             4,
             "station",
         )
-        assert at.pilot.mode == RTL
+        assert at.autopilot.mode == RTL
 
     with_routes(jump, story)
 
@@ -245,8 +252,8 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
         await seconds(1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Return", 5, "command")
         await seconds(15)
-        at.pilot.mode = HOLD
-        at.pilot.current_mode()
+        at.autopilot.mode = HOLD
+        at.autopilot.current_mode()
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
@@ -256,8 +263,8 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
 def test_a_failsafe_is_reported_as_failsafe(jump):
     async def story(at):
         await seconds(10)
-        at.pilot.mode = RTL
-        at.pilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
+        at.autopilot.mode = RTL
+        at.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
@@ -267,11 +274,11 @@ def test_a_failsafe_is_reported_as_failsafe(jump):
 def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
     async def story(at):
         await seconds(10)
-        at.pilot.mode = RTL
-        at.pilot.heartbeat()
+        at.autopilot.mode = RTL
+        at.autopilot.heartbeat()
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1][2] == "unknown"
-        at.pilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
+        at.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
         assert at.vehicle.mode_cause.source == "failsafe"
 
@@ -282,14 +289,14 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
     async def story(at):
         await at.vehicle.gimbal.take_control()
         await seconds(2.5)
-        taken = len(at.pilot.commands(1001))
-        at.pilot.control = (245, 190)
+        taken = len(at.autopilot.commands(1001))
+        at.autopilot.control = (245, 190)
         await seconds(5)
-        assert told(at.vehicle)[-1] == (
+        assert control_changes(at.vehicle)[-1] == (
             "gimbal_taken",
             "Station 245/190 has taken the gimbal from this server.",
         )
-        assert len(at.pilot.commands(1001)) == taken
+        assert len(at.autopilot.commands(1001)) == taken
         with pytest.raises(Refused, match="controlled by system 245"):
             await at.vehicle.gimbal.set_angles(-10, 0)
 
@@ -300,7 +307,7 @@ def test_a_recording_has_no_control_lease(jump):
     async def run():
         world = OffboardWorld()
         link = world.link("tape", replay=True)
-        world.offboard_pilot(link)
+        world.offboard_autopilot(link)
         try:
             await seconds(8)
             [vehicle] = world.fleet.all()
@@ -320,10 +327,10 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         await seconds(31)
-        assert told(at.vehicle)[-1][0] == "expired"
-        assert at.pilot.mode == OFFBOARD
+        assert control_changes(at.vehicle)[-1][0] == "expired"
+        assert at.autopilot.mode == OFFBOARD
         await seconds(40)
-        assert at.pilot.mode == HOLD
+        assert at.autopilot.mode == HOLD
         assert stream_request().valid_for_s == START.valid_for_s
 
     with_routes(jump, story)

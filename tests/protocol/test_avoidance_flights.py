@@ -12,7 +12,7 @@ from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Path, PathPoint, Position
 from tests.protocol.offboard_world import codes
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.unit.vehicle_sim.flown import flown
+from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.world.files import load_world
 
@@ -73,7 +73,7 @@ class Flight:
 
 def fly(jump, story):
     async def run():
-        station = flown(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
+        station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         world = SimulatedWorld(sim=station.sim)
         try:
             vehicle = await world.ready()
@@ -163,7 +163,7 @@ def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(
 
 def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(jump):
     async def run():
-        world = SimulatedWorld(sim=flown(Station, 2.0, links=(("gcs", "gcs"),)).sim)
+        world = SimulatedWorld(sim=hovering(Station, 2.0, links=(("gcs", "gcs"),)).sim)
         try:
             vehicle = await world.ready()
             with pytest.raises(Refused, match="no obstacle sensor") as refused:

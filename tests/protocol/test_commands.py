@@ -15,7 +15,7 @@ from tests.protocol.one_vehicle import LOSS, flight
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         async def within(seconds, call):
             began = world.loop.time()
             await call
@@ -28,14 +28,14 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         await within(20, vehicle.command.takeoff(10))
         assert vehicle.status.armed
         assert vehicle.status.mode == "takeoff"
-        assert pilot.target[2] == pytest.approx(499.0, abs=0.01)
-        assert len([m for m in pilot.commands(400) if m.param1 == 1]) >= 2
-        pilot.landed, pilot.position[2] = 2, 499.0
+        assert autopilot.target[2] == pytest.approx(499.0, abs=0.01)
+        assert len([m for m in autopilot.commands(400) if m.param1 == 1]) >= 2
+        autopilot.landed, autopilot.position[2] = 2, 499.0
         await within(6, vehicle.command.hold())
         assert vehicle.status.mode == "hold"
         await within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
-        assert pilot.target == pytest.approx((47.398, 8.546, 501.0))
-        sent = pilot.commands(192)[-1]
+        assert autopilot.target == pytest.approx((47.398, 8.546, 501.0))
+        sent = autopilot.commands(192)[-1]
         assert sent.get_type() == "COMMAND_INT"
         assert sent.param4 == pytest.approx(math.pi / 2)
         await within(6, vehicle.command.rtl())
@@ -44,14 +44,14 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         assert vehicle.status.mode == "land"
         await within(6, vehicle.command.kill())
         assert not vehicle.status.armed
-        assert pilot.commands(400)[-1].param2 == 21196
+        assert autopilot.commands(400)[-1].param2 == 21196
 
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, seed):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         for _ in range(5):
             await vehicle.command.arm()
             await vehicle.command.set_mode("position")
@@ -62,9 +62,9 @@ def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, 
 
 
 def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         dropped = []
-        pilot.handlers.append(
+        autopilot.handlers.append(
             lambda m: (
                 m.get_type() == "COMMAND_LONG"
                 and m.command == 400
@@ -73,17 +73,17 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
             )
         )
         await vehicle.command.arm()
-        assert [m.confirmation for m in pilot.commands(400)] == [0, 1, 2]
+        assert [m.confirmation for m in autopilot.commands(400)] == [0, 1, 2]
         await asyncio.sleep(10)
-        assert len(pilot.commands(400)) == 3
+        assert len(autopilot.commands(400)) == 3
 
     flight(kit, jump, story)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
 def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
-        pilot.armed, pilot.landed = True, 2
+    async def story(world, vehicle, autopilot):
+        autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(4)
         with pytest.raises(Rejected) as caught:
             await vehicle.command.set_mode("manual")
@@ -96,14 +96,14 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ki
 
 
 def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.arm_denied = True
+    async def story(world, vehicle, autopilot):
+        autopilot.arm_denied = True
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
-        pilot.event(27825120, 0x88, summary)
-        pilot.event(30612409, 0x33, struct.pack("<IB", 8257660, 17))
-        pilot.event(19865031, 0x33, struct.pack("<IB", 16384, 20))
-        pilot.event(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
-        pilot.event(18691879, 0x88)
+        autopilot.event(27825120, 0x88, summary)
+        autopilot.event(30612409, 0x33, struct.pack("<IB", 8257660, 17))
+        autopilot.event(19865031, 0x33, struct.pack("<IB", 16384, 20))
+        autopilot.event(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
+        autopilot.event(18691879, 0x88)
         await asyncio.sleep(1)
         with pytest.raises(Rejected) as caught:
             await vehicle.command.arm()
@@ -114,15 +114,15 @@ def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
         )
         with pytest.raises(Rejected):
             await vehicle.command.takeoff(5)
-        assert pilot.commands(401)
+        assert autopilot.commands(401)
         assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
 
     flight(kit, jump, story)
 
 
 def test_disarming_in_flight_is_refused(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.armed, pilot.landed = True, 2
+    async def story(world, vehicle, autopilot):
+        autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(3)
         with pytest.raises(Rejected, match="not landed"):
             await vehicle.command.disarm()
@@ -131,9 +131,9 @@ def test_disarming_in_flight_is_refused(kit, jump):
 
 
 def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.handlers.append(
-            lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 0)
+    async def story(world, vehicle, autopilot):
+        autopilot.handlers.append(
+            lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not autopilot.ack(400, 0)
         )
         with pytest.raises(Rejected, match="accepted the request to arm"):
             await vehicle.command.arm()
@@ -142,8 +142,8 @@ def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
 
 
 def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.ack = lambda *_: None
+    async def story(world, vehicle, autopilot):
+        autopilot.ack = lambda *_: None
         await vehicle.command.arm()
         await vehicle.command.set_mode("offboard")
         assert vehicle.status.mode == "offboard"
@@ -152,8 +152,8 @@ def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
 
 
 def test_a_command_without_an_answer_fails_at_its_deadline(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.silent_commands.add(400)
+    async def story(world, vehicle, autopilot):
+        autopilot.silent_commands.add(400)
         began = world.loop.time()
         with pytest.raises(NoReply) as caught:
             await vehicle.command.arm()
@@ -163,14 +163,14 @@ def test_a_command_without_an_answer_fails_at_its_deadline(kit, jump):
 
 
 def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         def foreign(m):
             if m.get_type() == "COMMAND_LONG" and m.command == 400:
-                pilot.send(kit.sim.MAVLink_command_ack_message(400, 2, 0, 0, 42, 1))
+                autopilot.send(kit.sim.MAVLink_command_ack_message(400, 2, 0, 0, 42, 1))
                 return True
             return False
 
-        pilot.handlers.append(foreign)
+        autopilot.handlers.append(foreign)
         with pytest.raises(NoReply):
             await vehicle.command.arm()
 
@@ -178,30 +178,30 @@ def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
 
 
 def test_progress_extends_the_deadline(kit, jump):
-    async def story(world, vehicle, pilot):
-        told = []
+    async def story(world, vehicle, autopilot):
+        fractions = []
 
         def slow(m):
             if m.get_type() != "COMMAND_LONG" or m.command != 400:
                 return False
             for second in range(1, 15):
-                world.loop.call_later(second, pilot.ack, 400, 5, second * 6)
-            world.loop.call_later(15, lambda: setattr(pilot, "armed", True))
+                world.loop.call_later(second, autopilot.ack, 400, 5, second * 6)
+            world.loop.call_later(15, lambda: setattr(autopilot, "armed", True))
             return True
 
-        pilot.handlers.append(slow)
+        autopilot.handlers.append(slow)
         heard = []
         vehicle.events.subscribe(heard.append)
 
         client = Principal.of("page-1", "a tab")
 
         def progress(what, fraction):
-            told.append(fraction)
+            fractions.append(fraction)
             progress_to(vehicle, client, "arm")(what, fraction)
 
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
-        assert 0.84 in told
+        assert 0.84 in fractions
         news = [e for e in heard if e.kind == "progress"]
         assert news[0].text == f"Commanding vehicle {vehicle.id} to arm"
         wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
@@ -212,20 +212,20 @@ def test_progress_extends_the_deadline(kit, jump):
 
 
 def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         def ints_only(m):
-            return m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 8)
+            return m.get_type() == "COMMAND_LONG" and m.command == 400 and not autopilot.ack(400, 8)
 
-        pilot.handlers.append(ints_only)
+        autopilot.handlers.append(ints_only)
         await vehicle.command.arm()
-        assert [m.get_type() for m in pilot.commands(400)] == ["COMMAND_LONG", "COMMAND_INT"]
+        assert [m.get_type() for m in autopilot.commands(400)] == ["COMMAND_LONG", "COMMAND_INT"]
 
     flight(kit, jump, story)
 
 
 def test_a_newer_command_ends_an_older_one(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.lift = lambda: None
+    async def story(world, vehicle, autopilot):
+        autopilot.lift = lambda: None
         takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))
         await asyncio.sleep(3)
         await vehicle.command.hold()
@@ -237,8 +237,8 @@ def test_a_newer_command_ends_an_older_one(kit, jump):
 
 
 def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.silent_commands.add(400)
+    async def story(world, vehicle, autopilot):
+        autopilot.silent_commands.add(400)
         waiting = asyncio.ensure_future(vehicle.command.arm())
         await asyncio.sleep(0.5)
         began = world.loop.time()
@@ -274,21 +274,21 @@ def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
     ],
 )
 def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(kit, jump, call, field):
-    async def story(world, vehicle, pilot):
-        before = len([m for m in pilot.heard if m.get_type().startswith("COMMAND_")])
+    async def story(world, vehicle, autopilot):
+        before = len([m for m in autopilot.heard if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
             await call(vehicle.command)
         assert caught.value.field == field
-        assert len([m for m in pilot.heard if m.get_type().startswith("COMMAND_")]) == before
+        assert len([m for m in autopilot.heard if m.get_type().startswith("COMMAND_")]) == before
 
     flight(kit, jump, story)
 
 
 def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
-        pilot.armed, pilot.landed = True, 2
+        autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(3)
         with pytest.raises(Refused, match="m away"):
             await vehicle.command.goto(47.85, 8.5456, alt_home_m=10)
@@ -296,24 +296,24 @@ def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
             await vehicle.command.goto(47.3978, 8.5456, alt_amsl_m=5000)
         with pytest.raises(Refused, match="is already flying"):
             await vehicle.command.takeoff(10)
-        pilot.has_position, pilot.armed, pilot.landed = False, False, 1
+        autopilot.has_position, autopilot.armed, autopilot.landed = False, False, 1
         await asyncio.sleep(5)
         with pytest.raises(Refused, match="no global position"):
             await vehicle.command.takeoff(10)
-        assert not [c for c in (192, 22) if pilot.commands(c)]
+        assert not [c for c in (192, 22) if autopilot.commands(c)]
 
     flight(kit, jump, story)
 
 
-@pytest.mark.parametrize(("autopilot", "kind"), [(3, 2), (12, 1), (12, 10)])
-def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, autopilot, kind):
-    async def story(world, vehicle, pilot):
-        pilot.autopilot, pilot.vehicle_type = autopilot, kind
+@pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
+def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, autopilot_type, kind):
+    async def story(world, vehicle, autopilot):
+        autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, kind
         await asyncio.sleep(2)
-        before = len(pilot.commands(400))
+        before = len(autopilot.commands(400))
         for call in (vehicle.command.arm, vehicle.command.kill, vehicle.gimbal.take_control):
             with pytest.raises(NotVerified):
                 await call()
-        assert len(pilot.commands(400)) == before
+        assert len(autopilot.commands(400)) == before
 
     flight(kit, jump, story)

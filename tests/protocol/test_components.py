@@ -1,4 +1,4 @@
-"""A vehicle has an autopilot and other components: they are told apart, and none speaks for the autopilot."""
+"""A vehicle's components are distinguished by their ids, and none replaces the autopilot."""
 
 import asyncio
 
@@ -16,12 +16,12 @@ LEVEL, DOWN, HALF = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0], [0.
 DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
 
 
-def told(jump, story, world_of=World):
+def run_test(jump, story, world_of=World):
     async def run():
         world = world_of()
         try:
-            pilot = world.pilot(world.link())
-            await story(world, pilot, await world.ready())
+            autopilot = world.autopilot(world.link())
+            await story(world, autopilot, await world.ready())
         finally:
             await world.close()
 
@@ -31,20 +31,20 @@ def told(jump, story, world_of=World):
 class OtherComponent:
     """Another component on the vehicle's link, with a gimbal manager or a camera that answers."""
 
-    def __init__(self, pilot, component_id, mav_type):
-        self.pilot, self.id, self.mav_type = pilot, component_id, mav_type
+    def __init__(self, autopilot, component_id, mav_type):
+        self.autopilot, self.id, self.mav_type = autopilot, component_id, mav_type
         self.mav = sim.MAVLink(None, srcSystem=1, srcComponent=component_id)
         self.heard, self.control = [], {}
-        pilot.handlers.append(self.handle)
+        autopilot.handlers.append(self.handle)
 
     def send(self, message):
-        self.pilot.send_raw(message.pack(self.mav))
+        self.autopilot.send_raw(message.pack(self.mav))
 
     def heartbeat(self, autopilot=8):
         self.send(sim.MAVLink_heartbeat_message(self.mav_type, autopilot, 0, 0, 4, 3))
 
     def attitude(self, q, device=0):
-        boot_ms = self.pilot.boot_ms()
+        boot_ms = self.autopilot.boot_ms()
         self.send(
             sim.MAVLink_gimbal_device_attitude_status_message(
                 0, 0, boot_ms, 0, q, 0, 0, 0, 0, gimbal_device_id=device
@@ -53,12 +53,14 @@ class OtherComponent:
 
     def status(self, device):
         holder = self.control.get(device, (0, 0))
-        self.send(sim.MAVLink_gimbal_manager_status_message(self.pilot.boot_ms(), 0, device, *holder, 0, 0))
+        self.send(
+            sim.MAVLink_gimbal_manager_status_message(self.autopilot.boot_ms(), 0, device, *holder, 0, 0)
+        )
 
     def limits(self, device, pitch_rad):
         self.send(
             sim.MAVLink_gimbal_manager_information_message(
-                self.pilot.boot_ms(), 0, device, 0, 0, -pitch_rad, pitch_rad, -1, 1
+                self.autopilot.boot_ms(), 0, device, 0, 0, -pitch_rad, pitch_rad, -1, 1
             )
         )
 
@@ -93,9 +95,9 @@ def kinds(vehicle):
 
 
 def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
-    async def story(world, pilot, vehicle):
-        camera, companion = OtherComponent(pilot, 101, 30), OtherComponent(pilot, 191, 18)
-        gimbal, other = OtherComponent(pilot, 154, 26), OtherComponent(pilot, 68, 0)
+    async def story(world, autopilot, vehicle):
+        camera, companion = OtherComponent(autopilot, 101, 30), OtherComponent(autopilot, 191, 18)
+        gimbal, other = OtherComponent(autopilot, 154, 26), OtherComponent(autopilot, 68, 0)
         await repeated(3, camera.heartbeat, companion.heartbeat, gimbal.heartbeat, other.heartbeat)
         found = [(1, "autopilot", False), (68, "other", False), (101, "camera", False)]
         assert kinds(vehicle) == [*found, (154, "gimbal", False), (191, "companion", False)]
@@ -118,30 +120,30 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
             "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
         }  # fmt: skip
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_components_are_bounded(jump):
-    async def story(world, pilot, vehicle):
+    async def story(world, autopilot, vehicle):
         for component_id in range(2, 256):
-            OtherComponent(pilot, component_id, 0).heartbeat()
+            OtherComponent(autopilot, component_id, 0).heartbeat()
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.1)
         assert len(vehicle.components.all()) == MAX_COMPONENTS
         assert kinds(vehicle)[0] == (1, "autopilot", False)
         assert not vehicle.status.link_lost
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(jump):
     async def run():
         world = World()
         try:
-            pilot = world.pilot(world.link())
-            pilot.alive = False
-            liar, camera = OtherComponent(pilot, 191, 2), OtherComponent(pilot, 7, 30)
-            pilot.alive = True
+            autopilot = world.autopilot(world.link())
+            autopilot.alive = False
+            liar, camera = OtherComponent(autopilot, 191, 2), OtherComponent(autopilot, 7, 30)
+            autopilot.alive = True
             liar.heartbeat(autopilot=12)
             camera.heartbeat(autopilot=12)
             vehicle = await world.ready()
@@ -156,12 +158,12 @@ def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle
 
 
 def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(jump):
-    async def story(world, pilot, vehicle):
-        battery = OtherComponent(pilot, 180, 36)
+    async def story(world, autopilot, vehicle):
+        battery = OtherComponent(autopilot, 180, 36)
         cells = [16000, *[65535] * 9]
-        pilot.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 80))
+        autopilot.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 80))
         for sensor_id, distance_cm in ((0, 300), (1, 400)):
-            pilot.send(sim.MAVLink_distance_sensor_message(0, 10, 900, distance_cm, 0, sensor_id, 0, 0))
+            autopilot.send(sim.MAVLink_distance_sensor_message(0, 10, 900, distance_cm, 0, sensor_id, 0, 0))
         await repeated(
             2,
             lambda: battery.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 3)),
@@ -171,17 +173,17 @@ def test_batteries_and_distances_of_another_component_do_not_replace_the_autopil
         sensors = vehicle.topic("distance_sensors").value.sensors
         assert [(s.sensor_id, s.distance_m) for s in sensors] == [(0, 3.0), (1, 4.0)]
 
-    told(jump, story)
+    run_test(jump, story)
 
 
-def test_two_gimbals_are_told_apart_and_commanded_apart(jump):
-    async def story(world, pilot, vehicle):
+def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
+    async def story(world, autopilot, vehicle):
         station = station_of(world)
-        second = OtherComponent(pilot, 171, 26)
+        second = OtherComponent(autopilot, 171, 26)
         second.control[171] = (0, 0)
 
         def both():
-            pilot.gimbal_attitude()
+            autopilot.gimbal_attitude()
             second.attitude(DOWN)
 
         second.limits(171, 0.5)
@@ -201,13 +203,13 @@ def test_two_gimbals_are_told_apart_and_commanded_apart(jump):
                 flying.cancel()
 
         await call(gimbal_routes.take("1", station, ANNA, (171, None)))
-        assert pilot.control == (0, 0), "the autopilot's gimbal is not taken"
+        assert autopilot.control == (0, 0), "the autopilot's gimbal is not taken"
         assert second.control[171] == (255, 190)
         pointed = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
         await call(gimbal_routes.angles("1", pointed, station, ANNA, (171, 171)))
         (command,) = second.commands(1000)
         assert (command.param1, command.param7) == (-20, 171)
-        assert {m.target_component for m in pilot.commands(1000)} == {171}
+        assert {m.target_component for m in autopilot.commands(1000)} == {171}
         shown = await call(gimbal_routes.show(vehicle, station, (171, None)))
         assert (shown["in_control"], shown["gimbal"]["component_id"]) == (True, 171)
         assert not (await call(gimbal_routes.show(vehicle, station, (None, None))))["in_control"]
@@ -220,36 +222,36 @@ def test_two_gimbals_are_told_apart_and_commanded_apart(jump):
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbals) == (171, ()), "the first has been silent for 3 s"
 
-    told(jump, story, OffboardWorld)
+    run_test(jump, story, OffboardWorld)
 
 
-def test_two_devices_of_one_manager_are_told_apart(jump):
-    async def story(world, pilot, vehicle):
-        autopilot = OtherComponent(pilot, 1, 2)
-        pilot.handlers.clear()
+def test_two_devices_of_one_manager_are_distinguished(jump):
+    async def story(world, autopilot, vehicle):
+        gimbals = OtherComponent(autopilot, 1, 2)
+        autopilot.handlers.clear()
 
         def each():
             for device, q in ((1, LEVEL), (2, HALF)):
-                autopilot.attitude(q, device)
-                autopilot.status(device)
+                gimbals.attitude(q, device)
+                gimbals.status(device)
 
-        autopilot.control = {1: (255, 190), 2: (255, 190)}
-        pilot.gimbal = False
+        gimbals.control = {1: (255, 190), 2: (255, 190)}
+        autopilot.gimbal = False
         await repeated(2, each)
         flying = asyncio.ensure_future(repeated(6, each))
-        pilot.control, pilot.gimbal = (255, 190), True
+        autopilot.control, autopilot.gimbal = (255, 190), True
         await vehicle.gimbals.at(1, 2).set_rates(1, 2)
         await vehicle.gimbal.set_rates(3, 4)
         flying.cancel()
-        assert [(m.param3, m.param7) for m in pilot.commands(1000)] == [(1, 2), (3, 1)]
+        assert [(m.param3, m.param7) for m in autopilot.commands(1000)] == [(1, 2), (3, 1)]
         assert [g.gimbal_device_id for g in vehicle.topic("gimbal").value.gimbals] == [1, 2]
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
-    async def story(world, pilot, vehicle):
-        liar = OtherComponent(pilot, 171, 26)
+    async def story(world, autopilot, vehicle):
+        liar = OtherComponent(autopilot, 171, 26)
         liar.control = {1: (42, 1)}
 
         def lies():
@@ -257,25 +259,25 @@ def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
                 liar.attitude(DOWN, device)
                 liar.status(device)
 
-        pilot.gimbal_status()
+        autopilot.gimbal_status()
         await repeated(1, lies)
-        await repeated(1, pilot.gimbal_attitude, pilot.gimbal_status, lies)
+        await repeated(1, autopilot.gimbal_attitude, autopilot.gimbal_status, lies)
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbal_device_id, value.primary_control) == (1, 1, None)
         assert value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         assert len(value.gimbals) <= 9
         taken = asyncio.ensure_future(vehicle.gimbal.take_control())
-        await repeated(1, lies, pilot.gimbal_attitude)
+        await repeated(1, lies, autopilot.gimbal_attitude)
         await taken
-        assert pilot.control == (255, 190)
+        assert autopilot.control == (255, 190)
         assert liar.commands(1001) == []
 
-    told(jump, story)
+    run_test(jump, story)
 
 
-def test_a_picture_is_taken_by_the_camera_that_is_connected(jump):
-    async def story(world, pilot, vehicle):
-        first, second = OtherComponent(pilot, 100, 30), OtherComponent(pilot, 102, 30)
+def test_a_picture_is_taken_by_the_connected_camera(jump):
+    async def story(world, autopilot, vehicle):
+        first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, second.heartbeat)
         await vehicle.camera.take_picture()
         assert (len(first.commands(2000)), len(second.commands(2000))) == (0, 1)
@@ -286,12 +288,12 @@ def test_a_picture_is_taken_by_the_camera_that_is_connected(jump):
         await vehicle.camera.take_picture()
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 2)
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_request_chooses_the_camera_by_its_component(jump):
-    async def story(world, pilot, vehicle):
-        first, second = OtherComponent(pilot, 100, 30), OtherComponent(pilot, 102, 30)
+    async def story(world, autopilot, vehicle):
+        first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, first.heartbeat, second.heartbeat)
         station = station_of(world)
         assert view(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
@@ -305,13 +307,13 @@ def test_a_request_chooses_the_camera_by_its_component(jump):
             await camera_routes.picture("1", station, ANNA, 102)
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
 
-    told(jump, story, OffboardWorld)
+    run_test(jump, story, OffboardWorld)
 
 
-def test_without_a_camera_a_picture_says_which_component_was_asked(jump):
-    async def story(world, pilot, vehicle):
+def test_the_error_about_a_missing_camera_names_the_requested_component(jump):
+    async def story(world, autopilot, vehicle):
         with pytest.raises(NoReply, match="No camera") as refused:
             await vehicle.camera.take_picture()
         assert "component 100" in refused.value.remedy
 
-    told(jump, story)
+    run_test(jump, story)

@@ -18,22 +18,24 @@ ME, ANNA, BERT, CARLA = (Principal.of(name, name) for name in ("me", "anna", "be
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 
-def asked(setpoint, **more):
+def setpoint_request(setpoint, **more):
     return SetpointRequest.model_validate({"setpoint": setpoint, **more})
 
 
-def twins(jump, story):
+def with_two_equal_ids(jump, story):
     async def run():
         world = OffboardWorld()
-        pilots = {}
+        autopilots = {}
         for number, name in enumerate(("one", "two")):
-            pilots[name] = world.offboard_pilot(world.link(name), uid=number + 7, boot_s=900.0 - 50 * number)
-            pilots[name].fly()
+            autopilots[name] = world.offboard_autopilot(
+                world.link(name), uid=number + 7, boot_s=900.0 - 50 * number
+            )
+            autopilots[name].fly()
         try:
             for vehicle_id in ("1", "1~2"):
                 await world.ready(vehicle_id)
             await seconds(1.5)
-            first, second = (pilots[world.fleet.get(i).links[0]] for i in ("1", "1~2"))
+            first, second = (autopilots[world.fleet.get(i).links[0]] for i in ("1", "1~2"))
             await story(world, station_of(world), first, second)
         finally:
             await world.close()
@@ -58,12 +60,12 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm)
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         await seconds(1)
-        for pilot in (first, second):
-            assert pilot.armed
-            assert not pilot.commands(400)
+        for autopilot in (first, second):
+            assert autopilot.armed
+            assert not autopilot.commands(400)
         assert lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
@@ -76,7 +78,7 @@ def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
         assert other.armed
         assert not other.commands(400)
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 def test_kill_is_sent_to_a_lost_vehicle(jump):
@@ -91,7 +93,7 @@ def test_kill_is_sent_to_a_lost_vehicle(jump):
         assert not first.armed
         assert second.armed
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 def test_kill_of_an_unknown_vehicle_is_404(jump):
@@ -101,7 +103,7 @@ def test_kill_of_an_unknown_vehicle_is_404(jump):
             await vehicle_routes.kill("3", body, station, ME)
         assert lines(station) == [("me", "kill", "3", "unknown_vehicle")]
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
@@ -122,7 +124,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
             "not_confirmed",
         ]
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 def test_a_handover_of_control_journals_both_clients(jump):
@@ -130,7 +132,7 @@ def test_a_handover_of_control_journals_both_clients(jump):
         body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
-            target = asked({"type": "position", "position_ned_m": [number, 0, -5]}, valid_for_s=60)
+            target = setpoint_request({"type": "position", "position_ned_m": [number, 0, -5]}, valid_for_s=60)
             client, other = (ANNA, BERT) if number < 15 else (BERT, ANNA)
             if number == 15:
                 lease = station.authority.control("1").lease
@@ -145,7 +147,7 @@ def test_a_handover_of_control_journals_both_clients(jump):
             await offboard_routes.stop("1", station, CARLA)
         await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
-            await offboard_routes.setpoint("1", asked(PLACE), station, BERT)
+            await offboard_routes.setpoint("1", setpoint_request(PLACE), station, BERT)
         said = lines(station)
         assert said[0] == ("anna", "offboard/start", "1", "ok")
         setpoints = {(who, result) for who, command, _, result in said if command == "offboard/setpoint"}
@@ -159,7 +161,7 @@ def test_a_handover_of_control_journals_both_clients(jump):
         ]
         assert not second.setpoints
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 def test_hold_by_another_client_ends_the_stream(jump):
@@ -174,7 +176,7 @@ def test_hold_by_another_client_ends_the_stream(jump):
         assert len(first.setpoints) == sent
         assert "bert" in world.fleet.get("1").offboard.status().ended
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)
 
 
 BAD = [
@@ -226,8 +228,8 @@ def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, p
         start = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", start, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
-            await offboard_routes.setpoint("1", asked(far), station, ME)
+            await offboard_routes.setpoint("1", setpoint_request(far), station, ME)
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 
-    twins(jump, story)
+    with_two_equal_ids(jump, story)

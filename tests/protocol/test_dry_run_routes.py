@@ -38,10 +38,12 @@ async def requested_by(at, by=ANNA, **more):
     return at.station.dry_runs.asked[-1]
 
 
-def commands(pilot):
+def commands(autopilot):
     """Commands that would change something; the server's requests for messages do not count."""
     kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
-    heard = [m for m in pilot.heard if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))]
+    heard = [
+        m for m in autopilot.heard if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))
+    ]
     return [m for m in heard if getattr(m, "command", 0) not in ASKS_FOR_MESSAGES]
 
 
@@ -77,10 +79,10 @@ def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(jump):
     async def story(at):
         await control_routes.take("1", at.station, BOB, YES)
         await seconds(1.0)
-        before = len(commands(at.pilot))
+        before = len(commands(at.autopilot))
         await requested_by(at, ANNA, flights=50)
         await seconds(1.0)
-        assert [str(m) for m in commands(at.pilot)[before:]] == []
+        assert [str(m) for m in commands(at.autopilot)[before:]] == []
         assert at.station.authority.control("1").status().holder_key == BOB.key
 
     with_routes(jump, story)

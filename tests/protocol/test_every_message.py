@@ -167,19 +167,19 @@ def looked_at(story: Any) -> None:
         world = OffboardWorld()
         try:
             link = world.link()
-            pilots = [world.offboard_pilot(link, peer="ab"[n], system=n + 1) for n in range(2)]
-            for pilot in pilots:
-                pilot.fly()
+            autopilots = [world.offboard_autopilot(link, peer="ab"[n], system=n + 1) for n in range(2)]
+            for autopilot in autopilots:
+                autopilot.fly()
             await world.ready("1")
             await world.ready("2")
-            for pilot in pilots:
-                pilot.mode = pilot.asked_mode = OFFBOARD
-                pilot.has_stream = lambda: True
-                pilot.heartbeat()
-                pilot.autopilot_version()
+            for autopilot in autopilots:
+                autopilot.mode = autopilot.requested_mode = OFFBOARD
+                autopilot.has_stream = lambda: True
+                autopilot.heartbeat()
+                autopilot.autopilot_version()
             await world.clock.sleep(0.2)
-            for pilot in pilots:
-                pilot.alive = False
+            for autopilot in autopilots:
+                autopilot.alive = False
             more = [
                 d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300),
                 d.MAVLink_sys_status_message(1, 1, 1, 250, 16200, 1234, 77, 0, 0, 0, 0, 0, 0),

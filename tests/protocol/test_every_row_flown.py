@@ -26,11 +26,11 @@ from missions.setpoints import (
 )
 from tests.protocol.offboard_world import codes, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.unit.vehicle_sim.flown import flown as hovering
+from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 
 
-def flown(jump, story, height_m=8.0):
+def with_vehicle(jump, story, height_m=8.0):
     """Runs a test that begins with one vehicle in Hold."""
 
     async def run():
@@ -121,7 +121,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         await vehicle.offboard.stop()
         assert vehicle.status.mode == "hold"
 
-    flown(jump, story)
+    with_vehicle(jump, story)
 
 
 @pytest.mark.story
@@ -147,7 +147,7 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
         assert off_m(vehicle, held) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
-    flown(jump, story, 12.0)
+    with_vehicle(jump, story, 12.0)
 
 
 def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
@@ -179,7 +179,7 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
         assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120), group_of_four
         await vehicle.command.hold()
 
-    flown(jump, story)
+    with_vehicle(jump, story)
 
 
 def test_a_path_is_flown_in_time_without_its_client(jump):
@@ -211,7 +211,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
             await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=5.0), by="me")
             await vehicle.offboard.start(stream_request(Path(fast)))
 
-    flown(jump, story)
+    with_vehicle(jump, story)
 
 
 def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
@@ -250,7 +250,7 @@ def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
         assert farthest < 25.2
         await until(lambda: vehicle.status.mode == "hold", 8)
 
-    flown(jump, story)
+    with_vehicle(jump, story)
 
 
 @pytest.mark.story

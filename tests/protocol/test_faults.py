@@ -10,7 +10,7 @@ from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
 from tests.protocol.api_calls import ANNA, BOB, MISSION, YES, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
-from tests.protocol.offboard_world import POSITION, asks, seconds, silent
+from tests.protocol.offboard_world import POSITION, mode_requests, seconds, silent
 from vehicle_sim.mavlink import generated_dialect as sim
 
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
@@ -52,8 +52,8 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
         await seconds(
             1.0 + 2.0 + 6.0
         )  # validity, position hold, and the request for Hold, repeated under loss
-        assert at.pilot.mode == HOLD
-        await silent(at.pilot, None, seconds_=30.0)
+        assert at.autopilot.mode == HOLD
+        await silent(at.autopilot, None, seconds_=30.0)
         assert narrative(at.vehicle) == [
             "control taken",
             "mode offboard by command",
@@ -62,7 +62,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
             "stream held",
             "control expired",
         ]
-        assert at.pilot.failsafes == 0
+        assert at.autopilot.failsafes == 0
         await vehicle_routes.rtl("1", at.station, BOB)  # the next client gets control
 
     with_routes(jump, story, loss=loss, seed=seed)
@@ -74,8 +74,8 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
             await offboard_routes.start("1", FIRST, at.station, ANNA)
             await setpoints(at, ANNA, 3.0)
             await seconds(8.0)
-            assert at.pilot.mode == HOLD
-            await silent(at.pilot, None, seconds_=300.0)
+            assert at.autopilot.mode == HOLD
+            await silent(at.autopilot, None, seconds_=300.0)
             with pytest.raises(Refused, match="no setpoint stream"):
                 await offboard_routes.setpoint("1", AGAIN, at.station, ANNA)
             with pytest.raises(NotInControl):
@@ -99,14 +99,14 @@ def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), at.station, ANNA)
             await seconds(100)
         await seconds(29)  # the socket is closed; the client's time until expiry begins
-        assert at.pilot.mode == MISSION
+        assert at.autopilot.mode == MISSION
         await seconds(4)
-        await silent(at.pilot, None, seconds_=60.0)
+        await silent(at.autopilot, None, seconds_=60.0)
         ends = ["control taken", "mode mission by command", "control expired"]
         if agreed == "hold":
             ends.append("mode hold by command")
         assert narrative(at.vehicle) == ends
-        assert at.pilot.mode == (HOLD if agreed == "hold" else MISSION)
+        assert at.autopilot.mode == (HOLD if agreed == "hold" else MISSION)
 
     with_routes(jump, story)
 
@@ -114,12 +114,12 @@ def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed
 def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_returns(jump):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
-        at.pilot.loss = 1.0
+        at.autopilot.loss = 1.0
         await seconds(15)
         assert not at.vehicle.offboard.status().streaming
-        assert at.pilot.mode == POSITION, "PX4's own failsafe"
-        at.pilot.loss = 0.0
-        await silent(at.pilot, None, seconds_=30.0, settle_s=0.5)
+        assert at.autopilot.mode == POSITION, "PX4's own failsafe"
+        at.autopilot.loss = 0.0
+        await silent(at.autopilot, None, seconds_=30.0, settle_s=0.5)
         assert narrative(at.vehicle) == [
             "control taken",
             "mode offboard by command",
@@ -141,8 +141,8 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
             await control_routes.request("1", at.station, BOB)
             await seconds(15.5)
             await control_routes.take("1", at.station, BOB, YES)
-            assert at.pilot.mode == OFFBOARD, "its flight does not change"
-            sent = at.pilot.setpoints[-1][1].z
+            assert at.autopilot.mode == OFFBOARD, "its flight does not change"
+            sent = at.autopilot.setpoints[-1][1].z
             there = {"type": "position", "position_ned_m": [9, 0, -9]}
             moved = SetpointRequest.model_validate({"setpoint": there})
             for work in (
@@ -152,13 +152,13 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
                 with pytest.raises(NotInControl, match="bob has control"):
                     await work()
             await seconds(1)
-            assert at.pilot.setpoints[-1][1].z == sent
+            assert at.autopilot.setpoints[-1][1].z == sent
             await offboard_routes.setpoint("1", moved, at.station, BOB)
             await seconds(0.1)
-            assert at.pilot.setpoints[-1][1].z == -9
+            assert at.autopilot.setpoints[-1][1].z == -9
             await offboard_routes.stop("1", at.station, BOB)
-            await silent(at.pilot, None)
-            assert at.pilot.mode == HOLD
+            await silent(at.autopilot, None)
+            assert at.autopilot.mode == HOLD
         assert narrative(at.vehicle) == [
             "control taken",
             "mode offboard by command",
@@ -174,15 +174,18 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
 def test_a_pilot_takes_over_the_vehicle_by_position_mode(jump, loss, seed):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
-        held = len(asks(at.pilot, HOLD)) + len(asks(at.pilot, OFFBOARD))
-        at.pilot.mode = at.pilot.asked_mode = POSITION
-        at.pilot.current_mode()
-        await silent(at.pilot, None, seconds_=60.0, settle_s=2.5)
-        assert len(asks(at.pilot, HOLD)) + len(asks(at.pilot, OFFBOARD)) == held
-        assert at.pilot.mode == POSITION
-        told = narrative(at.vehicle)
-        assert sorted(told[2:4]) == ["mode position by unknown", "stream left_offboard"]
-        assert (told[:2], told[4:]) == (["control taken", "mode offboard by command"], ["control expired"])
+        held = len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
+        at.autopilot.mode = at.autopilot.requested_mode = POSITION
+        at.autopilot.current_mode()
+        await silent(at.autopilot, None, seconds_=60.0, settle_s=2.5)
+        assert len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD)) == held
+        assert at.autopilot.mode == POSITION
+        events = narrative(at.vehicle)
+        assert sorted(events[2:4]) == ["mode position by unknown", "stream left_offboard"]
+        assert (events[:2], events[4:]) == (
+            ["control taken", "mode offboard by command"],
+            ["control expired"],
+        )
 
     with_routes(jump, story, loss=loss, seed=seed)
 
@@ -190,15 +193,15 @@ def test_a_pilot_takes_over_the_vehicle_by_position_mode(jump, loss, seed):
 def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
-        at.pilot.estimates = False
+        at.autopilot.estimates = False
         await seconds(2.0)
-        at.pilot.mode = LAND
-        at.pilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
-        await silent(at.pilot, None, seconds_=20.0, settle_s=0.1)
-        assert at.pilot.mode == LAND
+        at.autopilot.mode = LAND
+        at.autopilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
+        await silent(at.autopilot, None, seconds_=20.0, settle_s=0.1)
+        assert at.autopilot.mode == LAND
         with pytest.raises(Refused):
             await offboard_routes.start("1", FIRST, at.station, ANNA)
-        told = narrative(at.vehicle)
-        assert sorted(told[2:]) == ["mode land by failsafe", "stream left_offboard"]
+        events = narrative(at.vehicle)
+        assert sorted(events[2:]) == ["mode land by failsafe", "stream left_offboard"]
 
     with_routes(jump, story)

@@ -10,22 +10,22 @@ from gcs_server.telemetry.hub import Encoded
 INFORMATION, VERSION = 280, 148
 
 
-def told(world, story_jump):
+def run_test(world, story):
     async def run():
         w = world()
         try:
-            await story_jump(w)
+            await story(w)
         finally:
             await w.close()
 
     return run
 
 
-def asked(pilot, msg_id):
-    return sum(int(m.param1) == msg_id for m in pilot.commands(512))
+def requests_for(autopilot, msg_id):
+    return sum(int(m.param1) == msg_id for m in autopilot.commands(512))
 
 
-def answering(kit, pilot, lost=0):
+def answer_with_limits(kit, autopilot, lost=0):
     """PX4's answer after `lost` requests, with angles in degrees and an uninitialised roll limit."""
     left = [lost]
 
@@ -38,81 +38,83 @@ def answering(kit, pilot, lost=0):
             return False
         left[0] -= 1
         if left[0] < 0:
-            pilot.send(
+            autopilot.send(
                 kit.sim.MAVLink_gimbal_manager_information_message(
-                    pilot.boot_ms(), 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0
+                    autopilot.boot_ms(), 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0
                 )
             )
         return True
 
-    pilot.handlers.append(handler)
+    autopilot.handlers.append(handler)
 
 
 def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(kit, jump):
     async def story(world):
-        pilot = world.pilot(world.link())
-        answering(kit, pilot, lost=2)
+        autopilot = world.autopilot(world.link())
+        answer_with_limits(kit, autopilot, lost=2)
         vehicle = await world.ready()
-        pilot.gimbal_attitude()
+        autopilot.gimbal_attitude()
         await asyncio.sleep(4)
-        assert asked(pilot, INFORMATION) == 3
+        assert requests_for(autopilot, INFORMATION) == 3
         gimbal = vehicle.topic("gimbal").value
         assert (gimbal.pitch_min_rad, gimbal.yaw_max_rad) == pytest.approx((-math.pi / 2, 2 * math.pi))
         await asyncio.sleep(10)
-        assert asked(pilot, INFORMATION) == 3
-        pilot.alive = False
+        assert requests_for(autopilot, INFORMATION) == 3
+        autopilot.alive = False
         await asyncio.sleep(6)
-        pilot.alive = True
+        autopilot.alive = True
         await asyncio.sleep(3)
-        assert asked(pilot, INFORMATION) == 4
+        assert requests_for(autopilot, INFORMATION) == 4
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
-@pytest.mark.parametrize(("autopilot", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
+@pytest.mark.parametrize(("autopilot_type", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
 def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_have_a_gimbal_manager(
-    kit, jump, autopilot, gimbal, times
+    kit, jump, autopilot_type, gimbal, times
 ):
     async def story(world):
-        pilot = world.pilot(world.link())
-        pilot.autopilot, pilot.gimbal = autopilot, gimbal
+        autopilot = world.autopilot(world.link())
+        autopilot.autopilot_type, autopilot.gimbal = autopilot_type, gimbal
         await world.ready()
         await asyncio.sleep(30)
-        assert asked(pilot, INFORMATION) == times
+        assert requests_for(autopilot, INFORMATION) == times
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_its_first_heartbeat(kit, jump):
     async def story(world):
-        pilot = world.pilot(world.link())
-        pilot.version = False
+        autopilot = world.autopilot(world.link())
+        autopilot.version = False
         heard = []
-        world.fleet.on_vehicle_added(lambda v: heard.append((v.identity.simulated, asked(pilot, VERSION))))
+        world.fleet.on_vehicle_added(
+            lambda v: heard.append((v.identity.simulated, requests_for(autopilot, VERSION)))
+        )
         vehicle = await world.ready()
         assert heard[0][0] is None
-        first = next(m for m in pilot.heard if m.get_type() == "COMMAND_LONG")
+        first = next(m for m in autopilot.heard if m.get_type() == "COMMAND_LONG")
         assert int(first.param1) == VERSION
         assert vehicle.identity.simulated is None
         topics = Encoded(world.clock, world.fleet)
         seen = {}
         (told_json,) = topics.new_samples(vehicle, ["identity"], seen)
         assert b'"simulated":null' in told_json
-        pilot.version = True
+        autopilot.version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
         (again_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
         assert b'"simulated":true' in again_json
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
-@pytest.mark.parametrize(("autopilot", "simulated"), [(12, False), (3, None)])
-def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, autopilot, simulated):
+@pytest.mark.parametrize(("autopilot_type", "simulated"), [(12, False), (3, None)])
+def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, autopilot_type, simulated):
     async def story(world):
-        pilot = world.pilot(world.link(), uid=0x1122)
-        pilot.autopilot = autopilot
-        pilot.autopilot_version = lambda: pilot.send(
+        autopilot = world.autopilot(world.link(), uid=0x1122)
+        autopilot.autopilot_type = autopilot_type
+        autopilot.autopilot_version = lambda: autopilot.send(
             kit.sim.MAVLink_autopilot_version_message(
                 1, 0x011000FF, 0, 0, 56, [0] * 8, [0] * 8, [0] * 8, 0x26AC, 0x11, 0x1122, [0] * 18
             )
@@ -121,4 +123,4 @@ def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, au
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.simulated is simulated
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))

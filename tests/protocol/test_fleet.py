@@ -9,11 +9,11 @@ from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehic
 HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
 
 
-def told(world, story_jump):
+def run_test(world, story):
     async def run():
         w = world()
         try:
-            await story_jump(w)
+            await story(w)
         finally:
             await w.close()
 
@@ -26,29 +26,29 @@ def ids(world):
 
 def test_a_simulator_is_identified_by_its_uid(kit, jump):
     async def story(world):
-        pilot = world.pilot(world.link())
+        autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
         assert (vehicle.identity.simulated, vehicle.identity.replayed) == (True, False)
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.uid == "4954414c44494e4f"
-        assert len(pilot.commands(512)) >= 1
+        assert len(autopilot.commands(512)) >= 1
         with pytest.raises(UnknownVehicle):
             world.fleet.get("9")
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_several_vehicles_share_a_link(kit, jump):
     async def story(world):
         link = world.link()
-        pilots = [world.pilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
+        autopilots = [world.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
         await world.ready("3")
         assert ids(world) == ["1", "2", "3"]
         await world.fleet.get("2").command.arm()
-        assert [p.armed for p in pilots] == [False, True, False]
+        assert [p.armed for p in autopilots] == [False, True, False]
         assert world.fleet.warnings() == []
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 @pytest.mark.parametrize(
@@ -57,9 +57,9 @@ def test_several_vehicles_share_a_link(kit, jump):
 def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second):
     async def story(world):
         link = world.link()
-        one = world.pilot(link, peer="a", uid=first)
+        one = world.autopilot(link, peer="a", uid=first)
         await world.ready("1")
-        two = world.pilot(link, peer="b", uid=second, boot_s=500.0)
+        two = world.autopilot(link, peer="b", uid=second, boot_s=500.0)
         two.position[2] = 600.0
         other = await world.ready("1~2")
         vehicle = world.fleet.get("1")
@@ -72,14 +72,14 @@ def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second)
         assert "system id 1" in vehicle.identity.warnings[0]
         assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
     async def story(world):
         cable, radio = world.link("cable"), world.link("radio")
-        world.pilot(cable, uid=HARDWARE_A)
-        second = world.pilot(radio, uid=HARDWARE_A)
+        world.autopilot(cable, uid=HARDWARE_A)
+        second = world.autopilot(radio, uid=HARDWARE_A)
         vehicle = await world.ready()
         await asyncio.sleep(5)
         assert ids(world) == ["1"]
@@ -89,27 +89,27 @@ def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
         assert second.armed
         assert not vehicle.status.link_lost
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
 def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump, other_boot_s, expected):
     async def story(world):
-        world.pilot(world.link("gcs"))
+        world.autopilot(world.link("gcs"))
         await world.ready()
-        world.pilot(world.link("api"), boot_s=other_boot_s)
+        world.autopilot(world.link("api"), boot_s=other_boot_s)
         await asyncio.sleep(6)
         assert ids(world) == expected
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit, jump):
     async def story(world):
-        one = world.pilot(world.link("a"), uid=HARDWARE_A)
-        two = world.pilot(world.link("b"), uid=HARDWARE_A)
-        for pilot in (one, two):
-            pilot.version = pilot.has_position = False
+        one = world.autopilot(world.link("a"), uid=HARDWARE_A)
+        two = world.autopilot(world.link("b"), uid=HARDWARE_A)
+        for autopilot in (one, two):
+            autopilot.version = autopilot.has_position = False
         await asyncio.sleep(8)
         assert ids(world) == ["1", "1~2"]
         one.version = two.version = True
@@ -118,47 +118,47 @@ def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit
         assert world.fleet.get("1").identity.warnings == ()
         assert any(e.kind == "vehicle_removed" for e in world.fleet.events.since())
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump):
     async def story(world):
         link = world.link()
-        first = world.pilot(link, peer="a")
+        first = world.autopilot(link, peer="a")
         await world.ready()
         first.alive = False
         await asyncio.sleep(6)
         assert world.fleet.get("1").status.link_lost
-        back = world.pilot(link, peer="b", boot_s=1010.0)
+        back = world.autopilot(link, peer="b", boot_s=1010.0)
         await asyncio.sleep(5)
         assert ids(world) == ["1"]
         await world.fleet.get("1").command.arm()
         assert back.armed
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_other_stations_and_companions_are_not_vehicles(kit, jump):
     async def story(world):
         link = world.link()
-        pilot = world.pilot(link)
+        autopilot = world.autopilot(link)
         vehicle = await world.ready()
         for system, component in ((255, 190), (245, 191), (1, 191)):
             mav = kit.sim.MAVLink(None, srcSystem=system, srcComponent=component)
             link.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
             link.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "peer")
         assert ids(world) == ["1"]
-        assert vehicle.status.custom_mode == pilot.mode
+        assert vehicle.status.custom_mode == autopilot.mode
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(kit, jump):
     async def story(world):
-        world.pilot(world.link())
+        world.autopilot(world.link())
         await world.ready()
         replay = world.link("tape", replay=True)
-        world.pilot(replay)
+        world.autopilot(replay)
         vehicle = await world.ready("1~2")
         assert (vehicle.identity.replayed, vehicle.identity.warnings) == (True, ())
         for call in (
@@ -174,63 +174,66 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(ki
         await world.router.remove_link("tape")
         assert ids(world) == ["1"]
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
     async def story(world):
         link = world.link()
-        pilots = [world.pilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
+        autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
         await world.ready("2")
-        before = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in pilots]
+        before = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in autopilots]
         await asyncio.sleep(10)
-        after = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in pilots]
+        after = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in autopilots]
         assert [a - b for a, b in zip(after, before, strict=True)] == pytest.approx([10, 10], abs=1)
-        assert (pilots[0].heard[-1].get_srcSystem(), pilots[0].heard[-1].get_srcComponent()) == (42, 190)
-        for pilot in pilots:  # numbered per peer, without gaps
-            seqs = [m.get_seq() for m in pilot.heard]
+        assert (autopilots[0].heard[-1].get_srcSystem(), autopilots[0].heard[-1].get_srcComponent()) == (
+            42,
+            190,
+        )
+        for autopilot in autopilots:  # numbered per peer, without gaps
+            seqs = [m.get_seq() for m in autopilot.heard]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
-    jump(told(lambda: kit.World(system_id=42), story))
+    jump(run_test(lambda: kit.World(system_id=42), story))
 
 
 def test_stream_rates_are_not_changed(kit, jump):
     async def story(world):
-        pilot = world.pilot(world.link())
+        autopilot = world.autopilot(world.link())
         await world.ready()
         await asyncio.sleep(30)
-        assert pilot.commands(511) == []
-        assert not [m for m in pilot.heard if m.get_type() == "REQUEST_DATA_STREAM"]
+        assert autopilot.commands(511) == []
+        assert not [m for m in autopilot.heard if m.get_type() == "REQUEST_DATA_STREAM"]
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
     async def story(world):
         link = world.link()
-        pilots = [world.pilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
+        autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
         station = world.link("qgc", forward=True)
         qgc = kit.sim.MAVLink(None, srcSystem=255, srcComponent=190)
         station.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
         await world.ready("2")
         seen = {codec_system(data) for data, _ in station.sent}
         assert seen == {1, 2}
-        heard = [len(p.heard) for p in pilots]
-        before = [len(p.commands(400)) for p in pilots]
+        heard = [len(p.heard) for p in autopilots]
+        before = [len(p.commands(400)) for p in autopilots]
         station.inject(
             kit.sim.MAVLink_command_long_message(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
-        assert [len(p.commands(400)) - b for p, b in zip(pilots, before, strict=True)] == [0, 1]
+        assert [len(p.commands(400)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
         assert heard
         fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
-        heard = [len(p.heard) for p in pilots]
+        heard = [len(p.heard) for p in autopilots]
         station.inject(kit.sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
         await asyncio.sleep(0.02)
-        assert not [m for p in pilots for m in p.heard if m.get_type() == "PING"]
+        assert not [m for p in autopilots for m in p.heard if m.get_type() == "PING"]
         assert ids(world) == ["1", "2"]
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def codec_system(data):
@@ -247,23 +250,23 @@ def test_links_are_added_and_removed_by_name(kit, jump):
         await world.router.remove_link("one")
         assert world.router.links() == []
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_texts_events_and_modes_become_one_line_each(kit, jump):
     async def story(world):
-        pilot = world.pilot(world.link())
+        autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
         start = vehicle.events.last_index
-        pilot.text("A text without an event", 4)
-        pilot.text("x" * 60 + " end", 6, 9)
-        pilot.text("Takeoff detected\t", 6)
-        pilot.event(21054825, 0x66)
-        pilot.text("Only the text came\t", 4)
+        autopilot.text("A text without an event", 4)
+        autopilot.text("x" * 60 + " end", 6, 9)
+        autopilot.text("Takeoff detected\t", 6)
+        autopilot.event(21054825, 0x66)
+        autopilot.text("Only the text came\t", 4)
         await asyncio.sleep(1)
-        pilot.event(99999, 0x44)
+        autopilot.event(99999, 0x44)
         await asyncio.sleep(2)
-        pilot.armed, pilot.mode = True, kit.TAKEOFF
+        autopilot.armed, autopilot.mode = True, kit.TAKEOFF
         await asyncio.sleep(2)
         lines = [(e.kind, e.text) for e in vehicle.events.since(start)]
         assert lines == [
@@ -276,12 +279,12 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
         ]
         assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jump):
     async def story(world):
-        world.pilot(world.link())
+        world.autopilot(world.link())
         vehicle = await world.ready()
         await asyncio.sleep(20)
         samples = vehicle.history(("global_position",), world.clock.unix_s() - 10)
@@ -292,16 +295,16 @@ def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jum
         oldest = vehicle.history(("global_position", "status"), 0)[0]
         assert world.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))
 
 
 def test_a_topic_is_decoded_once_for_each_message(kit, jump):
     async def story(world):
-        world.pilot(world.link())
+        world.autopilot(world.link())
         vehicle = await world.ready()
         assert vehicle.topic("home") is vehicle.topic("home")
         assert vehicle.topic("battery") is None
         with pytest.raises(KeyError):
             vehicle.topic("nothing")
 
-    jump(told(kit.World, story))
+    jump(run_test(kit.World, story))

@@ -9,7 +9,7 @@ import pytest
 from gcs_server.errors import Disconnected, NoReply
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed
-from tests.protocol.sim_world import SimPilot
+from tests.protocol.sim_world import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
 
 FTP_ID = 110
@@ -19,14 +19,14 @@ _header = struct.Struct("<HBBBBBBI")
 def story(kit, jump, work, *, loss=0.0, seed=0):
     async def run():
         world = kit.World()
-        pilot = SimPilot(world.link())
+        autopilot = SimulatedAutopilot(world.link())
         try:
             vehicle = await world.ready()
-            pilot.loss = loss
-            pilot.random.seed(seed)
-            await work(world, FtpService(vehicle), pilot, vehicle)
+            autopilot.loss = loss
+            autopilot.random.seed(seed)
+            await work(world, FtpService(vehicle), autopilot, vehicle)
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
@@ -34,21 +34,21 @@ def story(kit, jump, work, *, loss=0.0, seed=0):
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
 def test_a_file_is_read_completely_at_any_packet_loss(kit, jump, loss, seed):
-    async def work(world, ftp, pilot, _):
-        told = []
-        content = await ftp.read(PARAMETERS, progress=lambda *p: told.append(p))
+    async def work(world, ftp, autopilot, _):
+        reports = []
+        content = await ftp.read(PARAMETERS, progress=lambda *p: reports.append(p))
         assert crc32(content) == crc32(BUILT_IN[PARAMETERS]())
-        assert told[-1] == (len(content), len(content))
+        assert reports[-1] == (len(content), len(content))
         assert [e.name for e in await ftp.list("etc/extras")] == sorted(p.split("/")[-1] for p in BUILT_IN)
         assert await ftp.crc32(PARAMETERS) == crc32(content)
         if not loss:  # in bursts of 40 kB, not piece by piece
-            assert pilot.count(FTP_ID) < 12
+            assert autopilot.count(FTP_ID) < 12
 
     story(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
-    async def work(world, ftp, pilot, _):
+    async def work(world, ftp, autopilot, _):
         for path, error, words in (
             ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
             ("etc", FtpError.FAIL_ERRNO, "Is a directory"),
@@ -68,7 +68,7 @@ def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
 
 
 def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
-    async def work(world, ftp, pilot, vehicle):
+    async def work(world, ftp, autopilot, vehicle):
         before = FtpService(vehicle)
         reading = asyncio.ensure_future(before._open(PARAMETERS))
         await reading  # and that server was killed here
@@ -80,10 +80,12 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
 def test_a_repeated_request_has_the_same_number(kit, jump):
     """The vehicle then repeats its answer instead of acting again."""
 
-    async def work(world, ftp, pilot, _):
+    async def work(world, ftp, autopilot, _):
         await ftp.read(PARAMETERS)
         asked = [
-            _header.unpack_from(f[13:-2].ljust(12, b"\0")) for f in pilot.heard if f[7] == FTP_ID and not f[8]
+            _header.unpack_from(f[13:-2].ljust(12, b"\0"))
+            for f in autopilot.heard
+            if f[7] == FTP_ID and not f[8]
         ]
         requests = {}
         for sequence, _, opcode, _, _, _, _, offset in asked:
@@ -94,14 +96,14 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
 
 
 def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
-    async def work(world, ftp, pilot, vehicle):
+    async def work(world, ftp, autopilot, vehicle):
         both = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
         await asyncio.sleep(0.1)
         assert not both.done()
         content, entries = await both
         assert content
         assert entries
-        pilot.loss = 1.0
+        autopilot.loss = 1.0
         began = world.loop.time()
         reading = asyncio.ensure_future(ftp.read(PARAMETERS))
         with pytest.raises(Disconnected):
@@ -114,7 +116,7 @@ def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
 def test_a_vehicle_that_does_not_answer_is_reported_at_the_deadline(kit, jump):
     async def run():
         world = kit.World()
-        world.pilot(world.link())  # a vehicle without FTP
+        world.autopilot(world.link())  # a vehicle without FTP
         try:
             vehicle = await world.ready()
             with pytest.raises(NoReply, match="did not answer: listing"):

@@ -41,7 +41,7 @@ def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump)
         assert (shown["client"], shown["client_key"]) == ("anna", ANNA.key)
         assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
         await seconds(0.1)
-        begun = [first_s(at.pilots[v], 7.0) for v in "13"]
+        begun = [first_s(at.autopilots[v], 7.0) for v in "13"]
         assert max(begun) - min(begun) < STREAM_PERIOD_S
         with pytest.raises(NotTogether, match="would come within"):
             closer = changes({"1": place(0, 8)})
@@ -80,8 +80,8 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump
     async def story(at):
         await begin(at, ALL_NORTH, others_go_on=others_go_on)
         await seconds(1)
-        at.pilots["2"].mode = at.pilots["2"].asked_mode = POSITION  # its pilot
-        at.pilots["2"].current_mode()
+        at.autopilots["2"].mode = at.autopilots["2"].requested_mode = POSITION  # its pilot
+        at.autopilots["2"].current_mode()
         await seconds(7.5)  # the server waits for a mode that it has just requested
         others = OFFBOARD if others_go_on else HOLD
         assert modes(at) == {"1": others, "2": POSITION, "3": others}
@@ -93,7 +93,7 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump
         assert (
             "Vehicle 2 no longer follows the group's setpoints: The vehicle left Offboard" in finding["text"]
         )
-        assert [text for text, _, warning in at.told if warning]
+        assert [text for text, _, warning in at.group_changes if warning]
         if others_go_on:
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
                 await group_routes.setpoints("1", changes({"2": place(5)}), at.station, ANNA)
@@ -105,15 +105,15 @@ def test_a_lost_member_holds_the_others_within_two_seconds(jump):
     async def story(at):
         await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(2)
-        at.pilots["3"].alive = False
+        at.autopilots["3"].alive = False
         await seconds(2.0)
         shown = view(await group_routes.show("1", at.station))
         assert shown["findings"][0]["code"] == "place_unknown"
         assert "The position of vehicle 3 is not known" in shown["findings"][0]["text"]
-        last = {v: at.pilots[v].setpoints[-1][1] for v in "12"}
+        last = {v: at.autopilots[v].setpoints[-1][1] for v in "12"}
         assert all(m.type_mask & 7 == 0 for m in last.values())  # positions: the vehicles have stopped
         await seconds(8)
-        assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
+        assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
 
     with_routes(jump, story)
 
@@ -126,7 +126,7 @@ def test_a_member_can_follow_another_of_the_group(jump):
         shown = view(await group_routes.show("1", at.station))
         assert [m["ordered_type"] for m in shown["members"]] == ["position", "follow"]
         assert shown["state"] == "flying"
-        last = at.pilots["2"].setpoints[-1][1]
+        last = at.autopilots["2"].setpoints[-1][1]
         assert (last.x, last.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
         nearer = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
         with pytest.raises(NotTogether, match="would come within"):
@@ -154,17 +154,17 @@ def test_a_server_shutdown_holds_a_group_without_findings(jump):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_with_every_fifth_packet_lost_a_group_starts_changes_and_is_held(jump, seed):
     async def story(at):
-        for index, pilot in enumerate(at.pilots.values()):
-            pilot.loss, pilot.random = 0.2, random.Random(seed * 10 + index)
+        for index, autopilot in enumerate(at.autopilots.values()):
+            autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
         await begin(at, ALL_NORTH)
         await seconds(2)
-        begun = [next(t for t, m in p.setpoints if m.x > 1) for p in at.pilots.values()]
+        begun = [next(t for t, m in p.setpoints if m.x > 1) for p in at.autopilots.values()]
         assert max(begun) - min(begun) < 10 * STREAM_PERIOD_S  # the first one may have been lost
         await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
         held = view(await group_routes.hold("1", at.station, ANNA))
         assert (held["state"], held["findings"]) == ("ended", [])
         assert set(modes(at).values()) == {HOLD}
-        assert sum(pilot.failsafes for pilot in at.pilots.values()) == 0
+        assert sum(autopilot.failsafes for autopilot in at.autopilots.values()) == 0
 
     with_routes(jump, story)
 
@@ -190,7 +190,7 @@ def test_a_killed_client_leaves_all_in_hold(jump):
     async def story(at):
         await begin(at, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
-        assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
+        assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
         assert view(await group_routes.show("1", at.station))["ended"] == "Its setpoints expired."
 
     with_routes(jump, story)
@@ -212,7 +212,7 @@ def apart_m(vehicles):
     return min(math.dist(on_earth(a), on_earth(b)) for a, b in itertools.combinations(vehicles, 2))
 
 
-def sky(jump, story, count=2):
+def with_simulated_vehicles(jump, story, count=2):
     async def run():
         world = SimulatedWorld(count)
         try:
@@ -260,4 +260,4 @@ def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minim
         said = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
         assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in said)
 
-    sky(jump, story)
+    with_simulated_vehicles(jump, story)

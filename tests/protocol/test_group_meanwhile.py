@@ -21,7 +21,7 @@ from tests.protocol.group_world import (
     place,
     with_routes,
 )
-from tests.protocol.offboard_world import POSITION, asks, seconds
+from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
 
 def during_plan(monkeypatch, number, work):
@@ -40,9 +40,9 @@ def during_plan(monkeypatch, number, work):
 
 def leave(at, vehicle_id):
     """Its pilot takes control."""
-    pilot = at.pilots[vehicle_id]
-    pilot.mode = pilot.asked_mode = POSITION
-    pilot.current_mode()
+    autopilot = at.autopilots[vehicle_id]
+    autopilot.mode = autopilot.requested_mode = POSITION
+    autopilot.current_mode()
 
 
 def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monkeypatch):
@@ -91,7 +91,7 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monk
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
         assert at.vehicles["3"].offboard.status().state == "streaming"
-        assert not any(asks(at.pilots[v], OFFBOARD) for v in "12")
+        assert not any(mode_requests(at.autopilots[v], OFFBOARD) for v in "12")
 
     with_routes(jump, story)
 
@@ -111,14 +111,14 @@ def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
 def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
     async def story(at):
         async def meanwhile():
-            north_m, _, down_m = at.pilots["2"].ned
-            at.pilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
+            north_m, _, down_m = at.autopilots["2"].ned
+            at.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
             await seconds(1)
 
         during_plan(monkeypatch, 1, meanwhile)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
             await begin(at, ALL_NORTH)
-        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
 
     with_routes(jump, story)
 
@@ -138,7 +138,7 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jum
         await seconds(3)
         others = OFFBOARD if others_go_on else HOLD
         assert modes(at) == {"1": others, "2": POSITION, "3": others}
-        assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
 
     with_routes(jump, story)
 
@@ -162,16 +162,16 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
 
         await gone(begin(at, ALL_NORTH))
         assert view(await group_routes.show_all(at.station))["groups"] == []
-        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
         await begin(at, ALL_NORTH)
         await seconds(1)
         await gone(group_routes.setpoints("1", changes({"1": place(7)}, valid_for_s=5), at.station, ANNA))
         shown = view(await group_routes.show("1", at.station))
         assert (shown["state"], shown["findings"]) == ("flying", [])
         assert shown["valid_left_s"] > 50
-        assert not [m for p in at.pilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
         await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
         await seconds(0.1)
-        assert at.pilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
+        assert at.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 
     with_routes(jump, story)

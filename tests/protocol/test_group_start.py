@@ -26,28 +26,28 @@ from tests.protocol.group_world import (
     place,
     with_routes,
 )
-from tests.protocol.offboard_world import POSITION, asks, seconds
+from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
 
 def test_all_are_switched_to_offboard_first_and_start_within_one_period(jump):
     async def story(at):
-        at.pilots["2"].take_offboard_after_s = 1.4
+        at.autopilots["2"].take_offboard_after_s = 1.4
         started = await begin(at, ALL_NORTH)
         assert started["state"] == "waiting"
         assert set(modes(at).values()) == {OFFBOARD}
-        assert not [m for p in at.pilots.values() for _, m in p.setpoints if m.x != 0]
+        assert not [m for p in at.autopilots.values() for _, m in p.setpoints if m.x != 0]
         ahead_s = started["start_unix_s"] - at.world.clock.unix_s()
         assert 0.3 < ahead_s <= 0.5
         instant_s = at.world.loop.time() + ahead_s
         await seconds(2.0)
-        begun = [first_s(pilot, 4.0) for pilot in at.pilots.values()]
+        begun = [first_s(autopilot, 4.0) for autopilot in at.autopilots.values()]
         assert max(begun) - min(begun) < STREAM_PERIOD_S
         assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
         shown = view(await group_routes.show("1", at.station))
         assert (shown["state"], [m["mode"] for m in shown["members"]]) == ("flying", ["offboard"] * 3)
         assert shown["nearest"]["distance_m"] == pytest.approx(10.0, abs=0.1)
         assert 57 < shown["valid_left_s"] < 60
-        assert [state for _, state, _ in at.told] == ["starting", "waiting", "flying"]
+        assert [state for _, state, _ in at.group_changes] == ["starting", "waiting", "flying"]
         assert lines(at.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
 
     with_routes(jump, story)
@@ -74,7 +74,7 @@ def test_the_start_time_can_be_given(jump):
         started = await begin(at, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
         assert started["start_unix_s"] == pytest.approx(unix_s + 8.0, abs=1e-3)
         await seconds(10.0)
-        begun = [first_s(pilot, 4.0) for pilot in at.pilots.values()]
+        begun = [first_s(autopilot, 4.0) for autopilot in at.autopilots.values()]
         assert max(begun) - min(begun) < STREAM_PERIOD_S
         assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
 
@@ -87,14 +87,14 @@ def test_an_impossible_start_time_is_refused(jump, ahead_s):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
-        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
 
     with_routes(jump, story)
 
 
 def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
     async def story(at):
-        at.pilots["3"].take_offboard_after_s = 3.0
+        at.autopilots["3"].take_offboard_after_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 3.1)
         await seconds(3)
@@ -106,7 +106,7 @@ def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
 
 def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
     async def story(at):
-        at.pilots["2"].has_stream = lambda: False  # it refuses Offboard
+        at.autopilots["2"].has_stream = lambda: False  # it refuses Offboard
         with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
             await begin(at, ALL_NORTH)
         assert refused.value.vehicles == ("2",)
@@ -124,11 +124,11 @@ def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
 
 def test_a_vehicle_that_never_confirms_stops_all(jump):
     async def story(at):
-        at.pilots["3"].take_offboard_after_s = 30.0
+        at.autopilots["3"].take_offboard_after_s = 30.0
         with pytest.raises(NotTogether, match="Vehicle 3: "):
             await begin(at, ALL_NORTH)
         await seconds(3)
-        assert (at.pilots["1"].mode, at.pilots["2"].mode) == (HOLD, HOLD)
+        assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
         nobody_moved(at)
 
     with_routes(jump, story)
@@ -139,12 +139,12 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
             far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
             await begin(at, {"1": place(4), "2": far})
-        at.pilots["1"].estimates = False
+        at.autopilots["1"].estimates = False
         await seconds(1.5)
         with pytest.raises(NotTogether, match="Vehicle 1: "):
             await begin(at, ALL_NORTH)
-        at.pilots["1"].estimates = True
-        at.pilots["3"].armed, at.pilots["3"].landed = False, 1
+        at.autopilots["1"].estimates = True
+        at.autopilots["3"].armed, at.autopilots["3"].landed = False, 1
         await seconds(2.5)
         with pytest.raises(NotTogether, match="Vehicle 3 is not flying"):
             await begin(at, ALL_NORTH)
@@ -152,7 +152,7 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
             await begin(at, {"1": place(), "9": place()})
         with pytest.raises(UnknownGroup, match="no group '7'"):
             await group_routes.show("7", at.station)
-        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
 
     with_routes(jump, story)
 
@@ -180,7 +180,7 @@ def test_another_clients_control_of_one_member_refuses_the_group(jump):
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
             await begin(at, ALL_NORTH)
         assert not at.station.authority.held_by(ANNA)
-        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
         assert lines(at.station)[-3:] == [("anna", "group/start", v, "not_in_control") for v in "123"]
         at.station.authority.control("2").lease.release(BOB)
         await begin(at, ALL_NORTH)
@@ -209,7 +209,7 @@ def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distanc
         with pytest.raises(NotTogether, match="vehicles 1 and 2 would come within") as refused:
             await begin(at, crossing, minimum_separation_m=4)
         assert refused.value.vehicles == ("1", "2")
-        assert not any(asks(p, OFFBOARD) for p in at.pilots.values())
+        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
         await begin(at, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": place(20)})
 
     with_routes(jump, story)
@@ -225,8 +225,8 @@ def test_a_problem_before_the_common_start_prevents_all_motion(jump):
             )
         )
         await started
-        at.pilots["1"].mode = at.pilots["1"].asked_mode = POSITION
-        at.pilots["1"].current_mode()
+        at.autopilots["1"].mode = at.autopilots["1"].requested_mode = POSITION
+        at.autopilots["1"].current_mode()
         await seconds(12)
         assert modes(at) == {"1": POSITION, "2": HOLD, "3": HOLD}
         nobody_moved(at)

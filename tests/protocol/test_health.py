@@ -6,7 +6,7 @@ import pytest
 from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
-from tests.protocol.sim_world import SimPilot
+from tests.protocol.sim_world import SimulatedAutopilot
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 
@@ -14,13 +14,13 @@ LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 def story(kit, jump, work, *, loss=0.0, seed=0, **options):
     async def run():
         world = kit.World()
-        pilot = SimPilot(world.link(), seed=seed, **options)
+        autopilot = SimulatedAutopilot(world.link(), seed=seed, **options)
         try:
             vehicle = await world.ready()
-            pilot.loss = loss
-            await work(world, vehicle, pilot)
+            autopilot.loss = loss
+            await work(world, vehicle, autopilot)
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
@@ -39,13 +39,13 @@ def modes(vehicle):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit, jump, loss, seed):
-    async def work(world, vehicle, pilot):
-        told = []
-        vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
+    async def work(world, vehicle, autopilot):
+        events = []
+        vehicle.events.subscribe(lambda e: events.append(e) if e.kind == "readiness" else None)
         health = vehicle.health
 
         def truth():
-            report = pilot.sim.autopilots[0].commander.checks.report
+            report = autopilot.sim.autopilots[0].commander.checks.report
             return health.report is not None and health.report.can_arm == report.can_arm
 
         await until(world, truth, "the first report")
@@ -55,7 +55,7 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
         assert [c.name for c in offboard.arming] == ["check_modes_offboard_signal"]
         assert "stream" in offboard.arming[0].remedy
 
-        told.clear()
+        events.clear()
         target = d.MAVLink_set_position_target_local_ned_message(
             0, 1, 1, 1, 0b110111111000, 0, 0, -5, 0, 0, 0, 0, 0, 0, 0, 0
         )
@@ -63,8 +63,8 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
             vehicle.send_payload(target.get_msgId(), encode_payload(target))
             await world.clock.sleep(0.05)
         assert modes(vehicle)["offboard"].can_arm
-        assert told
-        assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in told)
+        assert events
+        assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in events)
         await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
         assert truth()
 
@@ -73,31 +73,31 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed):
-    async def work(world, vehicle, pilot):
-        announcer = pilot.sim.autopilots[0].announcer
+    async def work(world, vehicle, autopilot):
+        announcer = autopilot.sim.autopilots[0].announcer
         for n in range(12):
             announcer.event("commander_rtl" if n % 2 else "commander_takeoff_detected")
             await world.clock.sleep(0.3)
 
-        def told():
+        def events():
             texts = [e.text for e in vehicle.events.since(0) if e.kind == "event"]
             return texts.count("Returning to launch"), texts.count("Take-off detected")
 
         await until(
-            world, lambda: told() == (6, 6), "all events"
+            world, lambda: events() == (6, 6), "all events"
         )  # the loss of the last one is detected with the next counter
         await world.clock.sleep(5.0)
-        assert told() == (6, 6)
+        assert events() == (6, 6)
         if not loss:
-            assert pilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
+            assert autopilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
 
     story(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_the_report_is_requested_only_once(kit, jump):
-    async def work(world, vehicle, pilot):
+    async def work(world, vehicle, autopilot):
         await world.clock.sleep(30)
-        asked = [m for m in pilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
+        asked = [m for m in autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
         assert 1 <= len(asked) <= 4
         with pytest.raises(NoReply, match="did not report its checks"):
             await vehicle.health.check()
@@ -105,9 +105,9 @@ def test_the_report_is_requested_only_once(kit, jump):
 
     async def run():
         world = kit.World()
-        pilot = world.pilot(world.link())  # it acknowledges none of these requests
+        autopilot = world.autopilot(world.link())  # it acknowledges none of these requests
         try:
-            await work(world, await world.ready(), pilot)
+            await work(world, await world.ready(), autopilot)
         finally:
             await world.close()
 
@@ -115,7 +115,7 @@ def test_the_report_is_requested_only_once(kit, jump):
 
 
 def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
-    async def work(world, vehicle, pilot):
+    async def work(world, vehicle, autopilot):
         await world.clock.sleep(15)
         report = await vehicle.health.check()
         assert report.known

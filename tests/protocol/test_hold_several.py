@@ -6,7 +6,7 @@ from gcs_server.api import hold_routes
 from tests.protocol.api_calls import lines, view
 from tests.protocol.fake_autopilot import HOLD, MANUAL
 from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, modes, with_routes
-from tests.protocol.offboard_world import asks, seconds
+from tests.protocol.offboard_world import mode_requests, seconds
 
 
 async def held(at, vehicles, client=BOB):
@@ -24,21 +24,21 @@ def test_all_hold_at_once_without_control_and_their_streams_end(jump):
         ]
         assert at.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat interval, not three
         assert set(modes(at).values()) == {HOLD}
-        assert [len(asks(pilot, HOLD)) for pilot in at.pilots.values()] == [1, 1, 1]
+        assert [len(mode_requests(autopilot, HOLD)) for autopilot in at.autopilots.values()] == [1, 1, 1]
         assert sorted(lines(at.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
         await seconds(0.5)
-        before = {v: len(pilot.setpoints) for v, pilot in at.pilots.items()}
+        before = {v: len(autopilot.setpoints) for v, autopilot in at.autopilots.items()}
         await seconds(2)
-        assert {v: len(pilot.setpoints) for v, pilot in at.pilots.items()} == before
+        assert {v: len(autopilot.setpoints) for v, autopilot in at.autopilots.items()} == before
 
     with_routes(jump, story)
 
 
 def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump):
     async def story(at):
-        for pilot in at.pilots.values():
-            pilot.mode = MANUAL
-        at.pilots["2"].silent_commands.add(176)
+        for autopilot in at.autopilots.values():
+            autopilot.mode = MANUAL
+        at.autopilots["2"].silent_commands.add(176)
         await seconds(2)
         results = {r["vehicle"]: r for r in await held(at, ("9", "2", "1", "3"))}
         assert {v: r["held"] for v, r in results.items()} == {"9": False, "2": False, "1": True, "3": True}
@@ -51,18 +51,18 @@ def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump)
 
 def test_without_ids_all_armed_vehicles_hold(jump):
     async def story(at):
-        at.pilots["1"].armed = False
+        at.autopilots["1"].armed = False
         await seconds(2)
         assert [r["vehicle"] for r in await held(at, None)] == ["2", "3"]
-        assert asks(at.pilots["1"], HOLD) == []
+        assert mode_requests(at.autopilots["1"], HOLD) == []
 
     with_routes(jump, story)
 
 
 def test_an_error_for_one_is_raised_after_the_others_have_held(jump):
     async def story(at):
-        for pilot in at.pilots.values():
-            pilot.mode = MANUAL
+        for autopilot in at.autopilots.values():
+            autopilot.mode = MANUAL
         await seconds(2)
 
         async def broken(**_):

@@ -14,8 +14,8 @@ SIZE = 20_000
 def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
     seen = {}
 
-    async def story(world, vehicle, pilot):
-        files = HostileFiles(pilot, size, **behaviour)
+    async def story(world, vehicle, autopilot):
+        files = HostileFiles(autopilot, size, **behaviour)
         began_s = world.loop.time()
         with pytest.raises(error, match=words):
             await FtpService(vehicle).read("etc/file")
@@ -78,8 +78,8 @@ def test_a_vehicle_that_answers_only_the_opening_gives_no_reply(kit, jump):
 
 
 def test_an_endless_directory_list_is_cancelled(kit, jump):
-    async def story(world, vehicle, pilot):
-        HostileFiles(pilot, SIZE, every_s=0.2)
+    async def story(world, vehicle, autopilot):
+        HostileFiles(autopilot, SIZE, every_s=0.2)
         began_s = world.loop.time()
         with pytest.raises(FtpFailed, match="not finished within"):
             await FtpService(vehicle).list("etc")
@@ -91,11 +91,13 @@ def test_an_endless_directory_list_is_cancelled(kit, jump):
 def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
     """All pieces of a burst are already queued when the reader runs."""
 
-    async def story(world, vehicle, pilot):
-        HostileFiles(pilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)])
+    async def story(world, vehicle, autopilot):
+        HostileFiles(
+            autopilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)]
+        )
         at_once, most, last = [0], [0], [0]
 
-        def told(received, _):
+        def progress(received, _):
             at_once[0] += (received - last[0]) // 239
             last[0] = received
             most[0] = max(most[0], at_once[0])
@@ -107,7 +109,7 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
             run_once()
 
         world.loop._run_once = turn
-        content = await FtpService(vehicle).read("etc/file", progress=told)
+        content = await FtpService(vehicle).read("etc/file", progress=progress)
         assert len(content) == 239 * 1000
         assert most[0] <= 64
 

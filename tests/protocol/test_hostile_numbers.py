@@ -18,7 +18,7 @@ from tests.protocol.offboard_world import OffboardWorld, stream_request
 BAD = [math.inf, -math.inf, math.nan, 1e38]
 
 
-def told(jump, story):
+def run_test(jump, story):
     async def run():
         world = OffboardWorld()
         try:
@@ -32,10 +32,10 @@ def told(jump, story):
 async def two(world) -> tuple[Any, Any]:
     """Two flying vehicles; the first will send invalid values."""
     link = world.link()
-    bad = world.offboard_pilot(link, peer="a")
-    good = world.offboard_pilot(link, peer="b", system=2)
-    for pilot in (bad, good):
-        pilot.fly()
+    bad = world.offboard_autopilot(link, peer="a")
+    good = world.offboard_autopilot(link, peer="b", system=2)
+    for autopilot in (bad, good):
+        autopilot.fly()
     await world.ready("1")
     await world.ready("2")
     return bad, good
@@ -51,9 +51,9 @@ def seen(world) -> list[Any]:
     return json.loads(body, parse_constant=refused)
 
 
-def spoil(pilot, kind: str, **fields: float):
+def spoil(autopilot, kind: str, **fields: float):
     """All further messages of a kind have these values; returns a function that ends this."""
-    send = pilot.send
+    send = autopilot.send
 
     def spoiled(message):
         if message.get_type() == kind:
@@ -62,9 +62,9 @@ def spoil(pilot, kind: str, **fields: float):
         send(message)
 
     def end():
-        pilot.send = send
+        autopilot.send = send
 
-    pilot.send = spoiled
+    autopilot.send = spoiled
     return end
 
 
@@ -90,7 +90,7 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
         assert seen(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
         assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_an_invalid_home_keeps_the_last_valid_one(jump):
@@ -102,7 +102,7 @@ def test_an_invalid_home_keeps_the_last_valid_one(jump):
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
         assert any("home" in w.text for w in world.fleet.warnings())
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 @pytest.mark.parametrize("value", BAD)
@@ -126,7 +126,7 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
         assert vehicles[1].status.mode == "offboard"
         assert vehicles[0].status.mode == "land", "connected, and without an estimate for a position hold"
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(jump):
@@ -144,7 +144,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "fault"]
         assert (warning.vehicle, "snapshot" in warning.text) == ("1", True)
-        bad.mode = bad.asked_mode = 3 << 16
+        bad.mode = bad.requested_mode = 3 << 16
         bad.heartbeat()
         await asyncio.sleep(0.5)
         streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
@@ -153,14 +153,14 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         )
         assert good.setpoints[-1][0] > world.loop.time() - 0.05
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 class Socket:
     """Accepts everything at once."""
 
     def __init__(self) -> None:
-        self.asks: asyncio.Queue[str] = asyncio.Queue()
+        self.mode_requests: asyncio.Queue[str] = asyncio.Queue()
         self.statuses: list[tuple[float, Any]] = []
 
     async def send_text(self, data: str) -> None:
@@ -170,7 +170,7 @@ class Socket:
                 self.statuses.append((asyncio.get_running_loop().time(), sample))
 
     async def receive_text(self) -> str:
-        return await self.asks.get()
+        return await self.mode_requests.get()
 
     async def close(self, code: int = 1000, reason: str | None = None) -> None:
         raise AssertionError(reason)
@@ -182,7 +182,9 @@ def test_a_lost_and_recovered_link_is_reported(jump):
         hub, socket = Hub(world.clock, world.fleet), Socket()
         async with asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
-            await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
+            await socket.mode_requests.put(
+                json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20})
+            )
             await asyncio.sleep(2.0)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
             silent_s, bad.alive = world.loop.time(), False
@@ -194,8 +196,8 @@ def test_a_lost_and_recovered_link_is_reported(jump):
             bad.alive = True
             await asyncio.sleep(1.2)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
-            told = [s["received_unix_s"] for _, s in socket.statuses]
-            assert told == sorted(told), "each is newer than the one before"
+            run_test = [s["received_unix_s"] for _, s in socket.statuses]
+            assert run_test == sorted(run_test), "each is newer than the one before"
             serving.cancel()
 
-    told(jump, story)
+    run_test(jump, story)

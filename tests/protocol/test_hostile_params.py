@@ -21,10 +21,10 @@ REAL32, INT32 = 9, 6
 class HostileParams:
     """Answers requests for the list and for single indices with `answers`."""
 
-    def __init__(self, pilot, answers, *, checksum=None, every_s=None) -> None:
-        self.pilot, self.answers, self.checksum, self.every_s = pilot, answers, checksum, every_s
+    def __init__(self, autopilot, answers, *, checksum=None, every_s=None) -> None:
+        self.autopilot, self.answers, self.checksum, self.every_s = autopilot, answers, checksum, every_s
         self.requests = 0
-        pilot.handlers.append(self.handle)
+        autopilot.handlers.append(self.handle)
 
     def handle(self, message) -> bool:
         kind = message.get_type()
@@ -39,17 +39,17 @@ class HostileParams:
             if self.every_s is None:
                 self.value(*value)
             else:
-                self.pilot.loop.call_later(n * self.every_s, self.value, *value)
+                self.autopilot.loop.call_later(n * self.every_s, self.value, *value)
         return True
 
     def value(self, name, index, count, bits=NAN, kind=REAL32) -> None:
         payload = bits + struct.pack("<HH16sB", count, index, name, kind)
-        self.pilot.send_raw(encode_frame(22, payload, self.pilot.mav.seq, self.pilot.system, 1))
+        self.autopilot.send_raw(encode_frame(22, payload, self.autopilot.mav.seq, self.autopilot.system, 1))
 
 
 def refreshed(kit, jump, answers, check, *, raises=None, **options):
-    async def story(world, vehicle, pilot):
-        hostile = HostileParams(pilot, answers, **options)
+    async def story(world, vehicle, autopilot):
+        hostile = HostileParams(autopilot, answers, **options)
         began_s = world.loop.time()
         if raises is None:
             await vehicle.params.refresh()
@@ -117,8 +117,8 @@ def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
 
 
 def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(kit, jump):
-    async def story(world, vehicle, pilot):
-        hostile = HostileParams(pilot, lambda: [(b"A", 0, 1)])
+    async def story(world, vehicle, autopilot):
+        hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for n in range(MAX_PARAMETERS + 1000):
             hostile.value(b"P%d" % n, 65535, 1)
@@ -152,8 +152,8 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
 
 
 def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump):
-    async def story(world, vehicle, pilot):
-        hostile = HostileParams(pilot, lambda: [(b"A", 0, 1)])
+    async def story(world, vehicle, autopilot):
+        hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for kind, expected in ((INT32, True), (REAL32, False), (200, False)):
             hostile.value(b"A", 0, 1, b"\1\0\0\0", kind)

@@ -12,7 +12,7 @@ from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, 
 from gcs_server.vehicle.services.health import LEARN_WAIT_S
 from gcs_server.vehicle.texts import LINES_AT_ONCE, LINES_PER_S, MAX_CHUNKS, MAX_PENDING, TextJoiner
 from tests.protocol.one_vehicle import flight
-from tests.protocol.sim_world import SimPilot
+from tests.protocol.sim_world import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
 
 METADATA_ID = d.MAVLINK_MSG_ID_COMPONENT_METADATA
@@ -25,9 +25,9 @@ def event_payload(event_id, sequence, arguments=b"", level=6):
     ).ljust(53, b"\0")
 
 
-def report(pilot, can_arm, present=1):
-    pilot.event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
-    pilot.event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))
+def report(autopilot, can_arm, present=1):
+    autopilot.event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
+    autopilot.event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))
 
 
 def lines(vehicle, *kinds):
@@ -35,33 +35,33 @@ def lines(vehicle, *kinds):
 
 
 def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(kit, jump):
-    async def story(world, vehicle, pilot):
-        told = []
-        vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
-        pilot.mode = kit.OFFBOARD
+    async def story(world, vehicle, autopilot):
+        reports = []
+        vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
+        autopilot.mode = kit.OFFBOARD
         await world.clock.sleep(3)
-        report(pilot, HOLD_ONLY)
+        report(autopilot, HOLD_ONLY)
         await world.clock.sleep(3)
         (offer,) = vehicle.health.readiness.offers
         assert (offer.code, offer.mode, offer.label) == ("choose_mode", "hold", "Hold")
         assert offer.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
-        seen = len(told)
-        pilot.mode = kit.HOLD
+        seen = len(reports)
+        autopilot.mode = kit.HOLD
         await world.clock.sleep(3)
         assert vehicle.health.readiness.offers == ()
-        assert len(told) > seen
+        assert len(reports) > seen
 
     flight(kit, jump, story)
 
 
 def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_one_remains(kit, jump):
-    async def story(world, vehicle, pilot):
-        told = []
-        vehicle.events.subscribe(lambda e: told.append(e) if e.kind == "readiness" else None)
+    async def story(world, vehicle, autopilot):
+        reports = []
+        vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         for n in range(2000):
-            report(pilot, HOLD_ONLY if n % 2 else 0, present=n)
+            report(autopilot, HOLD_ONLY if n % 2 else 0, present=n)
         await world.clock.sleep(1)
-        assert 1 <= len(told) <= 5
+        assert 1 <= len(reports) <= 5
         assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
 
     flight(kit, jump, story)
@@ -70,7 +70,7 @@ def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last
 def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, jump):
     async def run():
         world = kit.World()
-        pilot = SimPilot(world.link())
+        autopilot = SimulatedAutopilot(world.link())
         try:
             vehicle = await world.ready()
 
@@ -92,30 +92,30 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, j
             await world.clock.sleep(LEARN_WAIT_S + 1)
             assert lines(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
 
 
 def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         for _ in range(100):
-            pilot.event(17980399, 0x66)
+            autopilot.event(17980399, 0x66)
             await world.clock.sleep(1)
         found = lines(vehicle, "event")
         assert set(found) == {"unknown event 17980399 from component 1 (autopilot)"}
         assert len(found) >= 95
-        asked = [m for m in pilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
+        asked = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
         assert 1 <= len(asked) <= 3 * 6
 
     flight(kit, jump, story)
 
 
 def test_a_status_text_describes_an_event_without_metadata(kit, jump):
-    async def story(world, vehicle, pilot):
-        pilot.event(99999, 0x44)
-        pilot.text("The text of it\t", 4)
+    async def story(world, vehicle, autopilot):
+        autopilot.event(99999, 0x44)
+        autopilot.text("The text of it\t", 4)
         await world.clock.sleep(2)
         assert lines(vehicle, "event", "status_text") == ["The text of it"]
 
@@ -123,7 +123,7 @@ def test_a_status_text_describes_an_event_without_metadata(kit, jump):
 
 
 def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_shown(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
         await world.clock.sleep(5)
@@ -131,7 +131,7 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_
         assert len(said) <= LINES_AT_ONCE + LINES_PER_S * 5
         (warning,) = [text for text in lines(vehicle, "warning") if "too many messages" in text]
         assert f"{100_000 - len(said):,}" in warning
-        pilot.text("Heard again", 4)
+        autopilot.text("Heard again", 4)
         await world.clock.sleep(1)
         assert lines(vehicle, "status_text")[-1] == "Heard again"
 

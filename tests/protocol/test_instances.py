@@ -9,29 +9,29 @@ from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
-def told(jump, story):
+def run_test(jump, story):
     async def run():
         world = World()
         try:
-            pilot = world.pilot(world.link())
-            await story(world, pilot, await world.ready())
+            autopilot = world.autopilot(world.link())
+            await story(world, autopilot, await world.ready())
         finally:
             await world.close()
 
     return jump(run)
 
 
-def battery(pilot, battery_id, percent, millivolts):
+def battery(autopilot, battery_id, percent, millivolts):
     cells = [millivolts, *[65535] * 9]
-    pilot.send(sim.MAVLink_battery_status_message(battery_id, 0, 0, 0, cells, 100, 0, 0, percent))
+    autopilot.send(sim.MAVLink_battery_status_message(battery_id, 0, 0, 0, cells, 100, 0, 0, percent))
 
 
 def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
-    async def story(_world, pilot, vehicle):
+    async def story(_world, autopilot, vehicle):
         seen = set()
         for _ in range(10):
             for battery_id, percent in ((0, 80), (1, 35)):
-                battery(pilot, battery_id, percent, 16000 - battery_id * 1000)
+                battery(autopilot, battery_id, percent, 16000 - battery_id * 1000)
                 await asyncio.sleep(0.5)
                 value = vehicle.topic("battery").value
                 seen.add((value.battery_id, value.remaining_percent, value.voltage_v))
@@ -40,65 +40,67 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
         past = [s.value for s in vehicle.history(("battery",), 0.0)][2:]
         assert {b.battery_id for b in past} == {1}
         for _ in range(15):
-            battery(pilot, 0, 79, 16000)
+            battery(autopilot, 0, 79, 16000)
             await asyncio.sleep(1.0)
         value = vehicle.topic("battery").value
         assert (value.battery_id, value.batteries) == (0, ()), "the other has sent nothing for 10 s"
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_the_number_of_batteries_is_limited(jump):
-    async def story(_world, pilot, vehicle):
+    async def story(_world, autopilot, vehicle):
         for battery_id in range(256):
-            battery(pilot, battery_id, 50, 16000)
+            battery(autopilot, battery_id, 50, 16000)
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.1)
         assert len(vehicle.topic("battery").value.batteries) == 8
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_two_groups_of_outputs_are_stored_separately(jump):
-    async def story(_world, pilot, vehicle):
+    async def story(_world, autopilot, vehicle):
         for _ in range(5):
             for port in (1, 0):
-                pilot.send(sim.MAVLink_servo_output_raw_message(0, port, *[1500 + port] * 4, 0, 0, 0, 0))
+                autopilot.send(sim.MAVLink_servo_output_raw_message(0, port, *[1500 + port] * 4, 0, 0, 0, 0))
                 await asyncio.sleep(0.1)
-        pilot.send(sim.MAVLink_servo_output_raw_message(0, 1, *[1501] * 4, 0, 0, 0, 0))
+        autopilot.send(sim.MAVLink_servo_output_raw_message(0, 1, *[1501] * 4, 0, 0, 0, 0))
         await asyncio.sleep(0.1)
         value = vehicle.topic("motors").value
         assert value.pwm_us == (1500,) * 4
         assert [(g.port, g.pwm_us) for g in value.groups] == [(0, (1500,) * 4), (1, (1501,) * 4)]
 
-    told(jump, story)
+    run_test(jump, story)
 
 
-def gimbal(pilot, component, pitch_q):
-    message = sim.MAVLink_gimbal_device_attitude_status_message(0, 0, pilot.boot_ms(), 0, pitch_q, 0, 0, 0, 0)
-    pilot.send_raw(message.pack(sim.MAVLink(None, srcSystem=1, srcComponent=component)))
+def gimbal(autopilot, component, pitch_q):
+    message = sim.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, autopilot.boot_ms(), 0, pitch_q, 0, 0, 0, 0
+    )
+    autopilot.send_raw(message.pack(sim.MAVLink(None, srcSystem=1, srcComponent=component)))
 
 
 def test_of_two_gimbals_the_first_is_shown_until_it_stops_sending(jump):
     level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
-    async def story(_world, pilot, vehicle):
+    async def story(_world, autopilot, vehicle):
         for component, q in ((171, down), (154, level)) * 5:
-            gimbal(pilot, component, q)
+            gimbal(autopilot, component, q)
             await asyncio.sleep(0.1)
-        gimbal(pilot, 171, down)
+        gimbal(autopilot, 171, down)
         await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         for _ in range(40):
-            gimbal(pilot, 171, down)
+            gimbal(autopilot, 171, down)
             await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(-1.5708, abs=1e-2)
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
-    async def story(world, pilot, vehicle):
+    async def story(world, autopilot, vehicle):
         companion = sim.MAVLink(None, srcSystem=1, srcComponent=191)
         before = vehicle.topic("global_position").value
         boot_at_s = vehicle.endpoints[0].boot_at_s
@@ -109,7 +111,7 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
                 sim.MAVLink_global_position_int_message(5, 1, 2, 3000, 4, 0, 0, 0, 0),
                 sim.MAVLink_attitude_message(5, 1.0, 0, 0, 0, 0, 0),
             ):
-                pilot.send_raw(message.pack(companion))
+                autopilot.send_raw(message.pack(companion))
             await asyncio.sleep(0.1)
             assert (vehicle.status.armed, vehicle.status.mode) == (False, "hold")
             assert vehicle.topic("global_position").value == before
@@ -117,11 +119,11 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
         assert vehicle.identity.component_id == 1
         assert vehicle.endpoints[0].boot_at_s == pytest.approx(boot_at_s, abs=0.5)
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_topics_time_is_that_of_its_newest_sample(jump):
-    async def story(_world, pilot, vehicle):
+    async def story(_world, autopilot, vehicle):
         def agree():
             for topic in TOPICS:
                 received_s = vehicle.topic_received_s(topic)
@@ -132,9 +134,9 @@ def test_a_topics_time_is_that_of_its_newest_sample(jump):
         before_s = agree()
         await asyncio.sleep(1.5)
         changed_s = agree()
-        pilot.alive = False
+        autopilot.alive = False
         await asyncio.sleep(6)
         assert vehicle.status.link_lost
         assert before_s < changed_s < agree(), "the lost connection is a new sample of the status"
 
-    told(jump, story)
+    run_test(jump, story)

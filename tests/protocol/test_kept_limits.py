@@ -43,15 +43,15 @@ def with_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
         world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
-        for name, work in (("beat", world.streamer._beat), ("rounds", world._rounds)):
+        for name, work in (("beat", world.streamer._beat), ("rounds", world._run_scheduler)):
             world.supervisor.start(name, work)
         world.router.start()
         world.fleet.start()
-        pilot = world.offboard_pilot(world.link(), uid=uid)
-        pilot.version = version
-        pilot.fly()
+        autopilot = world.offboard_autopilot(world.link(), uid=uid)
+        autopilot.version = version
+        autopilot.fly()
         if twin_uid is not None:
-            twin = world.offboard_pilot(world.link("two"), uid=twin_uid, boot_s=500.0)
+            twin = world.offboard_autopilot(world.link("two"), uid=twin_uid, boot_s=500.0)
             twin.fly()
         try:
             vehicle = await world.ready()
@@ -88,8 +88,12 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
             (await offboard_routes.start("1", START, station_of(world), Principal.of("bob"))).body
         )
         assert answer["limits"]["operator"]["speed_max_m_s"] == 4.0
-        told = answer["limits"]["origin"]
-        assert (told["restored"], told["set_by"], told["set_unix_s"]) == (True, "anna", origin.set_unix_s)
+        origin_view = answer["limits"]["origin"]
+        assert (origin_view["restored"], origin_view["set_by"], origin_view["set_unix_s"]) == (
+            True,
+            "anna",
+            origin.set_unix_s,
+        )
         assert codes(vehicle).count("limits_restored") == 2  # also to the client that starts a stream
         await seconds(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
@@ -137,9 +141,9 @@ def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp
 
     async def story(world, vehicle, store):
         assert vehicle.offboard.limits().operator == LIMITS
-        pilot = next(iter(world.router._connections.values())).link.pilots["peer"]
-        pilot.uid = 8
-        pilot.autopilot_version()
+        autopilot = next(iter(world.router._connections.values())).link.autopilots["peer"]
+        autopilot.uid = 8
+        autopilot.autopilot_version()
         await seconds(0.3)
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert "limits_other_vehicle" in codes(vehicle)

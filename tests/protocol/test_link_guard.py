@@ -32,9 +32,9 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
                 await close(at, BOB, confirm)
         assert lines(at.station)[-1] == ("bob", "links/remove", None, "not_in_control")
-        heard = len(at.pilot.setpoints)
+        heard = len(at.autopilot.setpoints)
         await seconds(1)
-        assert len(at.pilot.setpoints) > heard + 30
+        assert len(at.autopilot.setpoints) > heard + 30
         assert names(at) == ["memory"]
 
     with_routes(jump, story)
@@ -63,7 +63,7 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
 def test_with_a_second_link_no_confirmation_is_needed(jump):
     async def story(at):
         second = at.world.link("second")
-        at.world.offboard_pilot(second).fly()
+        at.world.offboard_autopilot(second).fly()
         await seconds(8)
         assert set(at.vehicle.links) == {"memory", "second"}
         await close(at, ANNA)

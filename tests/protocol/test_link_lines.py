@@ -5,7 +5,7 @@ import asyncio
 from gcs_server.mavlink import tlog_writer
 
 
-def told(kit, jump, story, **settings):
+def run_test(kit, jump, story, **settings):
     async def run():
         world = kit.World(**settings)
         try:
@@ -19,11 +19,11 @@ def told(kit, jump, story, **settings):
 def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
     async def story(world):
         link = world.link()
-        world.pilot(link)
+        world.autopilot(link)
         await world.ready()
         before = world.router.links()[0]
         assert (before.bytes_skipped, before.crc_errors, before.frames_lost) == (0, 0, 0)
-        raw = bytearray(kit.sim.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(world.pilot(link).mav))
+        raw = bytearray(kit.sim.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(world.autopilot(link).mav))
         raw[-1] ^= 0x55
         link.inject(bytes(raw), "stranger")
         link.inject(b"AT+RST\r\n" * 20, "stranger")
@@ -40,7 +40,7 @@ def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
         assert world.router.links()[0].frames_received > before.frames_received
         assert not world.fleet.get("1").status.link_lost
 
-    told(kit, jump, story)
+    run_test(kit, jump, story)
 
 
 def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, jump, tmp_path, monkeypatch):
@@ -48,7 +48,7 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
         link = world.link()
         nothing = world.router.links()[0].recording
         assert (nothing.file, nothing.bytes, nothing.started_unix_s, nothing.stopped) == (None, 0, None, None)
-        world.pilot(link)
+        world.autopilot(link)
         await world.ready()
         recorder = world.router._recorder
         recorder.flush()
@@ -67,7 +67,7 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
         assert world.router.connection(replay.name).info().recording is None
 
     monkeypatch.setattr(tlog_writer.TlogRecorder, "start", lambda self: None)
-    told(kit, jump, story, recording_dir=tmp_path, recording_keep_free_bytes=0)
+    run_test(kit, jump, story, recording_dir=tmp_path, recording_keep_free_bytes=0)
 
 
 def test_without_recording_it_is_null(kit, jump):
@@ -75,4 +75,4 @@ def test_without_recording_it_is_null(kit, jump):
         world.link()
         assert world.router.links()[0].recording is None
 
-    told(kit, jump, story)
+    run_test(kit, jump, story)

@@ -9,7 +9,7 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.mission_flights import Missions, event_codes
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
-from tests.unit.vehicle_sim.flown import flown
+from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.world.files import load_world
 
@@ -23,7 +23,7 @@ def through_the_box(jump, tmp_path, story, avoidance):
     """Runs a test with a vehicle at the box's height that flies a mission straight north."""
 
     async def run():
-        station = flown(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
+        station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         world = SimulatedWorld(sim=station.sim)
         missions = Missions(world, tmp_path)
         try:

@@ -148,7 +148,7 @@ def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) ->
     fly(jump, story, in_air=False)
 
 
-def test_another_station_starts_it_and_it_completes_in_hold(jump: Any) -> None:
+def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = await at.flying()
         assert at.vehicle.status.mode_label == NAME
@@ -167,7 +167,7 @@ def test_another_station_starts_it_and_it_completes_in_hold(jump: Any) -> None:
     fly(jump, story)
 
 
-def test_this_server_starts_it_and_starts_it_again(jump: Any) -> None:
+def test_a_mission_mode_can_be_started_repeatedly_by_this_server(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register())["mode"]
         for _ in range(2):
@@ -181,7 +181,7 @@ def test_this_server_starts_it_and_starts_it_again(jump: Any) -> None:
     fly(jump, story)
 
 
-def test_a_takeover_suspends_it_and_the_mode_resumes_it(jump: Any) -> None:
+def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = await at.flying()
         at.other.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
@@ -197,7 +197,7 @@ def test_a_takeover_suspends_it_and_the_mode_resumes_it(jump: Any) -> None:
     fly(jump, story)
 
 
-def test_released_control_suspends_it_and_px4_is_told_that_it_has_failed(jump: Any) -> None:
+def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await at.flying()
         flight = at.station.missions.flight("1")
@@ -211,7 +211,7 @@ def test_released_control_suspends_it_and_px4_is_told_that_it_has_failed(jump: A
     fly(jump, story)
 
 
-def test_when_the_answers_end_px4_returns_and_the_operator_is_told(jump: Any) -> None:
+def test_without_arming_check_answers_px4_returns_and_the_operator_is_informed(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = await at.flying()
         at.world.streamer._streams.mode_ports[-1].working = False
@@ -257,7 +257,7 @@ def test_a_server_that_ends_holds_the_vehicle_and_removes_the_mode(jump: Any) ->
     fly(jump, story)
 
 
-def test_it_does_not_begin_on_the_ground(jump: Any) -> None:
+def test_a_mission_without_a_take_off_does_not_start_on_the_ground(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register())["mode"]
         at.other.choose(mode)
@@ -270,7 +270,7 @@ def test_it_does_not_begin_on_the_ground(jump: Any) -> None:
     fly(jump, story, in_air=False)
 
 
-def test_a_mode_that_cannot_begin_holds_and_says_why(jump: Any) -> None:
+def test_a_mode_that_cannot_start_holds_and_reports_the_reason(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register())["mode"]
         at.station.plan_work = NoWork()
@@ -315,7 +315,7 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ju
     fly(jump, story)
 
 
-def test_over_mavlink_alone_a_mode_is_not_possible(jump: Any) -> None:
+def test_over_mavlink_alone_a_mode_cannot_be_registered(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = await at.register()
         for endpoint in at.vehicle.endpoints:
@@ -328,7 +328,7 @@ def test_over_mavlink_alone_a_mode_is_not_possible(jump: Any) -> None:
     fly(jump, story, in_air=False)
 
 
-def test_the_missions_resume_selects_the_mode(jump: Any) -> None:
+def test_resuming_the_mission_selects_its_mode(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = await at.flying()
         await at.vehicle.command.hold()
@@ -340,7 +340,7 @@ def test_the_missions_resume_selects_the_mode(jump: Any) -> None:
     fly(jump, story)
 
 
-def test_over_both_links_the_arming_report_has_the_name(jump: Any) -> None:
+def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None:
     async def story(at: Modes) -> None:
         at.world.mavlink_on = True
         await until(lambda: "MAVLink" in at.vehicle.reach.protocols, 10)

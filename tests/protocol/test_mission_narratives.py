@@ -101,8 +101,8 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump
 @pytest.mark.broad
 def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_its_failsafe(jump, tmp_path):
     async def story(air):
-        told = {kind: air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
-        assert all(told.values())
+        announced = {kind: air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+        assert all(announced.values())
         for row in range(len(STEPS)):
             air.sim.set_link_up(row, "gcs", False)
         await asyncio.sleep(8.0)
@@ -150,8 +150,8 @@ def test_a_lost_position_makes_all_descend(jump, tmp_path):
 
 def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(jump, tmp_path):
     async def story(air):
-        told = {air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
-        assert all("without" in text or "lands" in text for text in told), told
+        announced = {air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+        assert all("without" in text or "lands" in text for text in announced), announced
         await air.world.supervisor.close()
         for _ in range(300):
             air.sim.step(0.02)

@@ -13,7 +13,7 @@ from gcs_server.plans.store import PlanStore
 from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
 from tests.protocol.api_calls import ANNA, BOB, MISSION, lines, station_of, view
-from tests.protocol.mission_world import MissionPilot, OtherStation
+from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -36,16 +36,16 @@ def story(jump, tmp_path, work, **pilot_options):
     async def run():
         world = OffboardWorld()
         link = world.link()
-        pilot = link.pilots["peer"] = MissionPilot(link, **pilot_options)
+        autopilot = link.autopilots["peer"] = MissionAutopilot(link, **pilot_options)
         try:
             vehicle = await world.ready()
             await seconds(1.5)
             station = station_of(world)
             station.plans = PlanStore(tmp_path / "plans", world.clock)
-            await work(SimpleNamespace(world=world, vehicle=vehicle, pilot=pilot, station=station))
+            await work(SimpleNamespace(world=world, vehicle=vehicle, autopilot=autopilot, station=station))
             station.plans.close()
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
@@ -121,7 +121,7 @@ def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
         ):
             with pytest.raises(NotInControl):
                 await attempt
-        assert at.pilot.service._plans[0] == []
+        assert at.autopilot.service._plans[0] == []
 
     story(jump, tmp_path, work)
 
@@ -129,18 +129,18 @@ def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
 def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
     async def work(at):
         await upload(at)
-        at.pilot.armed, at.pilot.mode, at.pilot.landed = True, MISSION, 2
+        at.autopilot.armed, at.autopilot.mode, at.autopilot.landed = True, MISSION, 2
         await seconds(2.5)
         for attempt in (upload(at), upload(at, confirm="yes"), mission_routes.clear("1", at.station, ANNA)):
             with pytest.raises(InvalidRequest, match="nothing was sent") as raised:
                 await attempt
             assert raised.value.field == "confirm"
-        assert len(at.pilot.service._plans[0]) == 3
+        assert len(at.autopilot.service._plans[0]) == 3
         shorter = {**PLAN, "items": PLAN["items"][:2]}
         await upload(at, shorter, confirm="vehicle 1 flies the new mission at once")
-        assert len(at.pilot.service._plans[0]) == 2
+        assert len(at.autopilot.service._plans[0]) == 2
         await mission_routes.clear("1", at.station, ANNA, "vehicle 1 loses the mission that it flies")
-        assert at.pilot.service._plans[0] == []
+        assert at.autopilot.service._plans[0] == []
 
     story(jump, tmp_path, work)
 
@@ -157,10 +157,10 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path
         assert "fence_violation" in codes
         with pytest.raises(PlanFindings):
             await start(at, despite=["plan_not_known"])
-        assert not at.pilot.armed
+        assert not at.autopilot.armed
         done = view(await start(at, despite=sorted(codes)))
         assert (done["status"]["armed"], done["status"]["mode"]) == (True, "mission")
-        await OtherStation(at.pilot).upload([])
+        await OtherStation(at.autopilot).upload([])
         await seconds(2)
 
     story(jump, tmp_path, work)
@@ -172,12 +172,12 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
         with pytest.raises(Refused, match="not flying"):
             await mission_routes.resume("1", at.station, ANNA)
         await start(at, item=1)
-        assert (at.pilot.armed, at.pilot.mode, at.pilot.flight.current) == (True, MISSION, 1)
-        at.pilot.landed = 2
+        assert (at.autopilot.armed, at.autopilot.mode, at.autopilot.flight.current) == (True, MISSION, 1)
+        at.autopilot.landed = 2
         await at.vehicle.command.hold()
         await seconds(1.5)
         await mission_routes.resume("1", at.station, ANNA)
-        assert (at.pilot.mode, at.pilot.flight.current) == (MISSION, 1)
+        assert (at.autopilot.mode, at.autopilot.flight.current) == (MISSION, 1)
 
     story(jump, tmp_path, work)
 
@@ -185,11 +185,11 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
 def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission_mode(jump, tmp_path):
     async def work(at):
         await upload(at)
-        at.pilot.arm_denied = True
+        at.autopilot.arm_denied = True
         with pytest.raises(Rejected):
             await start(at)
         await seconds(1)
-        assert (at.pilot.armed, at.vehicle.status.mode) == (False, "hold")
+        assert (at.autopilot.armed, at.vehicle.status.mode) == (False, "hold")
 
     story(jump, tmp_path, work)
 
@@ -227,7 +227,7 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_pat
             await mission_routes.compare(at.vehicle, which({"plan_id": plan.id}), at.station)
             assert (await shown(at))["holds"]["plan"]["id"] == held
         theirs = at.vehicle.mission.held.items["mission"][1]
-        await OtherStation(at.pilot).upload([replace(theirs, seq=0, z=9.0)])
+        await OtherStation(at.autopilot).upload([replace(theirs, seq=0, z=9.0)])
         await seconds(2)
         await mission_routes.compare(at.vehicle, which({"plan_id": kept.id}), at.station)
         assert (await shown(at))["holds"]["state"] == "another"
@@ -242,7 +242,7 @@ def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
         await upload(at)
         item = at.vehicle.mission.held.items["mission"][1]
         theirs = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
-        await OtherStation(at.pilot).upload([theirs])
+        await OtherStation(at.autopilot).upload([theirs])
         await seconds(2)
         assert (await shown(at))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)
@@ -264,7 +264,7 @@ def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
     async def work(at):
         uploading = asyncio.ensure_future(upload(at, {**PLAN, "items": PLAN["items"][:2] * 50}))
         await seconds(0.2)
-        at.pilot.alive = False
+        at.autopilot.alive = False
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert "lost" in str(result)
         assert at.vehicle.mission.doing is None

@@ -11,7 +11,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_held import PlanName
 from missions.formats.mavlink_items import WireItem
-from tests.protocol.mission_world import MissionPilot, OtherStation
+from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 PLAN = PlanName("abc", 3, "Tower")
@@ -24,17 +24,17 @@ def story(jump, work, *, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
-        pilot = link.pilots["peer"] = MissionPilot(link, seed=seed)
+        autopilot = link.autopilots["peer"] = MissionAutopilot(link, seed=seed)
         try:
             vehicle = await world.ready()
             await seconds(1.5)
-            pilot.loss = loss
+            autopilot.loss = loss
             at = SimpleNamespace(
-                world=world, vehicle=vehicle, pilot=pilot, link=link, mission=vehicle.mission
+                world=world, vehicle=vehicle, autopilot=autopilot, link=link, mission=vehicle.mission
             )
             await work(at)
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
@@ -160,7 +160,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         await asyncio.wait([uploading])
         assert at.mission.doing is None
         done = not uploading.cancelled()
-        at.pilot.loss = 0.0
+        at.autopilot.loss = 0.0
         read = await at.mission.download()
         assert bytes_of(read.items["mission"]) in (bytes_of(old["mission"]), bytes_of(new["mission"]))
         is_old = all(bytes_of(read.items[part]) == bytes_of(old[part]) for part in PARTS)
@@ -174,7 +174,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
 def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
-        await OtherStation(at.pilot).upload([waypoint(n) for n in range(3)])
+        await OtherStation(at.autopilot).upload([waypoint(n) for n in range(3)])
         await seconds(2)
         assert at.mission.holds() == "another"
         read = await at.mission.download()
@@ -193,7 +193,7 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
         ours, theirs = plan(12, seed=5), [waypoint(n) for n in range(8)]
         uploading = asyncio.ensure_future(at.mission.upload(ours, PLAN))
         await seconds(after_s)
-        await OtherStation(at.pilot).upload(theirs)
+        await OtherStation(at.autopilot).upload(theirs)
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert isinstance(result, GcsError) or result.held.plan == PLAN
         await seconds(2)
@@ -207,12 +207,12 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
 
 def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
     async def work(at):
-        short = asyncio.ensure_future(OtherStation(at.pilot).upload([waypoint(n) for n in range(40)]))
+        short = asyncio.ensure_future(OtherStation(at.autopilot).upload([waypoint(n) for n in range(40)]))
         await seconds(0.3)
         await at.mission.upload(plan(3), PLAN)
         await short
         assert at.mission.holds() == "plan"
-        long = asyncio.ensure_future(OtherStation(at.pilot).upload([waypoint(n) for n in range(60)], 0.5))
+        long = asyncio.ensure_future(OtherStation(at.autopilot).upload([waypoint(n) for n in range(60)], 0.5))
         await seconds(1.1)
         with pytest.raises(Rejected, match="busy with another transfer"):
             await at.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
@@ -236,7 +236,7 @@ def test_of_two_simultaneous_transfers_one_is_refused_but_not_of_two_consecutive
 
 def test_a_vehicle_without_mission_answers_is_reported_as_silent(jump):
     async def work(at):
-        at.pilot.receive = lambda _: None
+        at.autopilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):
             await at.mission.download()
         with pytest.raises(NoReply, match="still has its previous items"):

@@ -28,8 +28,8 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 ATTITUDE, VELOCITY, POSITION, HEIGHT = 1, 2 | 4, 8 | 16, 32
 
 
-def sends_flags(pilot, flags):
-    pilot.send(sim.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0))
+def sends_flags(autopilot, flags):
+    autopilot.send(sim.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0))
 
 
 def cannot(vehicle):
@@ -51,8 +51,8 @@ PLACES = {"position", "position_global", "position_body", "path", "follow", "tra
     ],
 )
 def test_the_available_setpoints_follow_the_vehicles_estimates(jump, flags, impossible):
-    async def story(world, vehicle, pilot, link):
-        sends_flags(pilot, flags)
+    async def story(world, vehicle, autopilot, link):
+        sends_flags(autopilot, flags)
         await seconds(0.1)
         assert cannot(vehicle) == impossible
         for name in impossible - NEVER:
@@ -62,8 +62,8 @@ def test_the_available_setpoints_follow_the_vehicles_estimates(jump, flags, impo
 
 
 def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.estimates = False
+    async def story(world, vehicle, autopilot, link):
+        autopilot.estimates = False
         await seconds(1.5)
         for setpoint, words in (
             (Position((0.0, 0.0, -5.0)), "no fresh position"),
@@ -72,15 +72,15 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
         ):
             with pytest.raises(Refused, match=words):
                 await vehicle.offboard.start(StreamRequest(setpoint))
-        assert pilot.commands(176) == []
+        assert autopilot.commands(176) == []
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
-        assert pilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD
 
     flight(jump, story)
 
 
 def test_setpoints_that_are_never_available_have_a_reason(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         for setpoint, error, words in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
             (Position((1.0, None, -5.0)), InvalidRequest, "north and east are needed together"),
@@ -89,32 +89,32 @@ def test_setpoints_that_are_never_available_have_a_reason(jump):
         ):
             with pytest.raises(error, match=f"(?i){words}"):
                 await vehicle.offboard.start(StreamRequest(setpoint))
-        assert pilot.setpoints == []
+        assert autopilot.setpoints == []
 
     flight(jump, story)
 
 
 def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.estimates = False
-        pilot.params["MPC_THR_HOVER"] = (9, 0.44)
+    async def story(world, vehicle, autopilot, link):
+        autopilot.estimates = False
+        autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
         await seconds(1.5)
-        targets = pilot.other_targets
+        targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
         assert targets[-1][1].type_mask == 128
-        pilot.silent_commands.add(176)
+        autopilot.silent_commands.add(176)
         await seconds(1.0)
         assert "expired" in codes(vehicle)
         assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
-        assert [int(m.param3) for m in pilot.commands(176)][-1] == 6  # Land has been requested
+        assert [int(m.param3) for m in autopilot.commands(176)][-1] == 6  # Land has been requested
 
     flight(jump, story)
 
 
 def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_one(jump):
-    async def story(world, vehicle, pilot, link):
-        targets = pilot.other_targets
+    async def story(world, vehicle, autopilot, link):
+        targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         beat, world.streamer._streams.beat = world.streamer._streams.beat, lambda snapshots: None
         await seconds(0.4)
@@ -129,8 +129,8 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
 
 
 def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.params |= {
+    async def story(world, vehicle, autopilot, link):
+        autopilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),
             "MPC_TILTMAX_AIR": (9, 30.0),
             "GF_MAX_HOR_DIST": (9, 60.0),
@@ -147,10 +147,10 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
         assert limits.vehicle.tilt_max_rad == pytest.approx(0.5236, abs=1e-3)
         assert limits.vehicle.distance_max_m == 60.0
         await seconds(0.5)
-        assert pilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
+        assert autopilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
         await vehicle.offboard.setpoint(stream_request(velocity=(-2.0, 0.0, 0.0)))
         await seconds(1.0)
-        assert pilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slew rate 1 m/s²
+        assert autopilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slew rate 1 m/s²
         with pytest.raises(Refused, match="limit of 60 m from home"):
             await vehicle.offboard.setpoint(stream_request(position=(70.0, 0.0, -5.0)))
 
@@ -158,22 +158,22 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
 
 
 def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.estimates = False
+    async def story(world, vehicle, autopilot, link):
+        autopilot.estimates = False
         await vehicle.offboard.operator.set(
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
         )
         await seconds(1.5)
         with pytest.raises(Refused, match="limits cannot be enforced"):
             await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
-        assert pilot.commands(176) == []
+        assert autopilot.commands(176) == []
 
     flight(jump, story)
 
 
 def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
-    async def story(world, vehicle, pilot, link):
-        targets = pilot.other_targets
+    async def story(world, vehicle, autopilot, link):
+        targets = autopilot.other_targets
         place = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
         await vehicle.offboard.start(StreamRequest(place, 60.0))
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
@@ -183,21 +183,21 @@ def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
 
 
 def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
         assert (before.action, before.after_s, before.transmitter) == ("position", 1.0, False)
         assert "lands at its current position" in before.words
         after = await vehicle.offboard.set_failsafe("hold", 2.0)
         assert (after.action, after.after_s) == ("hold", 2.0)
-        assert (pilot.params["COM_OBL_RC_ACT"][1], pilot.params["COM_OF_LOSS_T"][1]) == (5, 2.0)
+        assert (autopilot.params["COM_OBL_RC_ACT"][1], autopilot.params["COM_OF_LOSS_T"][1]) == (5, 2.0)
         assert "after 2 s the vehicle holds its position" in vehicle.offboard.status().if_stream_stops
         with pytest.raises(InvalidRequest, match="no action"):
             await vehicle.offboard.set_failsafe("disarm", None)
         await vehicle.offboard.start(stream_request(), rate_hz=3.0)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.set_failsafe(None, 0.5)
-        pilot.stored = lambda message: 2.0  # the vehicle keeps its value
+        autopilot.stored = lambda message: 2.0  # the vehicle keeps its value
         with pytest.raises(Rejected, match="still has COM_OF_LOSS_T"):
             await vehicle.offboard.set_failsafe(None, 5.0)
 
@@ -205,9 +205,9 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
 
 
 def test_health_reports_the_time_until_the_failsafe(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
-        pilot.params["COM_OF_LOSS_T"] = (9, 0.5)
+        autopilot.params["COM_OF_LOSS_T"] = (9, 0.5)
         await vehicle.offboard.start(stream_request(valid_for_s=3.0))
         await seconds(1.0)
         health = vehicle.offboard.status().health
@@ -223,19 +223,19 @@ def test_health_reports_the_time_until_the_failsafe(jump):
 
 
 def test_a_limit_changed_in_flight_applies_at_once(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
         vehicle.params.known = lambda name: SimpleNamespace(value=known[name]) if name in known else None
         await seconds(0.3)
-        assert pilot.setpoints[-1][1].vx == pytest.approx(3.0)
+        assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"
 
     flight(jump, story)
 
 
 def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
         await seconds(3)
         with pytest.raises(

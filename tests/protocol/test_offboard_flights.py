@@ -8,10 +8,10 @@ from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
-    asks,
     codes,
     flight,
     gaps_s,
+    mode_requests,
     seconds,
     silent,
     stream_request,
@@ -21,25 +21,25 @@ from tests.protocol.offboard_world import (
 
 
 def test_nothing_is_sent_after_stop(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(2)
         await vehicle.offboard.stop()
-        assert pilot.mode == HOLD
-        await silent(pilot, link)
-        assert max(gaps_s(pilot)) < 0.05
-        assert pilot.failsafes == 0
+        assert autopilot.mode == HOLD
+        await silent(autopilot, link)
+        assert max(gaps_s(autopilot)) < 0.05
+        assert autopilot.failsafes == 0
 
     flight(jump, story)
 
 
 def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(1)
-        pilot.mode = pilot.asked_mode = POSITION
-        pilot.current_mode()
-        await silent(pilot, link, settle_s=0.15)
+        autopilot.mode = autopilot.requested_mode = POSITION
+        autopilot.current_mode()
+        await silent(autopilot, link, settle_s=0.15)
         assert codes(vehicle) == ["left_offboard"]
 
     flight(jump, story)
@@ -47,7 +47,7 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
 
 @pytest.mark.parametrize("seed", range(21))
 def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         began = world.loop.time()
         await vehicle.offboard.start(stream_request())
         assert world.loop.time() - began < 12
@@ -57,23 +57,23 @@ def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
         began = world.loop.time()
         await vehicle.offboard.stop()
         assert world.loop.time() - began < 6
-        assert pilot.mode == HOLD
-        assert pilot.failsafes == 0
-        await silent(pilot, link)
+        assert autopilot.mode == HOLD
+        assert autopilot.failsafes == 0
+        await silent(autopilot, link)
 
     flight(jump, story, loss=0.2, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(21))
 def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         command = vehicle.command
         calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
         for limit_s, call in calls:
             began = world.loop.time()
             await call()
             assert world.loop.time() - began <= limit_s
-        assert not pilot.armed
+        assert not autopilot.armed
 
     flight(jump, story, loss=0.2, seed=seed)
 
@@ -82,50 +82,50 @@ def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
 
 
 def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(stream_request(client="b"))
         assert (await first).client == "a"
-        assert pilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD
 
     flight(jump, story)
 
 
 def test_a_stop_before_the_offboard_request_prevents_it(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.5)
         await vehicle.offboard.stop()
         with pytest.raises(Refused, match="stopped"):
             await starting
         await seconds(8)
-        assert not asks(pilot, OFFBOARD)
-        assert pilot.mode == HOLD
+        assert not mode_requests(autopilot, OFFBOARD)
+        assert autopilot.mode == HOLD
 
     flight(jump, story)
 
 
 def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.take_offboard_after_s = 0.4
+    async def story(world, vehicle, autopilot, link):
+        autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
-        while not asks(pilot, OFFBOARD):
+        while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.01)
         await vehicle.offboard.stop()
         with pytest.raises(Refused):
             await starting
         await seconds(8)
-        assert pilot.failsafes == 0
-        assert pilot.mode == HOLD
-        await silent(pilot, link)
+        assert autopilot.failsafes == 0
+        assert autopilot.mode == HOLD
+        await silent(autopilot, link)
 
     flight(jump, story)
 
 
 def test_a_stopped_start_affects_no_later_start(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await seconds(0.5)
         await vehicle.offboard.stop()
@@ -135,111 +135,111 @@ def test_a_stopped_start_affects_no_later_start(jump):
         assert (await second).client == "b"
         await seconds(2)
         assert vehicle.offboard.status().state == "streaming"
-        assert pilot.failsafes == 0
+        assert autopilot.failsafes == 0
 
     flight(jump, story)
 
 
 def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.take_offboard_after_s = 0.6
+    async def story(world, vehicle, autopilot, link):
+        autopilot.take_offboard_after_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
-        while not asks(pilot, OFFBOARD):
+        while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.01)
         await vehicle.command.arm()
         with pytest.raises(Refused, match="arm"):
             await starting
         await seconds(6)
-        assert pilot.failsafes == 0
-        assert pilot.mode == HOLD
+        assert autopilot.failsafes == 0
+        assert autopilot.mode == HOLD
         assert not vehicle.offboard.status().streaming
 
     flight(jump, story)
 
 
 def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.take_offboard_after_s = 0.4
+    async def story(world, vehicle, autopilot, link):
+        autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
-        while not asks(pilot, OFFBOARD):
+        while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.01)
         starting.cancel()
         with pytest.raises(asyncio.CancelledError):
             await starting
         await seconds(6)
-        assert pilot.failsafes == 0
-        assert pilot.mode == HOLD
-        await silent(pilot, link)
+        assert autopilot.failsafes == 0
+        assert autopilot.mode == HOLD
+        await silent(autopilot, link)
 
     flight(jump, story)
 
 
 def test_offboard_that_is_reached_after_the_deadline_is_reversed(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.take_offboard_after_s = 7.0
+    async def story(world, vehicle, autopilot, link):
+        autopilot.take_offboard_after_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
             await vehicle.offboard.start(stream_request())
         assert not vehicle.offboard.status().streaming or isinstance(caught.value, NoReply)
         await seconds(10)
-        assert pilot.failsafes == 0 or isinstance(caught.value, Rejected)
+        assert autopilot.failsafes == 0 or isinstance(caught.value, Rejected)
 
     flight(jump, story)
 
 
 def test_after_a_late_refusal_the_stream_ends_at_once(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.has_stream = lambda: False
+    async def story(world, vehicle, autopilot, link):
+        autopilot.has_stream = lambda: False
         with pytest.raises(Rejected):
             await vehicle.offboard.start(stream_request())
-        await silent(pilot, link)
-        assert pilot.mode == HOLD
+        await silent(autopilot, link)
+        assert autopilot.mode == HOLD
 
     flight(jump, story)
 
 
 def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.3)
-        pilot.alive = False
+        autopilot.alive = False
         with pytest.raises((Disconnected, NoReply, Refused)):
             await starting
         await seconds(9)
         assert not vehicle.offboard.status().streaming
-        assert pilot.mode == HOLD, "although the vehicle received the request"
-        assert pilot.failsafes == 0
-        await silent(pilot, link)
+        assert autopilot.mode == HOLD, "although the vehicle received the request"
+        assert autopilot.failsafes == 0
+        await silent(autopilot, link)
 
     flight(jump, story)
 
 
 def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.params["COM_OF_LOSS_T"] = (9, 0.4)
+    async def story(world, vehicle, autopilot, link):
+        autopilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.start(stream_request(), rate_hz=2.0)
-        await silent(pilot, link)
+        await silent(autopilot, link)
         await vehicle.offboard.start(stream_request(), rate_hz=5.0)
 
     flight(jump, story)
 
 
 def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.mode = pilot.asked_mode = 4 << 16 | 4 << 24
+    async def story(world, vehicle, autopilot, link):
+        autopilot.mode = autopilot.requested_mode = 4 << 16 | 4 << 24
         await seconds(2)
         assert vehicle.status.mode == "mission"
         await vehicle.offboard.start(stream_request())
-        assert pilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD
 
     flight(jump, story)
 
 
 def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
-        assert pilot.mode == HOLD, "armed now, it stays on the ground"
+        assert autopilot.mode == HOLD, "armed now, it stays on the ground"
         assert not vehicle.offboard.status().streaming
 
     flight(jump, story, flying=False)
@@ -249,20 +249,20 @@ def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(ju
 
 
 def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         async def move():
             while True:
                 await seconds(0.01)
-                pilot.ned[0] += 0.1
-                pilot.velocity = (10.0, 0.0, 0.0)
+                autopilot.ned[0] += 0.1
+                autopilot.velocity = (10.0, 0.0, 0.0)
 
         moving = asyncio.ensure_future(move())
         await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=0.5))
         while vehicle.offboard.status().state == "streaming":
             await seconds(0.004)
-        at = pilot.ned[0]
+        at = autopilot.ned[0]
         await seconds(0.05)
-        held = pilot.setpoints[-1][1]
+        held = autopilot.setpoints[-1][1]
         assert held.type_mask == 2552
         assert held.x == pytest.approx(at, abs=0.6), "10 m/s and 60 ms"
         moving.cancel()
@@ -271,13 +271,13 @@ def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
 
 
 def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
-        pilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
+        autopilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
         await seconds(2)
-        assert pilot.mode == HOLD
-        assert not asks(pilot, LAND)
-        after = [m for t, m in pilot.setpoints if m.type_mask == 2552]
+        assert autopilot.mode == HOLD
+        assert not mode_requests(autopilot, LAND)
+        after = [m for t, m in autopilot.setpoints if m.type_mask == 2552]
         assert not after, "a position one second old is behind the vehicle"
         await seconds(8)
         assert not vehicle.offboard.status().streaming
@@ -286,49 +286,49 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
 
 
 def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
-        pilot.estimates = False
+        autopilot.estimates = False
         await seconds(3)
-        assert pilot.mode == LAND
-        assert not asks(pilot, HOLD)
+        assert autopilot.mode == LAND
+        assert not mode_requests(autopilot, HOLD)
 
     flight(jump, story)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         await seconds(9)
-        assert pilot.mode == HOLD
-        assert pilot.failsafes == 0
+        assert autopilot.mode == HOLD
+        assert autopilot.failsafes == 0
         assert codes(vehicle) == ["expired", "held"]
 
     flight(jump, story, loss=0.2, seed=seed)
 
 
 def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
-        pilot.refuse[176] = 1
+        autopilot.refuse[176] = 1
         await seconds(9)
         assert codes(vehicle) == ["expired", "not_confirmed"]
-        assert len(asks(pilot, HOLD)) == 5
-        assert pilot.failsafes == 1
-        await silent(pilot, link)
+        assert len(mode_requests(autopilot, HOLD)) == 5
+        assert autopilot.failsafes == 1
+        await silent(autopilot, link)
 
     flight(jump, story)
 
 
 def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
         assert vehicle.offboard.status().state == "holding"
         resumed = await vehicle.offboard.setpoint(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         assert resumed.state == "streaming"
-        pilot.silent_commands.add(176)
+        autopilot.silent_commands.add(176)
         await seconds(1.0)
         assert vehicle.offboard.status().state == "to_hold"
         with pytest.raises(Refused, match="ending"):
@@ -338,7 +338,7 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
 
 
 def test_a_start_during_expiry_is_refused(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
         with pytest.raises(Refused, match="already has a setpoint stream"):
@@ -348,36 +348,36 @@ def test_a_start_during_expiry_is_refused(jump):
 
 
 def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, action="land"))
-        pilot.silent_commands.add(176)
+        autopilot.silent_commands.add(176)
         await seconds(1)
         assert vehicle.offboard.status().state == "landing"
         assert (await vehicle.offboard.stop()).state == "landing"
-        pilot.silent_commands.clear()
+        autopilot.silent_commands.clear()
         await seconds(3)
-        assert pilot.mode == LAND
+        assert autopilot.mode == LAND
 
     flight(jump, story)
 
 
 def test_a_stop_on_a_lost_link_is_repeated(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
-        pilot.silent_commands.add(176)
+        autopilot.silent_commands.add(176)
         with pytest.raises(NoReply):
             await vehicle.offboard.stop()
-        assert pilot.failsafes == 0
-        pilot.silent_commands.clear()
+        assert autopilot.failsafes == 0
+        autopilot.silent_commands.clear()
         await seconds(3)
-        assert pilot.mode == HOLD
-        await silent(pilot, link)
+        assert autopilot.mode == HOLD
+        await silent(autopilot, link)
 
     flight(jump, story)
 
 
 def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(client="a"))
         for number in range(10):
             client = "ab"[number % 2]
@@ -385,7 +385,7 @@ def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
             status = await vehicle.offboard.setpoint(stream_request(position=place, client=client))
             assert (status.client, status.setpoint["position_ned_m"]) == (client, place)
             await seconds(0.05)
-            assert pilot.setpoints[-1][1].x == number
+            assert autopilot.setpoints[-1][1].x == number
         await vehicle.offboard.stop()
         with pytest.raises(Refused, match="stopped"):
             await vehicle.offboard.setpoint(stream_request(client="a"))

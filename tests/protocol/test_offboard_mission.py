@@ -13,7 +13,7 @@ from tests.protocol.api_calls import ANNA, WorkHere, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, hovering
-from tests.protocol.offboard_world import POSITION, asks, seconds, silent, stream_request
+from tests.protocol.offboard_world import POSITION, mode_requests, seconds, silent, stream_request
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -67,12 +67,12 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
 
 
 def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         missions.flight.pause("Alice")
         await missions.reach("paused", within_s=5)
         left_s = missions.flight.status().remaining_s
         await seconds(5)
-        assert (pilot.mode, missions.flight.status().remaining_s) == (OFFBOARD, left_s)
+        assert (autopilot.mode, missions.flight.status().remaining_s) == (OFFBOARD, left_s)
         missions.flight.resume("Alice")
         await seconds(5)
         assert missions.flight.status().remaining_s < left_s - 2
@@ -81,7 +81,7 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
 
 
 def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
             await vehicle.offboard.setpoint(stream_request())
         assert "Pause or abort" in str(refused.value.remedy)
@@ -95,35 +95,35 @@ def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
 
 
 def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
         assert "Bob" in missions.flight.status().reason
-        await silent(pilot, None)
-        assert pilot.mode == HOLD
+        await silent(autopilot, None)
+        assert autopilot.mode == HOLD
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
-        assert pilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD
 
     hovering(jump, tmp_path, hover(), story)
 
 
 def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         await vehicle.offboard.stop()
         await missions.reach("suspended", within_s=2)
-        await silent(pilot, None)
-        assert pilot.mode == HOLD
+        await silent(autopilot, None)
+        assert autopilot.mode == HOLD
 
     hovering(jump, tmp_path, hover(), story)
 
 
 def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         missions.flight.abort("Alice", "hold")
         assert missions.state == "aborted"
-        await until(lambda: pilot.mode == HOLD, 5)
-        await silent(pilot, None, settle_s=1.0)
+        await until(lambda: autopilot.mode == HOLD, 5)
+        await silent(autopilot, None, settle_s=1.0)
         with pytest.raises(Refused, match="has ended"):
             missions.flight.resume("Alice")
 
@@ -131,12 +131,12 @@ def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
 
 
 def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
-        pilot.mode = pilot.asked_mode = POSITION
-        pilot.current_mode()
+    async def story(missions, vehicle, autopilot):
+        autopilot.mode = autopilot.requested_mode = POSITION
+        autopilot.current_mode()
         await missions.reach("suspended", within_s=2)
-        await silent(pilot, None, 10.0, settle_s=0.3)
-        assert pilot.mode == POSITION
+        await silent(autopilot, None, 10.0, settle_s=0.3)
+        assert autopilot.mode == POSITION
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
@@ -144,41 +144,43 @@ def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_
 
 
 def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
-        asked = len(asks(pilot, OFFBOARD))
+        asked = len(mode_requests(autopilot, OFFBOARD))
         missions.flight.resume("Alice")
         await seconds(0.6)  # setpoints are sent, Offboard has not been requested
-        pilot.mode = pilot.asked_mode = POSITION
-        pilot.current_mode()
+        autopilot.mode = autopilot.requested_mode = POSITION
+        autopilot.current_mode()
         await missions.reach("suspended", within_s=2)
-        await silent(pilot, None, 5.0, settle_s=0.3)
-        assert (len(asks(pilot, OFFBOARD)), pilot.mode) == (asked, POSITION)
+        await silent(autopilot, None, 5.0, settle_s=0.3)
+        assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (asked, POSITION)
 
     hovering(jump, tmp_path, hover(), story)
 
 
 def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
-        pilot.ned = [
+        autopilot.ned = [
             -20 * math.cos(YAW_RAD),
             -20 * math.sin(YAW_RAD),
             -5.0,
         ]  # the path is straight ahead
 
         def measure():
-            pilot.send(sim.MAVLink_distance_sensor_message(pilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0))
+            autopilot.send(
+                sim.MAVLink_distance_sensor_message(autopilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0)
+            )
 
-        pilot._every(0.2, measure)
+        autopilot._every(0.2, measure)
         await seconds(1)
         missions.flight.resume("Alice")
         await seconds(1)
         assert missions.state == "suspended"
         assert "An obstacle is measured 3 m ahead" in missions.flight.status().reason
-        assert pilot.mode == HOLD
+        assert autopilot.mode == HOLD
         vehicle.offboard.avoidance.way = "over"
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
@@ -187,15 +189,15 @@ def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
 
 
 def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         assert missions.flight.reading().wind_speed_m_s is None
         for orientation, centimetres in ((0, 150), (25, 420)):
-            pilot.send(
+            autopilot.send(
                 sim.MAVLink_distance_sensor_message(
-                    pilot.boot_ms(), 10, 2000, centimetres, 0, orientation, orientation, 0
+                    autopilot.boot_ms(), 10, 2000, centimetres, 0, orientation, orientation, 0
                 )
             )
-        pilot.send(sim.MAVLink_wind_cov_message(0, 3.0, -4.0, math.nan, 0, 0, 0, 0, 0))
+        autopilot.send(sim.MAVLink_wind_cov_message(0, 3.0, -4.0, math.nan, 0, 0, 0, 0, 0))
         await seconds(0.3)
         reading = missions.flight.reading()
         assert (reading.distance_m, reading.wind_speed_m_s) == (pytest.approx(4.2), pytest.approx(5.0))
@@ -213,12 +215,12 @@ def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp
 
 
 def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         lease = missions.authority.control("1").lease
         lease.request(BOB)
         lease.grant(ALICE, "bob")
         await missions.reach("paused", within_s=5)
-        assert pilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD
         assert "control_taken" in event_codes(vehicle)
 
     hovering(jump, tmp_path, hover(), story)
@@ -228,11 +230,11 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
     ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
 )
 def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, state, mode):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         missions.authority.control("1").lease.release(ALICE)
         await seconds(LEASE_S + 3)
-        assert (missions.state, pilot.mode) == (state, mode)
-        assert pilot.failsafes == 0
+        assert (missions.state, autopilot.mode) == (state, mode)
+        assert autopilot.failsafes == 0
 
     hovering(jump, tmp_path, hover(control_lost=action), story)
 
@@ -242,11 +244,11 @@ def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, st
 
 @pytest.mark.parametrize(("action", "state"), [("hold", "suspended"), ("continue", "flying")])
 def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp_path, action, state):
-    async def story(missions, vehicle, pilot):
-        pilot.loss = 1.0
+    async def story(missions, vehicle, autopilot):
+        autopilot.loss = 1.0
         await seconds(8)
-        pilot.loss = 0.0
-        pilot.mode = pilot.asked_mode = HOLD  # it received the stream's last command
+        autopilot.loss = 0.0
+        autopilot.mode = autopilot.requested_mode = HOLD  # it received the stream's last command
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
@@ -254,34 +256,34 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp
 
 
 def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         missions.all.update = lambda: None
         await seconds(4)
         assert vehicle.offboard.status().state == "holding"
-        await until(lambda: pilot.mode == HOLD, 10)
-        assert pilot.failsafes == 0
+        await until(lambda: autopilot.mode == HOLD, 10)
+        assert autopilot.failsafes == 0
 
     hovering(jump, tmp_path, hover(), story)
 
 
 def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.all.update
         beat, streamer.beat_once, missions.all.update = streamer.beat_once, lambda: None, lambda: None
-        await until(lambda: pilot.mode == POSITION, 6)
+        await until(lambda: autopilot.mode == POSITION, 6)
         streamer.beat_once, missions.all.update = beat, update
         await missions.reach("suspended", within_s=3)
-        await silent(pilot, None, settle_s=0.5)
-        assert pilot.failsafes == 1
+        await silent(autopilot, None, settle_s=0.5)
+        assert autopilot.failsafes == 1
 
     hovering(jump, tmp_path, hover(link_loss="continue", failure="return"), story)
 
 
 def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
-    async def story(missions, vehicle, pilot):
+    async def story(missions, vehicle, autopilot):
         await missions.world.streamer.stop_all()
-        assert pilot.mode == HOLD
+        assert autopilot.mode == HOLD
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"
 
@@ -350,11 +352,11 @@ def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
 
 def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
     async def story(at):
-        at.pilot.estimates = False
+        at.autopilot.estimates = False
         await seconds(2)
         with pytest.raises(Refused, match="no valid position"):
             await started(at)
-        assert at.pilot.setpoints == []
+        assert at.autopilot.setpoints == []
 
     routed(jump, story)
 

@@ -49,8 +49,8 @@ def north(metres, **more):
     return {"setpoint": place, "valid_for_s": 60, **more}
 
 
-def streamed(jump, story, *, start=True):
-    async def fly(world, vehicle, pilot, link):
+def with_socket(jump, story, *, start=True):
+    async def fly(world, vehicle, autopilot, link):
         station = station_of(world)
         if start:
             await vehicle.offboard.start(stream_request())
@@ -58,7 +58,7 @@ def streamed(jump, story, *, start=True):
         server = SetpointSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
         serving = asyncio.ensure_future(server.serve())
         try:
-            await story(vehicle, pilot, socket)
+            await story(vehicle, autopilot, socket)
         finally:
             socket.inbox.put_nowait(None)
             with suppress(ExceptionGroup):  # the socket's own end
@@ -68,23 +68,23 @@ def streamed(jump, story, *, start=True):
 
 
 def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         for seq in range(1, 51):
-            before = len(pilot.setpoints)
+            before = len(autopilot.setpoints)
             socket.say(seq=seq, **north(seq / 10))
             await seconds(0.0101)
-            new = [m.x for _, m in pilot.setpoints[before:]]
+            new = [m.x for _, m in autopilot.setpoints[before:]]
             assert any(x == pytest.approx(seq / 10) for x in new), (seq, new)
         assert [a["seq"] for a in socket.heard] == list(range(1, 51))
         last = socket.heard[-1]
         assert last["applied"] == {"type": "position", "position_ned_m": [5.0, 0.0, -5.0], "yaw_ned_rad": 0.5}
         assert last["limited"] == []
 
-    streamed(jump, story)
+    with_socket(jump, story)
 
 
 def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         for seq in range(10):
             socket.say(seq=seq, **north(seq))
         socket.say(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
@@ -93,9 +93,9 @@ def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
         assert answers[10]["error"]["field"] == "setpoint.position_ned_m.0"
         assert answers[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
         assert all(answers[seq] == {"seq": seq, "superseded": True} for seq in range(9))
-        assert {m.x for _, m in pilot.setpoints[-3:]} == {9.0}
+        assert {m.x for _, m in autopilot.setpoints[-3:]} == {9.0}
 
-    streamed(jump, story)
+    with_socket(jump, story)
 
 
 @pytest.mark.parametrize(
@@ -156,87 +156,87 @@ def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
     ],
 )
 def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump, message, words, field):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         await seconds(0.1)
-        before = (pilot.setpoints[-1][1].x, pilot.setpoints[-1][1].type_mask)
+        before = (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask)
         socket.inbox.put_nowait(message)
         await seconds(0.1)
         (answer,) = socket.heard
         assert words in answer["error"]["detail"]
         assert field is None or answer["error"]["field"] == field
-        assert (pilot.setpoints[-1][1].x, pilot.setpoints[-1][1].type_mask) == before
+        assert (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask) == before
 
-    streamed(jump, story)
+    with_socket(jump, story)
 
 
 def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(jump):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         socket.say(seq=1, **north(1))
         await seconds(0.1)
         assert socket.heard[0]["error"]["code"] == "refused"
         assert "offboard/start" in socket.heard[0]["error"]["remedy"]
-        assert pilot.setpoints == []
+        assert autopilot.setpoints == []
 
-    streamed(jump, story, start=False)
+    with_socket(jump, story, start=False)
 
 
 def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         socket.reads.clear()
         for seq in range(1000):
             socket.say(seq=seq, **north(seq / 100))
             await seconds(0.01)
-        assert pilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
+        assert autopilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
         socket.reads.set()
         await seconds(0.2)
         assert len(socket.heard) <= 202  # the oldest answers were dropped
         assert socket.heard[-1]["seq"] == 999
 
-    streamed(jump, story)
+    with_socket(jump, story)
 
 
 @pytest.mark.parametrize(
     "text", ['{"' + "x" * 500_000 + '": 1}', "[" * 500_000, '{"type": "' + "y" * 500_000 + '"}']
 )
 def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_stream(jump, text):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         socket.reads.clear()
         for _ in range(100):
             socket.inbox.put_nowait(text)
             await seconds(0.02)
         socket.say(seq=7, **north(3))
         await seconds(0.1)
-        assert pilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
+        assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
         socket.reads.set()
         await seconds(0.2)
         assert sum(len(json.dumps(answer)) for answer in socket.heard) < ANSWERS_BYTES + 10_000
         assert socket.heard[-1]["seq"] == 7
 
-    streamed(jump, story)
+    with_socket(jump, story)
 
 
 def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         for seq in range(FLOOD_PER_S + 10):
             socket.say(seq=seq, **north(seq / 1000, valid_for_s=0.5))
         await seconds(0.1)
         assert socket.closed[0] == CLOSE_FLOOD
         await seconds(7)
-        assert pilot.mode != OFFBOARD  # held, then Hold
-        assert pilot.failsafes == 0
+        assert autopilot.mode != OFFBOARD  # held, then Hold
+        assert autopilot.failsafes == 0
 
-    streamed(jump, story)
+    with_socket(jump, story)
 
 
 def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
-    async def story(vehicle, pilot, socket):
+    async def story(vehicle, autopilot, socket):
         socket.say(seq=1, **(north(3) | {"valid_for_s": 4}))
         await seconds(0.1)
         socket.inbox.put_nowait(None)
         await seconds(3)
-        assert (pilot.mode, vehicle.offboard.status().state) == (OFFBOARD, "streaming")
+        assert (autopilot.mode, vehicle.offboard.status().state) == (OFFBOARD, "streaming")
         await seconds(7)
-        assert (pilot.mode, pilot.failsafes) != (OFFBOARD, 1)
+        assert (autopilot.mode, autopilot.failsafes) != (OFFBOARD, 1)
         assert vehicle.offboard.status().state == "idle"
 
-    streamed(jump, story)
+    with_socket(jump, story)

@@ -11,10 +11,10 @@ from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
     OffboardWorld,
-    asks,
     codes,
     flight,
     gaps_s,
+    mode_requests,
     seconds,
     silent,
     stream_request,
@@ -24,16 +24,16 @@ from tests.protocol.offboard_world import (
 
 
 def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(0.5)
-        pilot.ned = [80.0, -30.0, -5.0]
+        autopilot.ned = [80.0, -30.0, -5.0]
         await seconds(0.3)
         assert "jumped" in codes(vehicle)
-        far = [m for t, m in pilot.setpoints if t > world.loop.time() - 0.1]
+        far = [m for t, m in autopilot.setpoints if t > world.loop.time() - 0.1]
         assert {(round(m.x), round(m.y)) for m in far} in ({(80, -30)}, set())
         await seconds(2)
-        assert pilot.mode == HOLD
+        assert autopilot.mode == HOLD
         with pytest.raises(Refused):
             await vehicle.offboard.setpoint(stream_request())
 
@@ -41,19 +41,19 @@ def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
 
 
 def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
-        pilot.failsafes, pilot.mode = 1, POSITION
-        pilot.current_mode()
+        autopilot.failsafes, autopilot.mode = 1, POSITION
+        autopilot.current_mode()
         await seconds(0.5)
-        pilot.land_and_disarm()
+        autopilot.land_and_disarm()
         await seconds(1)
         assert vehicle.status.mode == "offboard"
         status = vehicle.offboard.status()
         assert not status.streaming
         assert "Position" in status.ended or "position" in status.ended
-        await silent(pilot, link)
+        await silent(autopilot, link)
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(stream_request())
 
@@ -61,24 +61,24 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
 
 
 def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
-        pilot.alive = False
+        autopilot.alive = False
         await seconds(2.0)
-        pilot.alive = True
-        pilot.land_and_disarm()
-        await silent(pilot, link, settle_s=1.2)
+        autopilot.alive = True
+        autopilot.land_and_disarm()
+        await silent(autopilot, link, settle_s=1.2)
         assert codes(vehicle) == ["disarmed"]
 
     flight(jump, story)
 
 
 def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
-        pilot.alive = False
-        pilot.silent_commands.add(176)
+        autopilot.alive = False
+        autopilot.silent_commands.add(176)
         await seconds(3.5 + 5 + 1.5)
         assert not vehicle.offboard.status().streaming
         assert codes(vehicle) == ["lost", "not_confirmed"]
@@ -87,10 +87,10 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
 
 
 def test_a_kill_in_flight_ends_the_stream(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
-        await silent(pilot, link, settle_s=0.2)
+        await silent(autopilot, link, settle_s=0.2)
         assert codes(vehicle) == ["disarmed"]
 
     flight(jump, story)
@@ -100,21 +100,23 @@ def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
     async def run():
         world = OffboardWorld()
         link = world.link()
-        pilots = [world.offboard_pilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2, 3)]
-        for pilot in pilots:
-            pilot.fly()
+        autopilots = [
+            world.offboard_autopilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2, 3)
+        ]
+        for autopilot in autopilots:
+            autopilot.fly()
         try:
             vehicles = [await world.ready(str(i)) for i in (1, 2, 3)]
             await seconds(1.5)
             await asyncio.gather(*(vehicle.offboard.start(stream_request()) for vehicle in vehicles))
-            pilots[0].silent_commands.add(176)
+            autopilots[0].silent_commands.add(176)
             began = world.loop.time()
             stopped = {s.vehicle: s.error for s in await world.streamer.stop_all()}
             assert world.loop.time() - began < 3.5
             assert stopped["2"] is None
             assert stopped["3"] is None
             assert isinstance(stopped["1"], NoReply)
-            assert [pilot.mode for pilot in pilots] == [OFFBOARD, HOLD, HOLD]
+            assert [autopilot.mode for autopilot in autopilots] == [OFFBOARD, HOLD, HOLD]
         finally:
             await world.close()
 
@@ -122,13 +124,13 @@ def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
 
 
 def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
-        pilot.take_offboard_after_s = 0.3
+    async def story(world, vehicle, autopilot, link):
+        autopilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
+        autopilot.take_offboard_after_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
-        while not asks(pilot, OFFBOARD):
+        while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.005)
-        pilot.mode = POSITION
+        autopilot.mode = POSITION
         dropped = []
 
         def lose_the_first(message):
@@ -136,10 +138,10 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
                 dropped.append(message)
             return message in dropped
 
-        pilot.handlers.append(lose_the_first)
+        autopilot.handlers.append(lose_the_first)
         await vehicle.command.hold()
         assert dropped
-        assert pilot.mode == HOLD
+        assert autopilot.mode == HOLD
         with pytest.raises((Refused, Rejected)):
             await starting
 
@@ -147,13 +149,13 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
 
 
 def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.take_offboard_after_s = 0.3
+    async def story(world, vehicle, autopilot, link):
+        autopilot.take_offboard_after_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
-        while not asks(pilot, OFFBOARD):
+        while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.005)
-        pilot.refuse[176] = 2
-        pilot.mode = POSITION
+        autopilot.refuse[176] = 2
+        autopilot.mode = POSITION
         with pytest.raises(Rejected, match="denied"):
             await vehicle.command.hold()
         with pytest.raises((Refused, Rejected)):
@@ -164,20 +166,20 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
 
 @pytest.mark.parametrize("call", ["land", "rtl"])
 def test_the_stream_does_not_request_hold_during_another_command(jump, call):
-    async def story(world, vehicle, pilot, link):
-        pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
+    async def story(world, vehicle, autopilot, link):
+        autopilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
             await seconds(0.01)
         await seconds(0.9)
-        pilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and world.loop.time() < late_s)
+        autopilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and world.loop.time() < late_s)
         late_s = world.loop.time() + 1.3
-        asked = len(asks(pilot, HOLD))
+        asked = len(mode_requests(autopilot, HOLD))
         await getattr(vehicle.command, call)()
         await seconds(2)
-        assert len(asks(pilot, HOLD)) == asked
+        assert len(mode_requests(autopilot, HOLD)) == asked
         assert vehicle.status.mode == call
-        assert pilot.failsafes == 0
+        assert autopilot.failsafes == 0
 
     flight(jump, story)
 
@@ -189,9 +191,11 @@ def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
     async def run():
         world = OffboardWorld()
         link = world.link()
-        pilots = [world.offboard_pilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2)]
-        for pilot in pilots:
-            pilot.fly()
+        autopilots = [
+            world.offboard_autopilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2)
+        ]
+        for autopilot in autopilots:
+            autopilot.fly()
         try:
             vehicles = [await world.ready(str(i)) for i in (1, 2)]
             await seconds(1.5)
@@ -199,13 +203,13 @@ def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
                 await vehicle.offboard.start(stream_request(position=(float(number), 0.0, -5.0)))
             await seconds(0.5)
             await vehicles[0].command.kill()
-            for number, pilot in enumerate(pilots, 1):
-                addressed = [m for m in pilot.heard if hasattr(m, "target_system")]
+            for number, autopilot in enumerate(autopilots, 1):
+                addressed = [m for m in autopilot.heard if hasattr(m, "target_system")]
                 assert {m.target_system for m in addressed} == {number}
                 assert {m.target_component for m in addressed} == {1}
-                assert {m.x for _, m in pilot.setpoints} == {float(number)}
-            assert pilots[1].armed
-            assert not pilots[0].armed
+                assert {m.x for _, m in autopilot.setpoints} == {float(number)}
+            assert autopilots[1].armed
+            assert not autopilots[0].armed
         finally:
             await world.close()
 
@@ -216,11 +220,11 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
     async def run():
         world = OffboardWorld()
         links = [world.link("one"), world.link("two")]
-        pilots = [
-            world.offboard_pilot(link, uid=i + 7, boot_s=900.0 - 50 * i) for i, link in enumerate(links)
+        autopilots = [
+            world.offboard_autopilot(link, uid=i + 7, boot_s=900.0 - 50 * i) for i, link in enumerate(links)
         ]
-        for pilot in pilots:
-            pilot.fly()
+        for autopilot in autopilots:
+            autopilot.fly()
         try:
             await world.ready("1")
             await world.ready("1~2")
@@ -228,11 +232,11 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
             by_link = {world.fleet.get(i).links[0]: world.fleet.get(i) for i in ("1", "1~2")}
             await by_link["two"].offboard.start(stream_request())
             await by_link["two"].command.kill()
-            assert pilots[0].armed
-            assert not pilots[0].setpoints
-            assert not pilots[0].commands(400)
-            assert not pilots[0].commands(176)
-            assert not pilots[1].armed
+            assert autopilots[0].armed
+            assert not autopilots[0].setpoints
+            assert not autopilots[0].commands(400)
+            assert not autopilots[0].commands(176)
+            assert not autopilots[1].armed
         finally:
             await world.close()
 
@@ -248,18 +252,18 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
     async def run():
         world = OffboardWorld()
         first, second = world.link("one"), world.link("two")
-        pilot = world.offboard_pilot(first)
-        pilot.fly()
-        second.pilots["peer"] = pilot
+        autopilot = world.offboard_autopilot(first)
+        autopilot.fly()
+        second.autopilots["peer"] = autopilot
         dead = []
 
         def both(raw):
-            pilot.mav.seq = (pilot.mav.seq + 1) % 256
+            autopilot.mav.seq = (autopilot.mav.seq + 1) % 256
             for link in (first, second):
                 if link.name not in dead:
                     link.inject(raw, "peer")
 
-        pilot.send_raw = both
+        autopilot.send_raw = both
         try:
             vehicle = await world.ready()
             await seconds(5)
@@ -271,13 +275,13 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
             before = len(other.sent)
             if how == "silent":
                 dead.append(used.name)
-                used.pilots.clear()
+                used.autopilots.clear()
             else:
                 used._sender._write = unreachable
             await seconds(3)
             assert len(other.sent) > before + 100
-            assert max(gaps_s(pilot)) < 0.5
-            assert pilot.failsafes == 0
+            assert max(gaps_s(autopilot)) < 0.5
+            assert autopilot.failsafes == 0
             assert vehicle.offboard.status().state == "streaming"
         finally:
             await world.close()

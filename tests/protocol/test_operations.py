@@ -12,7 +12,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import metadata_files
 from tests.protocol.api_calls import ANNA, BOB, lines, station_of, view
 from tests.protocol.offboard_world import OffboardWorld, seconds
-from tests.protocol.sim_world import SimPilot
+from tests.protocol.sim_world import SimulatedAutopilot
 
 WAIT = param_routes.RefreshRequest(wait=True)
 
@@ -28,14 +28,14 @@ async def read_inline(kind, packed, crc):
 def story(jump, work):
     async def run():
         world = OffboardWorld()
-        pilot = SimPilot(world.link(), seed=1)
+        autopilot = SimulatedAutopilot(world.link(), seed=1)
         try:
             vehicle = await world.ready()
             vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
             station = station_of(world)
-            await work(SimpleNamespace(world=world, vehicle=vehicle, pilot=pilot, station=station))
+            await work(SimpleNamespace(world=world, vehicle=vehicle, autopilot=autopilot, station=station))
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
@@ -96,7 +96,7 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
     async def work(at):
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))
         await asyncio.sleep(0.01)
-        at.pilot.alive = False
+        at.autopilot.alive = False
         with pytest.raises(Disconnected, match="was lost while waiting"):
             async with asyncio.timeout(60):
                 await reading
@@ -115,7 +115,7 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
 def test_concurrent_reads_share_one_operation_and_one_request(jump):
     async def work(at):
         await asyncio.gather(refresh(at, ANNA, WAIT), refresh(at, BOB, WAIT))
-        assert at.pilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1
+        assert at.autopilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1
         assert len(at.station.operations.all()) == 1
 
     story(jump, work)

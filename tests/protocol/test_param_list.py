@@ -8,7 +8,7 @@ from gcs_server.errors import Disconnected, InvalidRequest, NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import metadata_files
-from tests.protocol.sim_world import SimPilot
+from tests.protocol.sim_world import SimulatedAutopilot
 
 LIST, READ, SET, FTP = (
     d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
@@ -29,39 +29,42 @@ async def read_inline(kind, packed, crc):
 def story(kit, jump, work, *, loss=0.0, seed=0, cache=None):
     async def run():
         world = kit.World()
-        pilot = SimPilot(world.link(), seed=seed)
+        autopilot = SimulatedAutopilot(world.link(), seed=seed)
         try:
             vehicle = await world.ready()
             vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, inline
             vehicle.metadata.read = read_inline
-            pilot.loss = loss
-            await work(world, vehicle, pilot)
+            autopilot.loss = loss
+            await work(world, vehicle, autopilot)
         finally:
-            pilot.alive = False
+            autopilot.alive = False
             await world.close()
 
     jump(run)
 
 
-def truth(pilot):
-    return dict(pilot.sim.simulation.parameters[0].items())
+def true_values(autopilot):
+    return dict(autopilot.sim.simulation.parameters[0].items())
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
 def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, seed):
-    async def work(world, vehicle, pilot):
+    async def work(world, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"
-        assert pilot.count(LIST) == pilot.count(FTP) == 0  # nothing that was not requested
+        assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing that was not requested
         known = await vehicle.params.refresh()
         assert (known.state, known.received, known.count, known.source) == ("ready", 929, 929, "vehicle")
         assert known.facts, known.facts_problem
-        values = truth(pilot)
+        values = true_values(autopilot)
         assert {p.name: p.value for p in vehicle.params.all()} == values
         assert all(isinstance(p.value, int) == p.is_integer for p in vehicle.params.all())
         assert all(vehicle.params.facts(name) is not None for name in values)
         assert vehicle.params.facts("MPC_XY_VEL_MAX").unit == "m/s"
         if not loss:
-            assert (pilot.count(LIST), pilot.count(READ)) == (1, 2)  # the list, and the checksum twice
+            assert (autopilot.count(LIST), autopilot.count(READ)) == (
+                1,
+                2,
+            )  # the list, and the checksum twice
 
     story(kit, jump, work, loss=loss, seed=seed)
 
@@ -69,33 +72,33 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
 def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
     cache = Cache(tmp_path)
 
-    async def first(world, vehicle, pilot):
+    async def first(world, vehicle, autopilot):
         await vehicle.params.refresh()
 
-    async def second(world, vehicle, pilot):
+    async def second(world, vehicle, autopilot):
         known = await vehicle.params.refresh()
         assert (known.state, known.source, known.received) == ("ready", "cache", 929)
-        assert (pilot.count(LIST), pilot.count(READ), pilot.count(FTP)) == (0, 1, 0)
+        assert (autopilot.count(LIST), autopilot.count(READ), autopilot.count(FTP)) == (0, 1, 0)
         assert known.facts
-        assert {p.name: p.value for p in vehicle.params.all()} == truth(pilot)
+        assert {p.name: p.value for p in vehicle.params.all()} == true_values(autopilot)
         await vehicle.params.refresh()
-        assert pilot.count(LIST) == 0
+        assert autopilot.count(LIST) == 0
 
-        pilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # another station sets a parameter
+        autopilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # another station sets a parameter
         await world.clock.sleep(0.5)
         changed = {p.name: p.value for p in vehicle.params.all()}
         assert changed["MPC_XY_CRUISE"] == 3.0  # sent by the vehicle without a request
         assert (await vehicle.params.refresh()).source == "vehicle"
-        assert pilot.count(LIST) == 1
+        assert autopilot.count(LIST) == 1
         await vehicle.params.refresh(ignore_cache=True)
-        assert pilot.count(LIST) == 2
+        assert autopilot.count(LIST) == 2
 
     story(kit, jump, first, cache=cache)
     story(kit, jump, second, cache=cache)
 
 
 def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
-    async def work(world, vehicle, pilot):
+    async def work(world, vehicle, autopilot):
         params = vehicle.params
         await params.set("MPC_XY_CRUISE", 19.5)  # before its metadata is read: PX4 accepts any value
         await params.refresh()
@@ -104,7 +107,7 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
                 await params.set(name, value)
             assert caught.value.field == "value"
             assert name in str(caught.value)
-        sets = pilot.count(SET)
+        sets = autopilot.count(SET)
         assert sets == 1
         assert (await params.set("COM_OBL_RC_ACT", 99, force=True)).value == 99
         assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
@@ -114,25 +117,25 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
 
 
 def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, jump):
-    async def work(world, vehicle, pilot):
+    async def work(world, vehicle, autopilot):
         reading = asyncio.ensure_future(vehicle.params.refresh())
         await world.clock.sleep(0.4)
         assert vehicle.params.list.state == "reading"
         assert 0 < vehicle.params.list.received < 929
-        pilot.loss = 1.0
+        autopilot.loss = 1.0
         with pytest.raises((Disconnected, NoReply)):
             await reading
         known = vehicle.params.list
         assert known.state == "failed"
         assert known.problem
-        pilot.loss = 0.0
+        autopilot.loss = 0.0
         await world.clock.sleep(2)
         both = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
         assert {k.state for k in both} == {"ready"}
-        assert pilot.count(LIST) == 2  # two simultaneous requests share one read
-        pilot.loss = 1.0
+        assert autopilot.count(LIST) == 2  # two simultaneous requests share one read
+        autopilot.loss = 1.0
         await world.clock.sleep(5)
-        pilot.loss = 0.0
+        autopilot.loss = 0.0
         await world.clock.sleep(2)
         assert vehicle.params.list.state == "outdated"
 
@@ -142,7 +145,7 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, 
 def test_a_vehicle_without_parameters_is_reported(kit, jump):
     async def run():
         world = kit.World()
-        pilot = world.pilot(world.link())
+        autopilot = world.autopilot(world.link())
         try:
             vehicle = await world.ready()
             vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
@@ -151,7 +154,7 @@ def test_a_vehicle_without_parameters_is_reported(kit, jump):
             await vehicle.params.describe()
             assert "provides no component metadata" in vehicle.params.list.facts_problem
             assert (await vehicle.params.set("MPC_XY_VEL_MAX", 500)).value == 500
-            assert pilot.params["MPC_XY_VEL_MAX"][1] == 500
+            assert autopilot.params["MPC_XY_VEL_MAX"][1] == 500
         finally:
             await world.close()
 
@@ -159,16 +162,16 @@ def test_a_vehicle_without_parameters_is_reported(kit, jump):
 
 
 def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
-    async def work(world, vehicle, pilot):
+    async def work(world, vehicle, autopilot):
         before = (await vehicle.health.check()).findings
         vehicle.health.use(await vehicle.metadata.events())
         after = vehicle.health.readiness
         assert (after.words, len(after.findings)) == ("vehicle", len(before))
         words = {f.name: f.cause for f in after.findings}
         assert words["check_modes_offboard_signal"] == "No offboard setpoints arrive."
-        fetched = pilot.count(FTP)
+        fetched = autopilot.count(FTP)
         await vehicle.metadata.events()
-        assert pilot.count(FTP) == fetched  # cached by its checksum
+        assert autopilot.count(FTP) == fetched  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
     story(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)

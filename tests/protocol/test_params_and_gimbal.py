@@ -12,19 +12,19 @@ from tests.protocol.one_vehicle import LOSS, flight
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
         assert (await vehicle.params.set("MPC_XY_VEL_MAX", 9.3)).value == pytest.approx(9.3, abs=1e-6)
         for value in (-1, 0, 77, -8388607, 2**31 - 1):
             param = await vehicle.params.set("NAV_DLL_ACT", value)
             assert (param.value, param.is_integer) == (value, True)
-            assert pilot.params["NAV_DLL_ACT"] == (6, value)
+            assert autopilot.params["NAV_DLL_ACT"] == (6, value)
 
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
 def test_refused_parameters_have_a_reason(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         with pytest.raises(NoReply, match="NO_SUCH"):
             await vehicle.params.get("NO_SUCH")
         for name in ("", "WAY_TOO_LONG_FOR_A_NAME", "SPACE D", "Ä"):
@@ -33,7 +33,7 @@ def test_refused_parameters_have_a_reason(kit, jump):
         for value in (math.nan, math.inf, 1.5, 2.0**40):
             with pytest.raises(InvalidRequest):
                 await vehicle.params.set("NAV_DLL_ACT", value)
-        pilot.stored = lambda m: 12.0
+        autopilot.stored = lambda m: 12.0
         with pytest.raises(Rejected, match="still has MPC_XY_VEL_MAX = 12"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 50)
 
@@ -41,7 +41,7 @@ def test_refused_parameters_have_a_reason(kit, jump):
 
 
 def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         station = [255, 190]
 
         def refuse(message):
@@ -49,10 +49,10 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
                 return False
             wrong = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if message.get_type() == "PARAM_REQUEST_READ" else 2
             name = message.param_id.encode()
-            pilot.send(d.MAVLink_param_error_message(*station, name, -1, wrong))
-            return message.param_id not in pilot.params or station == [255, 190]
+            autopilot.send(d.MAVLink_param_error_message(*station, name, -1, wrong))
+            return message.param_id not in autopilot.params or station == [255, 190]
 
-        pilot.handlers.append(refuse)
+        autopilot.handlers.append(refuse)
         with pytest.raises(Rejected, match="refuses parameter NO_SUCH: it has no parameter of that name"):
             await vehicle.params.get("NO_SUCH")
         station[:] = 42, 99
@@ -66,24 +66,24 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_the_gimbal_is_controlled_pointed_and_released(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
-        pilot.control = (7, 8)
+        autopilot.control = (7, 8)
         with pytest.raises(Refused, match="system 7, component 8"):
             await vehicle.gimbal.set_rates(5, 5)
         await vehicle.gimbal.take_control()
-        assert pilot.control == (255, 190)
+        assert autopilot.control == (255, 190)
         await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
-        sent = pilot.commands(1000)[-1]
+        sent = autopilot.commands(1000)[-1]
         assert (sent.param1, sent.param2, sent.param5) == (-30, pytest.approx(-170), 16)
         await vehicle.gimbal.set_rates(10, -5)
-        sent = pilot.commands(1000)[-1]
+        sent = autopilot.commands(1000)[-1]
         assert (sent.param3, sent.param4) == (10, -5)
         await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
-        assert pilot.gimbal_q[1] != 0
+        assert autopilot.gimbal_q[1] != 0
         await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
-        assert pilot.commands(195)[-1].get_type() == "COMMAND_INT"
+        assert autopilot.commands(195)[-1].get_type() == "COMMAND_INT"
         assert vehicle.gimbal.roi == Roi(47.3982, 8.5456, 490)
         await vehicle.gimbal.clear_roi()
         assert vehicle.gimbal.roi is None
@@ -91,17 +91,17 @@ def test_the_gimbal_is_controlled_pointed_and_released(kit, jump, loss, seed):
         await vehicle.gimbal.set_rates(0, 0)
         assert vehicle.gimbal.roi is None
         await vehicle.gimbal.release_control()
-        assert pilot.control == (0, 0)
+        assert autopilot.control == (0, 0)
 
     flight(kit, jump, story, loss=loss, seed=seed)
 
 
 def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
-    async def story(world, vehicle, pilot):
+    async def story(world, vehicle, autopilot):
         for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
             with pytest.raises(InvalidRequest):
                 await vehicle.gimbal.set_angles(pitch, yaw)
-        pilot.gimbal = False
+        autopilot.gimbal = False
         with pytest.raises(NoReply, match="gimbal"):
             await vehicle.gimbal.take_control()
         with pytest.raises(NoReply, match="gimbal"):
@@ -110,7 +110,7 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
     flight(kit, jump, story)
 
 
-def turning(pilot, *, pitch_min_deg, rate_deg_s=60.0):
+def turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
     """A gimbal with its own rate that stops at a limit that it does not report, and still accepts the
     command."""
     at = {"pitch": 0.0, "asked": 0.0}
@@ -123,16 +123,16 @@ def turning(pilot, *, pitch_min_deg, rate_deg_s=60.0):
     def step():
         at["pitch"] += max(-rate_deg_s * 0.05, min(rate_deg_s * 0.05, at["asked"] - at["pitch"]))
         half_rad = math.radians(at["pitch"]) / 2
-        pilot.gimbal_q = [math.cos(half_rad), 0.0, math.sin(half_rad), 0.0]
+        autopilot.gimbal_q = [math.cos(half_rad), 0.0, math.sin(half_rad), 0.0]
 
-    pilot.handlers.append(command)
-    pilot._every(0.05, step)
+    autopilot.handlers.append(command)
+    autopilot._every(0.05, step)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, jump, loss, seed):
-    async def story(world, vehicle, pilot):
-        turning(pilot, pitch_min_deg=-45.0)
+    async def story(world, vehicle, autopilot):
+        turning(autopilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
         limited = await vehicle.gimbal.set_angles(-90, 0)
         assert limited.pitch_deg == pytest.approx(-45.0, abs=0.2)
@@ -144,8 +144,8 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, 
 
 
 def test_without_wait_the_answer_is_the_acknowledgement(kit, jump):
-    async def story(world, vehicle, pilot):
-        turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
+    async def story(world, vehicle, autopilot):
+        turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
         began_s = world.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
@@ -155,13 +155,13 @@ def test_without_wait_the_answer_is_the_acknowledgement(kit, jump):
 
 
 def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit, jump):
-    async def story(world, vehicle, pilot):
-        turning(pilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
+    async def story(world, vehicle, autopilot):
+        turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
         began_s = world.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0) is None
         assert world.loop.time() - began_s < 4.0
-        pilot.gimbal_attitude = lambda: None
+        autopilot.gimbal_attitude = lambda: None
         assert await vehicle.gimbal.set_angles(0, 0) is None
 
     flight(kit, jump, story)

@@ -19,7 +19,7 @@ from tests.protocol.offboard_world import OffboardWorld, stream_request
 HEARTBEAT = encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
 
 
-def told(jump, story):
+def run_test(jump, story):
     async def run():
         world = OffboardWorld()
         try:
@@ -52,16 +52,16 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
         await asyncio.sleep(70.0)
         assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "it is over"
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump):
     async def story(world):
         links = [world.link(name) for name in ("a", "b")]
-        pilot = world.offboard_pilot(links[0], peer="real")
-        pilot.fly()
+        autopilot = world.offboard_autopilot(links[0], peer="real")
+        autopilot.fly()
         real = await world.ready()
-        pilot.alive = False  # its link is interrupted: it may return on any link
+        autopilot.alive = False  # its link is interrupted: it may return on any link
         for _ in range(2):
             for n, link in enumerate(links):
                 for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
@@ -69,11 +69,11 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
             await asyncio.sleep(FORGETTABLE_AFTER_S + 5.0)
         assert len(world.fleet.all()) == MAX_VEHICLES
         assert world.fleet.get("1") is real
-        pilot.alive = True
+        autopilot.alive = True
         await asyncio.sleep(4.0)
         assert not real.status.link_lost
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 @pytest.mark.story
@@ -84,27 +84,27 @@ def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
             fake(link, system, f"10.0.0.2:{system}")
         await asyncio.sleep(3.0)
         assert len(world.fleet.all()) == MAX_ON_LINK
-        world.pilot(link, peer="real", system=1)
+        world.autopilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
         assert "1" not in [v.id for v in world.fleet.all()], "all others are connected"
         await asyncio.sleep(FORGETTABLE_AFTER_S)
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_ON_LINK
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
     async def story(world):
         world.fleet.on_vehicle_removed(world.streamer.detach)
         link = world.link()
-        pilot = world.offboard_pilot(link)
-        pilot.fly()
+        autopilot = world.offboard_autopilot(link)
+        autopilot.fly()
         vehicle = await world.ready()
         with pytest.raises(Refused, match="is connected"):
             world.fleet.remove("1", "test")
         await vehicle.offboard.start(stream_request(valid_for_s=600.0))
-        pilot.alive = False
+        autopilot.alive = False
         await asyncio.sleep(3.6)
         with pytest.raises(Refused, match="streamed"):
             world.fleet.remove("1", "test")
@@ -114,13 +114,13 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
         assert world.fleet.events.since()[-1].text == "Vehicle 1 was removed: test removed it"
         with pytest.raises(UnknownVehicle):
             world.streamer._find("1")
-        pilot.alive = True
+        autopilot.alive = True
         again = await world.ready()
         assert again is not vehicle
         await again.offboard.start(stream_request(valid_for_s=60.0))
         assert again.status.mode == "offboard"
 
-    told(jump, story)
+    run_test(jump, story)
 
 
 def test_equal_system_ids_give_one_warning(jump):
@@ -133,4 +133,4 @@ def test_equal_system_ids_give_one_warning(jump):
             await asyncio.sleep(1.0)
         assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_OF_ONE_ID
 
-    told(jump, story)
+    run_test(jump, story)

@@ -26,7 +26,7 @@ ALTITUDE_CRUISE = 0x000B0000
 
 
 class NewerPx4:
-    """Between a simulated vehicle and the link: changes what v1.17 sends differently."""
+    """Converts the messages of a simulated v1.16 vehicle to those of v1.17, on their way to the link."""
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._sim = world.sim
@@ -38,7 +38,7 @@ class NewerPx4:
         world.sim.drain, world.sim.feed = self.drain, self.feed  # type: ignore[method-assign]
 
     def feed(self, row: int, link: str, data: bytes) -> None:
-        """To the vehicle, without what v1.17 refuses."""
+        """Passes messages to the vehicle, except those that v1.17 refuses."""
         for message in self._heard.parse_buffer(data) or []:
             name = getattr(message, "param_id", "")
             if name == REMOVED:
@@ -54,7 +54,7 @@ class NewerPx4:
                 self._feed(row, link, bytes(message.get_msgbuf()))
 
     def drain(self, row: int, link: str) -> bytes:
-        """From the vehicle, as v1.17 sends it."""
+        """Messages from the vehicle, as v1.17 sends them."""
         answers, self._answers = self._answers, b""
         messages = self._parser.parse_buffer(self._drain(row, link)) or []
         return answers + b"".join(self._changed(message) for message in messages)
@@ -83,7 +83,7 @@ class NewerPx4:
 
     @staticmethod
     def _unknown(packer: Any) -> bytes:
-        """A frame that the dialect cannot check: its checksum is of another definition."""
+        """A frame with the checksum of another definition, which the dialect cannot check."""
         payload = bytes(range(1, 40))
         head = bytes((0xFD, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent))
         packer.seq = (packer.seq + 1) % 256
@@ -95,7 +95,7 @@ class NewerPx4:
         return sim.MAVLink_gnss_integrity_message(**dict.fromkeys(fields, 0))
 
 
-def test_a_vehicle_with_px4_1_17_is_read_and_flown_as_one_with_1_16(jump: Any) -> None:
+def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any) -> None:
     async def story() -> None:
         world = SimulatedWorld()
         newer = NewerPx4(world)

@@ -36,13 +36,13 @@ class SignedWorld(World):
         if not kept.names():
             kept.add("field", SecretKey(KEY))
         super().__init__(signing_dir=tmp_path / "signing", **settings)
-        self.pilots, self.sent = {}, []
+        self.autopilots, self.sent = {}, []
 
     def signed_link(self, name="radio", *, required=True, forward=False):
         def outgoing(data, peer):
             self.sent.append((data, peer.name))
-            if peer.name in self.pilots:
-                self.pilots[peer.name].receive(data)
+            if peer.name in self.autopilots:
+                self.autopilots[peer.name].receive(data)
 
         link = MemoryLink(name, outgoing=outgoing, forward=forward)
         link.signing = SigningOptions("field", required=required)
@@ -52,20 +52,20 @@ class SignedWorld(World):
     def now(self):
         return int((self.clock.unix_s() - EPOCH_UNIX_S) * TICKS_PER_S)
 
-    def signed_pilot(self, link, *, key=KEY, timestamp=None, **options):
-        pilot = FakeAutopilot(link, **options)
-        pilot.mav.signing = pilot.parser.signing
-        signing = pilot.parser.signing
+    def signed_autopilot(self, link, *, key=KEY, timestamp=None, **options):
+        autopilot = FakeAutopilot(link, **options)
+        autopilot.mav.signing = autopilot.parser.signing
+        signing = autopilot.parser.signing
         signing.secret_key, signing.link_id, signing.sign_outgoing = key, 2, True
         signing.timestamp = self.now() if timestamp is None else timestamp
-        self.pilots[pilot.peer] = pilot
-        return pilot
+        self.autopilots[autopilot.peer] = autopilot
+        return autopilot
 
     def info(self, name="radio"):
         return self.router.connection(name).info()
 
 
-def flown(jump, story, tmp_path, **settings):
+def with_signed_world(jump, story, tmp_path, **settings):
     async def run():
         world = SignedWorld(tmp_path, **settings)
         try:
@@ -79,31 +79,31 @@ def flown(jump, story, tmp_path, **settings):
 @pytest.mark.parametrize("required", [True, False])
 def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(jump, tmp_path, required):
     async def story(world):
-        pilot = world.signed_pilot(world.signed_link(required=required))
+        autopilot = world.signed_autopilot(world.signed_link(required=required))
         vehicle = await world.ready()
         await vehicle.command.arm()
-        assert pilot.armed
+        assert autopilot.armed
         assert len(world.sent) > 5
         assert all(is_signed(data) for data, _ in world.sent)
-        signing = pilot.parser.signing
+        signing = autopilot.parser.signing
         assert signing.goodsig_count == len(world.sent)
         assert (signing.badsig_count, signing.unsigned_count, signing.reject_count) == (0, 0, 0)
         info = world.info()
         assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
         assert info.frames_received > 20
 
-    flown(jump, story, tmp_path)
+    with_signed_world(jump, story, tmp_path)
 
 
 def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(jump, tmp_path):
     async def story(world):
-        world.signed_pilot(world.signed_link(), timestamp=0)
+        world.signed_autopilot(world.signed_link(), timestamp=0)
         await world.ready()
         report = world.info().signing
         assert report.too_old > 0
         assert report.wrong_signature == report.unsigned == report.replayed == 0
 
-    flown(jump, story, tmp_path)
+    with_signed_world(jump, story, tmp_path)
 
 
 def intruder_frames(world):
@@ -119,12 +119,12 @@ def intruder_frames(world):
 def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_path):
     async def story(world):
         link = world.signed_link()
-        pilot = world.signed_pilot(link)
+        autopilot = world.signed_autopilot(link)
         station = world.link("station", forward=True)
         station.inject(encode_frame(0, HEARTBEAT, 0, 254, 1), "qgc")
         heard = []
-        link_bytes = pilot.link.inject
-        pilot.link.inject = lambda data, peer: (heard.append(data), link_bytes(data, peer))
+        link_bytes = autopilot.link.inject
+        autopilot.link.inject = lambda data, peer: (heard.append(data), link_bytes(data, peer))
         vehicle = await world.ready()
         recorded = heard[-1]
         for _ in range(20):
@@ -145,7 +145,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         world.router._recorder.flush()
 
     folder = tmp_path / "recordings"
-    flown(jump, story, tmp_path, recording_dir=folder)
+    with_signed_world(jump, story, tmp_path, recording_dir=folder)
     (tape,) = folder.glob("*radio*.tlog")
     frames = [raw for _, raw in read_tlog(tape)]
     assert len(frames) > 20
@@ -159,14 +159,14 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
 def test_a_vehicle_with_another_key_is_not_flown_and_is_named(jump, tmp_path):
     async def story(world):
         link = world.signed_link()
-        pilot = world.signed_pilot(link, key=OTHER, system=6)
-        pilot.receive = lambda _data: None
+        autopilot = world.signed_autopilot(link, key=OTHER, system=6)
+        autopilot.receive = lambda _data: None
         await asyncio.sleep(3)
         assert world.fleet.all() == []
         (warning,) = [text for kind, _, text in world.router.warnings() if kind == "signing"]
         assert warning.startswith("System 6 sends frames with a wrong signature")
 
-    flown(jump, story, tmp_path)
+    with_signed_world(jump, story, tmp_path)
 
 
 def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
@@ -176,17 +176,17 @@ def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
         assert error.value.field == "url"
         assert world.router.links() == []
 
-    flown(jump, story, tmp_path)
+    with_signed_world(jump, story, tmp_path)
 
 
 def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_path):
     async def story(world):
         link = world.link("plain")
-        pilot = world.signed_pilot(link)
-        pilot.mav.signing.secret_key = OTHER
+        autopilot = world.signed_autopilot(link)
+        autopilot.mav.signing.secret_key = OTHER
         await asyncio.sleep(3)
         assert [v.id for v in world.fleet.all()] == ["1"]
         assert world.info("plain").frames_unverified > 10
         assert world.info("plain").signing is None
 
-    flown(jump, story, tmp_path)
+    with_signed_world(jump, story, tmp_path)

@@ -34,37 +34,39 @@ def is_kill(message):
     return getattr(message, "command", None) == 400 and message.param2 == KILL_PARAM
 
 
-def others(pilot):
+def others(autopilot):
     """Other commands that fly the vehicle: arm, modes, take-off, go to."""
-    return [m for m in pilot.heard if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)]
+    return [
+        m for m in autopilot.heard if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)
+    ]
 
 
-def deaf_to_kill(pilot, for_s):
-    until_s = pilot.loop.time() + for_s
+def ignore_kill(autopilot, for_s):
+    until_s = autopilot.loop.time() + for_s
     times = []
 
     def swallow(message):
         if is_kill(message):
-            times.append(pilot.loop.time())
-        return is_kill(message) and pilot.loop.time() < until_s
+            times.append(autopilot.loop.time())
+        return is_kill(message) and autopilot.loop.time() < until_s
 
-    pilot.handlers.append(swallow)
+    autopilot.handlers.append(swallow)
     return times
 
 
 @pytest.mark.parametrize("name", list(CALLS))
 def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(jump, name):
-    async def story(world, vehicle, pilot, link):
-        times = deaf_to_kill(pilot, 3.0)
+    async def story(world, vehicle, autopilot, link):
+        times = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
         await seconds(1.0)
-        before = len(others(pilot))
+        before = len(others(autopilot))
         with pytest.raises(Refused, match="Stop motors was commanded by anna") as caught:
             await CALLS[name](vehicle)
         assert "disarmed" in caught.value.remedy
         await kill
-        assert not pilot.armed
-        assert len(others(pilot)) == before
+        assert not autopilot.armed
+        assert len(others(autopilot)) == before
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
         await CALLS["hold"](vehicle)  # it has ended: commands are accepted again
 
@@ -72,46 +74,46 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(j
 
 
 def test_stop_motors_ends_pending_commands(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.silent_commands.add(176)
+    async def story(world, vehicle, autopilot, link):
+        autopilot.silent_commands.add(176)
         hold = asyncio.ensure_future(vehicle.command.hold())
         await seconds(0.2)
-        deaf_to_kill(pilot, 2.0)
+        ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         with pytest.raises(Refused, match="stop motors"):
             await hold
-        sent = len(pilot.commands(176))
+        sent = len(autopilot.commands(176))
         await kill
-        assert len(pilot.commands(176)) == sent
+        assert len(autopilot.commands(176)) == sent
 
     flight(jump, story)
 
 
 def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
-        deaf_to_kill(pilot, 5.0)
-        asked = len(pilot.commands(176))
+        ignore_kill(autopilot, 5.0)
+        asked = len(autopilot.commands(176))
         await vehicle.command.kill()  # 2.5 s later the stream would request Hold
-        assert not pilot.armed
+        assert not autopilot.armed
         await seconds(0.3)
-        assert len(pilot.commands(176)) == asked
+        assert len(autopilot.commands(176)) == asked
         assert not vehicle.offboard.status().streaming
 
     flight(jump, story)
 
 
 def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
-        asked = len(pilot.commands(176))
-        deaf_to_kill(pilot, 2.0)
+        asked = len(autopilot.commands(176))
+        ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
         stop = asyncio.ensure_future(vehicle.offboard.stop())
         await seconds(1.0)
         assert not stop.done()
-        assert len(pilot.commands(176)) == asked
+        assert len(autopilot.commands(176)) == asked
         await kill
         await stop
         assert not vehicle.offboard.status().streaming
@@ -123,38 +125,38 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
     async def story(at):
         await begin(at, {"1": place(), "2": place()})
         await seconds(2.0)
-        times = deaf_to_kill(at.pilots["1"], 3.0)
-        asked = len(at.pilots["1"].commands(176))
+        times = ignore_kill(at.autopilots["1"], 3.0)
+        asked = len(at.autopilots["1"].commands(176))
         kill = asyncio.ensure_future(at.vehicles["1"].command.kill())
         await seconds(0.3)
         at.world.streamer._streams.force_hold("1", "the guard's finding")
         await at.world.streamer.groups.hold("1", ANNA)
         await kill
-        assert not at.pilots["1"].armed
+        assert not at.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        assert len(at.pilots["1"].commands(176)) - asked <= 1  # Hold follows after its end
+        assert len(at.autopilots["1"].commands(176)) - asked <= 1  # Hold follows after its end
         assert at.vehicles["2"].status.mode == "hold"
-        assert at.pilots["2"].armed
+        assert at.autopilots["2"].armed
 
     with_routes(jump, story, count=2)
 
 
 def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         answers = itertools.cycle([2, 0, 4, 5])
         began_s = world.loop.time()
 
         def answer(message):
             if not is_kill(message) or world.loop.time() - began_s > 5.0:
                 return False
-            pilot.ack(400, next(answers))
+            autopilot.ack(400, next(answers))
             return True
 
-        pilot.handlers.append(answer)
+        autopilot.handlers.append(answer)
         await vehicle.command.kill()
-        assert not pilot.armed
-        pilot.armed = True
-        pilot.handlers.append(lambda m: is_kill(m) and not pilot.ack(400, 2))
+        assert not autopilot.armed
+        autopilot.armed = True
+        autopilot.handlers.append(lambda m: is_kill(m) and not autopilot.ack(400, 2))
         await seconds(2.0)
         with pytest.raises(Rejected, match="refused to stop its motors"):
             await vehicle.command.kill()
@@ -163,8 +165,8 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
 
 
 def test_stop_motors_continues_after_its_caller(jump):
-    async def story(world, vehicle, pilot, link):
-        deaf_to_kill(pilot, 3.0)
+    async def story(world, vehicle, autopilot, link):
+        ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
         kill.cancel()
@@ -172,17 +174,17 @@ def test_stop_motors_continues_after_its_caller(jump):
         with pytest.raises(Refused):
             await vehicle.command.hold()
         await seconds(2.0)
-        assert not pilot.armed
+        assert not autopilot.armed
         await vehicle.command.hold()
 
     flight(jump, story)
 
 
 def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
-    async def story(world, vehicle, pilot, link):
-        quiet_raw = pilot.send_raw
-        pilot.send_raw = lambda raw: None
-        times = deaf_to_kill(pilot, 100.0)
+    async def story(world, vehicle, autopilot, link):
+        quiet_raw = autopilot.send_raw
+        autopilot.send_raw = lambda raw: None
+        times = ignore_kill(autopilot, 100.0)
         await seconds(1.0)  # no messages for 3.5 s, so it is lost during the command
         began_s = world.loop.time()
         with pytest.raises(NoReply):
@@ -190,14 +192,14 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
         assert vehicle.status.link_lost
         assert world.loop.time() - began_s == pytest.approx(6.0, abs=0.1)
         assert times[-1] - times[0] > 5.5
-        pilot.send_raw = quiet_raw
+        autopilot.send_raw = quiet_raw
 
     flight(jump, story)
 
 
 def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
-    async def story(world, vehicle, pilot, link):
-        pilot.armed, pilot.landed = False, 1
+    async def story(world, vehicle, autopilot, link):
+        autopilot.armed, autopilot.landed = False, 1
         await seconds(2.0)
         late = []
 
@@ -206,19 +208,19 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
         ):  # the arm command is executed half a second late, after a heartbeat that shows disarmed
             if getattr(message, "command", None) == 400 and message.param1 == 1.0 and not late:
                 late.append(message)
-                world.loop.call_later(0.5, lambda: setattr(pilot, "armed", True))
+                world.loop.call_later(0.5, lambda: setattr(autopilot, "armed", True))
                 return True
-            return is_kill(message) and not pilot.armed
+            return is_kill(message) and not autopilot.armed
 
-        pilot.handlers.append(slow_arm)
+        autopilot.handlers.append(slow_arm)
         arm = asyncio.ensure_future(vehicle.command.arm())
         await seconds(0.05)
         await vehicle.command.kill()
-        assert not pilot.armed
+        assert not autopilot.armed
         with pytest.raises(Refused):
             await arm
         await seconds(2.0)
-        assert not pilot.armed
+        assert not autopilot.armed
 
     flight(jump, story)
 
@@ -226,29 +228,29 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
 @pytest.mark.parametrize(("deaf_s", "ends"), [(2.0, None), (20.0, HOLD)])
 def test_on_expiry_waits_for_stop_motors(jump, deaf_s, ends):
     async def story(at):
-        at.pilot.mode = MISSION
+        at.autopilot.mode = MISSION
         await seconds(2.5)
         await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="hold"))
         await seconds(28.5)
-        deaf_to_kill(at.pilot, deaf_s)
+        ignore_kill(at.autopilot, deaf_s)
         kill = asyncio.ensure_future(at.vehicle.command.kill())
         await seconds(3.0)  # control expires during the command
-        assert not at.pilot.commands(176)
+        assert not at.autopilot.commands(176)
         await asyncio.gather(kill, return_exceptions=True)
         await seconds(3.0)
-        assert bool(at.pilot.commands(176)) == (ends is not None)
-        assert at.pilot.mode == (ends or MISSION)
+        assert bool(at.autopilot.commands(176)) == (ends is not None)
+        assert at.autopilot.mode == (ends or MISSION)
 
     station_desk(jump, story)
 
 
 def test_a_server_shutdown_waits_for_stop_motors(jump):
-    async def story(world, vehicle, pilot, link):
-        deaf_to_kill(pilot, 2.0)
+    async def story(world, vehicle, autopilot, link):
+        ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.1)
         assert await world.streamer.stop_all() == []
-        assert not pilot.armed
+        assert not autopilot.armed
         await kill
 
     flight(jump, story)
@@ -256,7 +258,7 @@ def test_a_server_shutdown_waits_for_stop_motors(jump):
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
 def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, loss, seed):
-    async def story(world, vehicle, pilot, link):
+    async def story(world, vehicle, autopilot, link):
         dice = random.Random(seed)
         if dice.random() < 0.5:
             await vehicle.offboard.start(stream_request(valid_for_s=dice.uniform(0.5, 4.0), hold_for_s=0.2))
@@ -274,15 +276,15 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, los
             running.append(asyncio.ensure_future(later(dice.choice(calls), dice.uniform(0.0, 4.0))))
         running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), dice.uniform(0.0, 4.0))))
         await seconds(dice.uniform(0.0, 2.0))
-        deaf_to_kill(pilot, dice.uniform(0.0, 3.0))
-        seen = len(pilot.heard)
+        ignore_kill(autopilot, dice.uniform(0.0, 3.0))
+        seen = len(autopilot.heard)
         kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(dice.choice([1, 2]))]
         await asyncio.gather(*kills)
-        assert not pilot.armed
-        heard = pilot.heard[seen:]
+        assert not autopilot.armed
+        heard = autopilot.heard[seen:]
         last = max(i for i, m in enumerate(heard) if is_kill(m))
         first = next(i for i, m in enumerate(heard) if is_kill(m))
-        between = [m for m in heard[first : last + 1] if m in others(pilot)]
+        between = [m for m in heard[first : last + 1] if m in others(autopilot)]
         assert not between
         await asyncio.gather(*running)
 

@@ -104,7 +104,7 @@ class FlownMission:
         """
         end_s = self.now_s + within_s
         while not condition():
-            assert self.now_s < end_s, f"not within {within_s} s; {self.status}, {self.told[-3:]}"
+            assert self.now_s < end_s, f"not within {within_s} s; {self.status}, {self.event_texts[-3:]}"
             self.step()
         return self
 
@@ -134,7 +134,7 @@ class FlownMission:
         return self.runner.status(self.reading)
 
     @property
-    def told(self) -> list[str]:
+    def event_texts(self) -> list[str]:
         """Texts of the events."""
         return [request.text for request in self.asked if isinstance(request, Notify)]
 

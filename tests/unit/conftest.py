@@ -1,4 +1,4 @@
-"""What `unit` means: no socket, no process, no browser. A test of this folder that opens one fails."""
+"""Unit tests use no socket, process or browser: a test of this folder that opens one fails."""
 
 import sys
 from collections.abc import Iterator
@@ -12,19 +12,19 @@ OUTSIDE = frozenset(
     {"socket.bind", "socket.connect", "socket.sendto", "socket.sendmsg"}
     | {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"}
 )
-"""Audit events of Python's own; the socket pair of an event loop raises none of them."""
+"""Audit events of Python; the socket pair of an event loop raises none of them."""
 
 HERE = Path(__file__).resolve().parent
 
 
-class Watch:
-    """Whether a unit test runs now: Python's audit hooks cannot be taken off again."""
+class UnitTestRunning:
+    """Whether a unit test is running; an audit hook cannot be removed."""
 
     on = False
 
 
 def _refuse(event: str, _arguments: tuple[Any, ...]) -> None:
-    if Watch.on and event in OUTSIDE:
+    if UnitTestRunning.on and event in OUTSIDE:
         raise AssertionError(f"a unit test may not do this ({event}): move it to tests/integration")
 
 
@@ -33,7 +33,7 @@ sys.addaudithook(_refuse)
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """From a unit test's first fixture to its last; pytest calls this for the tests of other folders, too."""
+    """Refuses sockets and processes during a unit test and its fixtures; also called for other tests."""
     if not item.path.is_relative_to(HERE):
         return (yield)
     start = BaseProcess.start
@@ -41,8 +41,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     def no_process(_process: BaseProcess) -> None:
         raise AssertionError("a unit test may not start a process: move it to tests/integration")
 
-    BaseProcess.start, Watch.on = no_process, True  # type: ignore[method-assign]
+    BaseProcess.start, UnitTestRunning.on = no_process, True  # type: ignore[method-assign]
     try:
         return (yield)
     finally:
-        BaseProcess.start, Watch.on = start, False  # type: ignore[method-assign]
+        BaseProcess.start, UnitTestRunning.on = start, False  # type: ignore[method-assign]

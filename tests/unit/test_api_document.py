@@ -1,4 +1,4 @@
-"""docs/api.md has every call that there is, and no other; `make test-clients` runs what it tells to paste."""
+"""docs/api.md has exactly the calls of the API; `make test-clients` runs its examples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs_server.api.schema import description
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "api.md"
 EXAMPLES = re.compile(r"/(vehicles|links)/\w+|/(params)/(?!refresh)\w+")
-"""Where an address has the number or name of an example."""
+"""Parts of an address that are a number or name of an example."""
 
 
 def unnamed(path: str) -> str:
@@ -18,7 +18,7 @@ def unnamed(path: str) -> str:
 
 
 def calls_of(text: str) -> set[tuple[str, str]]:
-    """What is called by curl, or named as `GET /path`."""
+    """Calls by curl, and those named as `GET /path`."""
     fenced = "".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL))
     found: set[tuple[str, str]] = set()
     for line in re.sub(r"\\\n\s*", "", fenced).splitlines():
@@ -32,7 +32,7 @@ def calls_of(text: str) -> set[tuple[str, str]]:
     return found | {(method, unnamed(f"/api/v1{path}")) for method, path in named}
 
 
-def test_the_document_has_every_call_that_there_is_and_no_other() -> None:
+def test_the_document_has_exactly_the_calls_of_the_api() -> None:
     paths = description()["paths"]
     there = {(method.upper(), unnamed(path)) for path, methods in paths.items() for method in methods}
     assert there == calls_of(DOCUMENT.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""`docs/architecture.md` answers a newcomer's questions, each with a file that exists."""
+"""`docs/architecture.md` answers questions of new developers, each with a file that exists."""
 
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ ROOTS = ("gcs_server", "missions", "vehicle_sim", "web/src", "tests", "tools")
 FILE = re.compile(r"\w[\w./-]*\.(?:py|ts|svelte)\b")
 
 
-def test_it_answers_at_least_twenty_questions() -> None:
+def test_the_document_answers_at_least_twenty_questions() -> None:
     assert len(ROWS) >= 20
     assert len({row[0] for row in ROWS}) == len(ROWS)
 
@@ -27,7 +27,7 @@ def test_an_answer_begins_with_one_file_that_exists(row: list[str]) -> None:
     assert (REPOSITORY / first[0]).is_file()
 
 
-def test_every_file_that_it_names_exists() -> None:
+def test_every_file_named_in_the_document_exists() -> None:
     there = [f"/{path.as_posix()}" for root in ROOTS for path in (REPOSITORY / root).rglob("*.*")]
     missing = {name for name in FILE.findall(TEXT) if not any(path.endswith(f"/{name}") for path in there)}
     assert not missing

@@ -1,4 +1,4 @@
-"""How the tests are laid out: what several share lies in plain modules, each test module stands alone."""
+"""Layout of the tests: no test module imports another one; shared helpers are in other modules."""
 
 import ast
 import multiprocessing
@@ -39,7 +39,7 @@ def test_no_module_imports_a_test_module_or_a_conftest() -> None:
     assert not found, "\n".join(sorted(found))
 
 
-def test_such_an_import_would_be_seen(tmp_path: Path) -> None:
+def test_an_import_of_a_test_module_is_found(tmp_path: Path) -> None:
     for line in (
         "from tests.e2e.conftest import FAST",
         "from tests.e2e.test_page import story",

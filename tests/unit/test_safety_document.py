@@ -1,4 +1,4 @@
-"""`docs/safety.md` promises a test for each of its rows: one that exists, runs and asserts something."""
+"""Each row of `docs/safety.md` names a test that exists, runs and asserts something."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ TEXT = (REPOSITORY / "docs" / "safety.md").read_text()
 ROWS = [line for line in TEXT.splitlines() if line.startswith("|") and not line.startswith("|---")]
 NAMED = sorted(set(re.findall(r"`(test_\w+)`", TEXT)))
 CHECKS = {"raises", "wait_until", "until", "until_disarmed", "expect", "fail", "to_be_visible"}
-"""Calls that fail a test by themselves: pytest's, Playwright's, and those that wait for a state."""
+"""Calls that can fail a test: those of pytest and Playwright, and those that wait for a state."""
 NEVER_RUN = {"skip", "xfail"}
 DEEPEST_HELPER = 4
 
@@ -31,14 +31,14 @@ def functions() -> dict[str, list[Function]]:
 
 
 def called(node: ast.AST) -> str:
-    """The last part of the name of what is called or decorates."""
+    """The last part of the name of a called function or a decorator."""
     if isinstance(node, ast.Call):
         node = node.func
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
 def asserts(function: Function, depth: int = 0) -> bool:
-    """Whether the function, or a helper of the tests that it uses, can fail on what it has seen."""
+    """Whether the function, or a test helper that it calls, has an assertion."""
     nodes = list(ast.walk(function))
     if any(isinstance(node, ast.Assert) for node in nodes):
         return True
@@ -55,12 +55,12 @@ def test_every_row_names_its_test():
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_what_it_names_exists_runs_and_asserts(name):
+def test_each_named_test_exists_runs_and_asserts(name):
     found = functions().get(name, [])
     assert len(found) == 1, f"{len(found)} tests have this name: a row names exactly one"
     marks = {called(mark) for mark in found[0].decorator_list}
-    assert not marks & NEVER_RUN, "a test that does not run promises nothing"
-    assert asserts(found[0]), "it cannot fail on what the row promises"
+    assert not marks & NEVER_RUN, "the test is never run"
+    assert asserts(found[0]), "the test has no assertion"
 
 
 def test_a_test_without_an_assertion_is_found():

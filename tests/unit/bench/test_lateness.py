@@ -1,4 +1,4 @@
-"""What `make bench` calls late, on schedules made up here."""
+"""The lateness in `make bench`, calculated for artificial schedules."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ PERIOD_S = 0.02
 
 
 def schedule(count: int) -> list[float]:
-    """With up to 0.4 ms of lateness, as on a quiet machine."""
+    """Arrivals with up to 0.4 ms of lateness, as on an idle machine."""
     return [100.003 + index * PERIOD_S + 0.0001 * (index % 5) for index in range(count)]
 
 
-def test_small_lateness_is_seen_as_it_is():
+def test_small_lateness_is_measured_correctly():
     late, left_out = lateness_s(schedule(500), 1 / PERIOD_S)
     assert (min(late), max(late)) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0004, abs=1e-6))
     assert left_out == 0
 
 
-def test_one_that_is_more_than_half_a_period_late_does_not_shift_the_rest():
+def test_a_setpoint_more_than_half_a_period_late_does_not_shift_the_schedule():
     arrivals = schedule(500)
     arrivals[100] += 0.012
     late, left_out = lateness_s(arrivals, 1 / PERIOD_S)
@@ -28,7 +28,7 @@ def test_one_that_is_more_than_half_a_period_late_does_not_shift_the_rest():
     assert left_out == 0
 
 
-def test_a_stall_is_late_by_all_of_it_and_leaves_deadlines_out():
+def test_the_first_setpoint_after_a_stall_is_late_by_the_stall_and_deadlines_are_skipped():
     arrivals = schedule(500)
     arrivals[200:203] = [arrivals[202] + 0.005]  # instead of three, one
     late, left_out = lateness_s(arrivals, 1 / PERIOD_S)

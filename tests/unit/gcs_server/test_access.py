@@ -1,4 +1,4 @@
-"""Who may come in, decided on text alone: a table of callers, and garbage that never raises."""
+"""Access control of requests: a table of callers, sign-in, and invalid requests."""
 
 import re
 from pathlib import Path
@@ -90,7 +90,7 @@ def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, h
     ("method", "dest", "says"),
     [("GET", "document", None), ("GET", "iframe", "foreign_origin"), ("POST", "document", "foreign_origin")],
 )
-def test_a_link_from_another_site_opens_the_page_and_nothing_else_does(method, dest, says):
+def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, says):
     headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": dest}
     assert code(ALONE, asked(method, **headers)) == says
 
@@ -125,17 +125,23 @@ def test_with_a_token_every_request_needs_it(access, method, path):
         ("GET", {"authorization": TOKEN}, "token_missing"),
         ("GET", {"authorization": f"Bearer {TOKEN}x"}, "token_wrong"),
         ("POST", {"cookie": COOKIE, "origin": f"http://{OUT}"}, None),
-        ("POST", {"cookie": COOKIE, "origin": f"https://{OUT}"}, None),  # a proxy in front speaks https
+        (
+            "POST",
+            {"cookie": COOKIE, "origin": f"https://{OUT}"},
+            None,
+        ),  # a proxy in front of the server uses https
         ("POST", {"cookie": COOKIE, "origin": f"http://{OUT}", "secure": True}, "foreign_origin"),
         ("POST", {"host": "rebound.example", "origin": "http://rebound.example"}, "token_missing"),
         ("GET", {"host": "whatever.name", "authorization": BEARER}, None),
     ],
 )
-def test_from_other_machines_a_cookie_needs_its_page_and_a_bearer_nothing_else(method, headers, says):
+def test_from_other_machines_a_cookie_needs_the_pages_origin_and_a_bearer_token_does_not(
+    method, headers, says
+):
     assert code(OPEN, asked(method, **{"host": OUT, **headers})) == says
 
 
-def test_on_loopback_a_token_opens_no_foreign_name():
+def test_on_loopback_a_token_does_not_allow_foreign_host_names():
     assert code(LOCKED, asked(host="rebound.example", authorization=BEARER)) == "foreign_host"
 
 
@@ -157,7 +163,7 @@ def test_the_link_signs_in_and_leaves_no_token_in_the_address(path, query, locat
     assert OPEN.decide(asked(path=path, query=query.format("old"), cookie=COOKIE)) == SignedIn(location)
 
 
-def test_only_opening_the_link_signs_in():
+def test_only_navigation_to_the_link_signs_in():
     for method in ("POST", "PUT", "DELETE", "WEBSOCKET"):
         assert code(OPEN, asked(method, query=f"token={TOKEN}")) == "token_missing"
     assert code(OPEN, asked(query=f"token={TOKEN}", origin="http://evil.example")) == "foreign_origin"

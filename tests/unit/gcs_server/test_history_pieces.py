@@ -1,4 +1,4 @@
-"""A vehicle's past is encoded a piece at a time, so that the event loop turns in between."""
+"""A vehicle's history is encoded in pieces, so that the event loop runs in between."""
 
 import json
 import logging
@@ -21,7 +21,7 @@ def sample(n, value=None):
 
 
 class Broken:
-    """A value that has no JSON and no words either."""
+    """A value that can be converted neither to JSON nor to text."""
 
     def __str__(self):
         raise ValueError

@@ -1,4 +1,4 @@
-"""`gcs key`: keys come from the standard input, and nothing that is printed shows one."""
+"""`gcs key`: keys are read from the standard input and never printed."""
 
 import io
 import stat

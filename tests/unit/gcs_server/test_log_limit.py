@@ -1,4 +1,4 @@
-"""An error that somebody causes a million times makes a few lines."""
+"""Repeated log lines are limited in number and length."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""Flags before environment before file before defaults; what is wrong is named with its source."""
+"""Settings: priority of flags, environment, file and defaults; errors name the source."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from gcs_server.errors import InvalidRequest
 from gcs_server.settings import Settings, load
 
 
-def test_the_order_of_the_sources(tmp_path):
+def test_flags_override_environment_file_and_defaults(tmp_path):
     file = tmp_path / "gcs.toml"
     file.write_text('schema_version = 1\nport = 1000\nhost = "127.0.0.2"\nsim = 3\n')
     settings = load({"port": 3000}, {"GCS_PORT": "2000", "GCS_SIM": "2"}, file)
@@ -29,7 +29,7 @@ def test_links_from_the_environment():
         ("schema_version = \n", "config", "TOML"),
     ],
 )
-def test_a_bad_file_is_refused_by_name(tmp_path, text, field, says):
+def test_the_error_about_an_invalid_settings_file_names_it(tmp_path, text, field, says):
     file = tmp_path / "gcs.toml"
     file.write_text(text)
     with pytest.raises(InvalidRequest) as caught:
@@ -42,7 +42,7 @@ def test_a_bad_file_is_refused_by_name(tmp_path, text, field, says):
     ("flags", "env", "says"),
     [({"port": 70000}, {}, "--port"), ({}, {"GCS_SIM": "many"}, "GCS_SIM")],
 )
-def test_a_bad_value_names_where_it_came_from(flags, env, says):
+def test_the_error_about_an_invalid_setting_names_its_source(flags, env, says):
     with pytest.raises(InvalidRequest, match=says):
         load(flags, env)
 

@@ -1,4 +1,4 @@
-"""Background work is started again, later each time, and does not fill the log."""
+"""Failing background work is restarted with back-off and limited logging."""
 
 import asyncio
 import gc

@@ -105,14 +105,14 @@ def test_fields_that_a_setpoint_does_not_control_are_nan():
 
 
 def test_a_dry_run_task_reports_progress_and_returns_json():
-    told: list[tuple[str, float | None]] = []
+    reports: list[tuple[str, float | None]] = []
 
     class Enough(Exception):
         pass
 
     def progress(text: str, share: float | None) -> None:
-        told.append((text, share))
-        if len(told) == 3:
+        reports.append((text, share))
+        if len(reports) == 3:
             raise Enough
 
     request = {
@@ -123,6 +123,6 @@ def test_a_dry_run_task_reports_progress_and_returns_json():
     }  # fmt: skip
     with pytest.raises(Enough):
         run(request, progress)
-    assert told[0][0] == "1 s of the flight are simulated."
-    shares = [share for _, share in told]
+    assert reports[0][0] == "1 s of the flight are simulated."
+    shares = [share for _, share in reports]
     assert shares == sorted(shares)

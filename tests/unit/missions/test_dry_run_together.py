@@ -82,8 +82,8 @@ def test_two_vehicles_that_cross_at_one_height_are_a_finding_with_position_and_t
         "kind": "offboard_mission", "plan": text, "roles": given, "conditions": asdict(Conditions()),
         "obstacles": [], "seed": 0, "flights": None,
     }  # fmt: skip
-    told: list[str] = []
-    answer = json.loads(json.dumps(run(request, lambda text, share: told.append(text))))
+    reports: list[str] = []
+    answer = json.loads(json.dumps(run(request, lambda text, share: reports.append(text))))
     found = answer["nominal"]["findings"][0]
     assert (found["code"], found["severity"], found["step"]) == ("separation", "error", "lead, step 3")
     assert "lead (lead, step 3) and left (left, step 3)" in found["text"]
@@ -92,7 +92,7 @@ def test_two_vehicles_that_cross_at_one_height_are_a_finding_with_position_and_t
     assert answer["monte_carlo"] is None
     assert list(answer["together"]["roles"]) == ["lead", "left"]
     assert answer["together"]["closest"][0]["distance_m"] < 3.0
-    assert told[0] == "1 s are simulated; 0 of 2 vehicles have ended."
+    assert reports[0] == "1 s are simulated; 0 of 2 vehicles have ended."
 
 
 def test_a_finding_of_several_roles_is_reported_once_with_their_names():

@@ -74,7 +74,7 @@ def test_leaving_and_reentering_the_corridor_are_reported():
     fake.fly(3.0)
     fake.let_go()
     fake.fly(2.0)
-    assert [text for text in fake.told if "corridor" in text][-2:] == [
+    assert [text for text in fake.event_texts if "corridor" in text][-2:] == [
         "The vehicle is 4.5 m outside the corridor of the dry run.",
         "The vehicle is inside the corridor of the dry run again.",
     ]

@@ -24,7 +24,7 @@ def test_a_low_battery_triggers_its_action_once(kind, action):
     else:
         assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
         assert fake.status.state == "suspended"
-    assert sum("Battery" in text for text in fake.told) == 1
+    assert sum("Battery" in text for text in fake.event_texts) == 1
 
 
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
@@ -64,7 +64,7 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
     fake.lose_link()
     fake.fly(10.0)
     fake.know(link_active=True, satellites=14)
-    fake.until(lambda: "The link was lost and is back: continuing." in fake.told)
+    fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
     if kind == "person":
         fake.in_state("waiting")
         fake.go_on()
@@ -124,7 +124,7 @@ def test_a_refused_mode_is_reported_and_the_stream_expires():
     fake.refused[SetMode] = "No reply within 6 s."
     fake.know(battery_share=0.1)
     fake.fly(0.2)
-    assert "did not change its mode" in fake.told[-1]
+    assert "did not change its mode" in fake.event_texts[-1]
     steers = fake.count(ChangeScript)
     fake.fly(3.0)
     assert fake.count(ChangeScript) == steers
@@ -134,7 +134,7 @@ def test_failed_pictures_are_reported_once_and_the_mission_continues():
     fake = FlownMission(mission(flown("step: photo, count: 5, interval_s: 1", FLY)))
     fake.refused[Photo] = "no camera"
     fake.start().in_state("done")
-    assert sum("picture" in text for text in fake.told) == 1
+    assert sum("picture" in text for text in fake.event_texts) == 1
 
 
 def test_a_mission_does_not_start_without_the_estimates_it_needs():

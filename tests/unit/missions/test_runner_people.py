@@ -104,7 +104,7 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     asked = len(fake.asked)
     fake.fly(0.2)
     assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Notify"]
-    assert (fake.status.state, fake.told[-1]) == ("suspended", text)
+    assert (fake.status.state, fake.event_texts[-1]) == ("suspended", text)
     fake.know(battery_share=0.05, holder=None, estimates=frozenset())
     asks_nothing(fake, 30.0)
     fake.know(battery_share=0.9, holder="bob", estimates=None, satellites=14)
@@ -148,7 +148,7 @@ def test_a_change_of_control_pauses_the_mission(kind):
     fake = flight(kind)
     fake.know(holder="bob", holder_name="Bob", satellites=14)
     fake.in_state("paused")
-    assert "Bob has control now: paused." in fake.told
+    assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
     fake.resume()
     if kind == "person":
@@ -172,4 +172,4 @@ def test_without_control_a_mission_may_continue_until_another_client_takes_contr
     fake.fly(1.0)
     fake.know(holder="bob", holder_name="Bob")
     fake.in_state("done")
-    assert sum("No client has control" in text for text in fake.told) == 1
+    assert sum("No client has control" in text for text in fake.event_texts) == 1

@@ -69,7 +69,7 @@ def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
     fake.fly(30.0)
     assert fake.status.state == "flying"
     assert 8.0 < fake.status.deviation_m < 16.0
-    assert sum("the mission waits" in text for text in fake.told) == 1
+    assert sum("the mission waits" in text for text in fake.event_texts) == 1
     assert fake.reading.position_ned_m == there
     fake.let_go()
     fake.in_state("done")

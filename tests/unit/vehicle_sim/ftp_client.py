@@ -6,14 +6,14 @@ from vehicle_sim.mavlink.services import ftp
 
 
 class FtpClient:
-    """Asks on one link."""
+    """Sends requests on one link."""
 
     def __init__(self, sim, link="gcs"):
         self._sim, self._link = sim, link
         self._parser = FrameParser()
         self._sequence = 0
 
-    def ask(
+    def request(
         self,
         opcode,
         data=b"",
@@ -48,6 +48,6 @@ class FtpClient:
 
     def one(self, opcode, data=b"", **options):
         """(kind, data) of the only answer."""
-        ((header, answer),) = self.ask(opcode, data, **options)
+        ((header, answer),) = self.request(opcode, data, **options)
         assert header[4] == opcode
         return header[2], answer

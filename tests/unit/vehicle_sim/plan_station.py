@@ -12,13 +12,13 @@ MISSION_MODE, TERMINATION = 0x4040000, 0x0A0000
 
 
 class PlanStation(Station):
-    """`Station` with uploads, on one link; places are metres north and east of home."""
+    """`Station` with uploads, on one link; positions are metres north and east of home."""
 
     def __init__(self, **station: Any) -> None:
         super().__init__(links=(("gcs", "gcs"),), **station)
 
     def ready_to_arm(self) -> None:
-        """Boot and settle."""
+        """Waits until the vehicle can be armed."""
         self.run_until(lambda: self.ready, 15)
         self.run(1.0)
 
@@ -46,7 +46,7 @@ class PlanStation(Station):
         return self.item(command, p=(*p, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
 
     def upload(self, items: Sequence[dict[str, Any]], kind: int = 0) -> int:
-        """The protocol's result."""
+        """Uploads a plan; returns the type of MISSION_ACK."""
         before = self.now_s
         self.send("MISSION_COUNT", target_system=1, target_component=1, count=len(items), mission_type=kind)
         for seq, item in enumerate(items):
@@ -54,13 +54,13 @@ class PlanStation(Station):
                 "MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, mission_type=kind, **item
             )
         self.run(0.1)
-        return self.heard("MISSION_ACK", since_s=before)[-1].type
+        return self.received("MISSION_ACK", since_s=before)[-1].type
 
     def start(self) -> None:
         self.command(300)
         self.run(0.1)
         assert self.acks(300)[-1] == 0
-        assert self.flown_mode == MISSION_MODE
+        assert self.active_mode == MISSION_MODE
 
     @property
     def mission(self) -> Any:
@@ -69,7 +69,7 @@ class PlanStation(Station):
     def reached(self) -> list[int]:
         """Reached items in order, each once."""
         seen: list[int] = []
-        for message in self.heard("MISSION_ITEM_REACHED"):
+        for message in self.received("MISSION_ITEM_REACHED"):
             if not seen or seen[-1] != message.seq:
                 seen.append(message.seq)
         return seen

@@ -20,9 +20,9 @@ GCS, BOTH = (("gcs", "gcs"),), (("gcs", "gcs"), ("api", "api"))
 
 
 class Station:
-    """Talks to vehicle 1 and keeps what it says, by time.
+    """Sends messages to vehicle 1 and records its messages with their times.
 
-    The offboard link carries half of all telemetry: it is there where `links=BOTH` asks for it.
+    The offboard link carries half of all telemetry, so it exists only with `links=BOTH`.
     """
 
     def __init__(
@@ -33,10 +33,10 @@ class Station:
         self.last: dict[str, Message] = {}
         self._log: list[tuple[float, str, Message]] = []
         self._by_name: dict[tuple[str, str], list[tuple[float, Message]]] = {}
-        """By link and name: a condition that reads texts at every tick must not search the telemetry."""
+        """By link and name, so that reading texts at every tick does not search all telemetry."""
         self._parsers = {name: FrameParser() for name, _ in links}
         self._unread: list[tuple[float, str, bytes]] = []
-        """Of links besides "gcs": parsed when somebody asks."""
+        """Bytes of links other than "gcs", which are parsed when they are read."""
         self._sequence = 0
         self._next_heartbeat_s = 0.0
 
@@ -112,26 +112,27 @@ class Station:
         self._read()
         return self._log
 
-    def heard(self, name: str, via: str = "gcs", since_s: float = 0.0) -> list[Message]:
+    def received(self, name: str, via: str = "gcs", since_s: float = 0.0) -> list[Message]:
         if via != "gcs":
             self._read()
         return [m for t, m in self._by_name.get((via, name), ()) if t >= since_s]
 
     def texts(self, since_s: float = 0.0, via: str = "gcs") -> list[str]:
-        """Status texts, chunks joined."""
+        """Status texts with joined chunks."""
         joined: dict[int, str] = {}
-        for message in self.heard("STATUSTEXT", via, since_s):
+        for message in self.received("STATUSTEXT", via, since_s):
             joined[message.values["id"]] = joined.get(message.values["id"], "") + message.text
         return list(joined.values())
 
     def events(self, since_s: float = 0.0) -> list[str]:
-        return [EVENT_NAMES[m.values["id"]] for m in self.heard("EVENT", since_s=since_s)]
+        return [EVENT_NAMES[m.values["id"]] for m in self.received("EVENT", since_s=since_s)]
 
     def acks(self, command: int, since_s: float = 0.0) -> list[int]:
-        return [m.result for m in self.heard("COMMAND_ACK", since_s=since_s) if m.command == command]
+        return [m.result for m in self.received("COMMAND_ACK", since_s=since_s) if m.command == command]
 
     @property
     def mode(self) -> int:
+        """Custom mode in the newest heartbeat."""
         return self.last["HEARTBEAT"].custom_mode
 
     @property
@@ -139,7 +140,8 @@ class Station:
         return self.sim.autopilots[0].commander.armed
 
     @property
-    def flown_mode(self) -> int:
+    def active_mode(self) -> int:
+        """Custom mode that the commander has selected now."""
         return self.sim.autopilots[0].commander.custom_mode()
 
     @property
@@ -157,5 +159,5 @@ class Station:
         self.command(400, 1)
         self.run(0.1)
         self.command(22, -1, 0, 0, NAN, NAN, NAN, self.sim.autopilots[0].home.alt_amsl_m + height_m)
-        self.run_until(lambda: self.flown_mode == HOLD and self.height_m > height_m - 1.5, 40)
+        self.run_until(lambda: self.active_mode == HOLD and self.height_m > height_m - 1.5, 40)
         self.run(3.0)

@@ -1,4 +1,4 @@
-"""What PX4 answers to commands, requests and mission items that do little to a multicopter, as recorded."""
+"""Answers to commands, requests and mission items with little effect on a multicopter, as recorded."""
 
 import pytest
 
@@ -22,11 +22,11 @@ def s() -> PlanStation:
     return snapshot(_READY[0])
 
 
-def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:
-    asked_s = s.now_s
+def acks_of(s: PlanStation, command: int, *parameters: float) -> list[int]:
+    requested_s = s.now_s
     s.command(command, *parameters)
     s.run(0.1)
-    return s.acks(command, asked_s)
+    return s.acks(command, requested_s)
 
 
 @pytest.mark.parametrize(
@@ -44,21 +44,21 @@ def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:
 def test_commands_are_answered_as_recorded(
     s: PlanStation, command: int, parameters: tuple[float, ...], answers: list[int]
 ) -> None:
-    assert ask(s, command, *parameters) == answers
+    assert acks_of(s, command, *parameters) == answers
 
 
 def test_requested_messages_are_sent(s: PlanStation) -> None:
     begun_s = s.now_s
-    ask(s, 512, PING)
-    ask(s, 512, BASIC_ID)
-    assert s.heard("PING", since_s=begun_s)[-1].target_system == 0
-    (identity,) = s.heard("OPEN_DRONE_ID_BASIC_ID", since_s=begun_s)
+    acks_of(s, 512, PING)
+    acks_of(s, 512, BASIC_ID)
+    assert s.received("PING", since_s=begun_s)[-1].target_system == 0
+    (identity,) = s.received("OPEN_DRONE_ID_BASIC_ID", since_s=begun_s)
     assert (identity.id_type, identity.ua_type) == (1, 2)
     assert any(identity.uas_id)
 
 
 def test_a_vtol_take_off_is_a_mode_of_a_multicopter_on_the_ground(s: PlanStation) -> None:
-    assert ask(s, 84) == [0]
+    assert acks_of(s, 84) == [0]
     s.run(1.1)
     assert s.mode == VTOL_TAKEOFF_MODE
     assert not s.armed
@@ -76,5 +76,5 @@ def test_a_mission_with_a_vtol_transition_is_stored_and_reported(s: PlanStation)
     begun_s = s.now_s
     assert s.upload([s.item(22), s.action(3000, 4), s.item(16, 20.0)]) == 0
     s.run(0.2)
-    events = [EVENT_NAMES[m.values["id"]] for m in s.heard("EVENT", since_s=begun_s)]
+    events = [EVENT_NAMES[m.values["id"]] for m in s.received("EVENT", since_s=begun_s)]
     assert "navigator_mis_vtol_items" in events

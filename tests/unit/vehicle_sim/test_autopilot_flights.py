@@ -1,6 +1,6 @@
 """Take-offs and go-tos of the whole simulated vehicle against recordings of a real PX4, with sensor noise.
 
-One simulation flies them side by side. Go-tos begin in Hold.
+One simulation flies all of them. Go-tos begin in Hold.
 """
 
 import gzip
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.flight, pytest.mark.story]
 TICK_S = 0.02
 HEIGHTS_M = (10.0, 10.0, 10.0, math.nan)
 TAKEOFFS = {"takeoff_10m": 0, "takeoff_2p5m": 3}
-"""Recording: vehicle."""
+"""Recording: row of the vehicle."""
 GOTOS = {
     # recording: (vehicle, north m, east m, cruise speed before, {time s: new cruise speed})
     "reposition_60m_default_speed": (0, 60.1, 0.0, math.nan, {}),
@@ -35,13 +35,13 @@ AXIS = {
 
 
 class Curve:
-    """One coordinate over time, from where it began."""
+    """One coordinate relative to its start, over time."""
 
     def __init__(self, t_s: np.ndarray, value: np.ndarray, speed: np.ndarray) -> None:
         self.t_s, self.value, self.speed = t_s, value, speed
 
     def reaches_s(self, level: float) -> float:
-        """When the value first is at the level."""
+        """Time at which the value first reaches the level."""
         assert self.value.max() >= level, f"never at {level}, only at {self.value.max():.2f}"
         return float(self.t_s[np.argmax(self.value >= level)])
 
@@ -59,7 +59,7 @@ def curve(columns: dict[str, np.ndarray], axis: str, sign: float) -> Curve:
 
 
 def fly(sim: VehicleSim, seconds: float, at: dict[float, list] | None = None) -> tuple[np.ndarray, ...]:
-    """Times, positions and velocities (steps, N, 3) as believed."""
+    """Times, estimated positions and velocities (steps, N, 3)."""
     times, positions, velocities = [], [], []
     due = dict(at or {})
     for k in range(round(seconds / TICK_S)):
@@ -97,7 +97,7 @@ def flown() -> dict[str, Curve]:
         navigator.goto(float(lat), float(lon), math.nan, math.nan)
         for when, speed in changes.items():
             at.setdefault(when, []).append(lambda p=navigator.path, v=speed: setattr(p, "cruise_m_s", v))
-    # In Hold already: the recording's DO_SET_MODE Hold stops nothing.
+    # It is already in Hold, so the recorded DO_SET_MODE Hold does not stop it.
     at[5.0] = [lambda: sim.autopilots[1].commander.set_mode(NavState.HOLD)]
     t_s, position, velocity = fly(sim, 26, at)
     for name, (row, *_rest) in GOTOS.items():
@@ -109,16 +109,16 @@ def flown() -> dict[str, Curve]:
 
 
 @pytest.mark.parametrize("name", TAKEOFFS)
-def test_take_offs_lift_and_climb_alike(shared: Path, flown: dict[str, Curve], name: str) -> None:
+def test_take_offs_lift_off_and_climb_as_recorded(shared: Path, flown: dict[str, Curve], name: str) -> None:
     real, sim = curve(recording(shared, name), "z", -1.0), flown[name]
     for height_m in (1.0, 2.0) if name == "takeoff_2p5m" else (1.0, 2.0, 5.0, 9.0):
-        # The recordings themselves differ by 0.6 s: the ground drifts by decimetres in the estimate.
+        # The recordings differ by 0.6 s, because the estimated height of the ground drifts by decimetres.
         assert sim.reaches_s(height_m) == pytest.approx(real.reaches_s(height_m), abs=0.9), height_m
-    # The greatest of a believed speed that wanders by 0.1 m/s with the GPS noise, in both.
+    # Both are maxima of estimated speeds, which vary by 0.1 m/s with the GPS noise.
     assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.25)
 
 
-def test_the_vehicle_leaves_the_ground_three_seconds_after_the_ramp_began() -> None:
+def test_the_vehicle_leaves_the_ground_at_the_recorded_time_after_arming() -> None:
     sim = VehicleSim(1, links=(), seed=5)
     sim.step(8)
     autopilot = sim.autopilots[0]
@@ -129,13 +129,15 @@ def test_the_vehicle_leaves_the_ground_three_seconds_after_the_ramp_began() -> N
         sim.step(TICK_S)
         assert sim.time_s - armed_s < 8.0
         if autopilot.commander.landed:
-            noticed_s = sim.time_s - armed_s
+            landed_until_s = sim.time_s - armed_s
     assert 3.5 < sim.time_s - armed_s < 4.8, "recorded: 0.2 m at 4.5, 4.6 and 5.1 s"
-    assert 1.6 < noticed_s < 2.2, "recorded: 1.8, 1.9 and 2.0 s"
+    assert 1.6 < landed_until_s < 2.2, "recorded: 1.8, 1.9 and 2.0 s"
 
 
 @pytest.mark.parametrize("name", GOTOS)
-def test_gotos_rise_brake_and_overshoot_alike(shared: Path, flown: dict[str, Curve], name: str) -> None:
+def test_gotos_accelerate_brake_and_overshoot_as_recorded(
+    shared: Path, flown: dict[str, Curve], name: str
+) -> None:
     axis, sign = AXIS[name]
     real, sim = curve(recording(shared, name), axis, sign), flown[name]
     until_s = min(real.t_s[-1], sim.t_s[-1])
@@ -145,12 +147,12 @@ def test_gotos_rise_brake_and_overshoot_alike(shared: Path, flown: dict[str, Cur
     for part in (0.1, 0.5, 0.9):
         assert sim.reaches_s(part * way_m) == pytest.approx(real.reaches_s(part * way_m), abs=0.6), part
     assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.35)
-    assert np.abs(own - theirs).max() < 2.6, "m, at 4 to 8 m/s less than half a second"
-    if name != "reposition_50m_then_stop":  # its recording ends before it stands
+    assert np.abs(own - theirs).max() < 2.6, "2.6 m are less than half a second at 8 m/s"
+    if name != "reposition_50m_then_stop":  # its recording ends before the vehicle has stopped
         assert own.max() == pytest.approx(theirs.max(), abs=0.7), "overshoot"
         assert own[-1] == pytest.approx(theirs[-1], abs=0.7)
 
 
-def test_a_vehicle_ahead_of_its_trajectory_arrives_all_the_same(flown: dict[str, Curve]) -> None:
+def test_a_goto_ends_at_its_target(flown: dict[str, Curve]) -> None:
     sim = flown["reposition_60m_default_speed"]
     assert sim.value[sim.t_s > 22.0] == pytest.approx(60.1, abs=1.2)

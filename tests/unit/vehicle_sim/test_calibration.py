@@ -1,4 +1,4 @@
-"""Calibrations: what the vehicle asks for and says, and what it learns from its simulated sensors."""
+"""Calibrations: requested sides, texts, and the resulting parameters of the simulated sensors."""
 
 import math
 from types import SimpleNamespace
@@ -29,8 +29,8 @@ def at_rest(side: Side, offset: float = 0.0) -> tuple[float, float, float]:
     return reading[0], reading[1], reading[2]
 
 
-class Held:
-    """A vehicle in somebody's hands, as far as a calibration sees it: sensors, parameters, texts, time."""
+class TurnedVehicle:
+    """A fake vehicle for calibrations, which the test turns: sensors, parameters, texts, time."""
 
     own = (1, 1)
 
@@ -50,7 +50,7 @@ class Held:
             accel_frd_m_s2=np.zeros((1, 3)), gyro_frd_rad_s=np.zeros((1, 3)), mag_frd_gauss=np.zeros((1, 3))
         )
         self.turning_rad_s = 0.0
-        """How fast the vehicle is turned about the vertical."""
+        """Rate at which the vehicle is turned about the vertical."""
         self.autopilot: Any = SimpleNamespace(
             announcer=announcer, commander=SimpleNamespace(armed=False, calibrating=False)
         )
@@ -74,52 +74,52 @@ class Held:
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
         self.acks.append(result)
 
-    def learned(self, what: str) -> list[float]:
+    def calibrated(self, what: str) -> list[float]:
         return [float(self.parameters.get(what.format(axis))) for axis in "XYZ"]
 
-    def ask(self, *parameters: float) -> int | None:
+    def command(self, *parameters: float) -> int | None:
         numbers = (*parameters, *(0.0,) * 7)[:7]
         return self.calibration.calibrate(Command(241, *numbers, (255, 190), "gcs"))
 
     def step(self) -> None:
-        """One sample of noisy sensors that are right but for what calibrations made of them."""
+        """One sample of sensors with noise; the current calibration parameters are applied."""
         self.now_s += STEP_S
         raw = np.array(at_rest(self.side)) + self._random.normal(0.0, 0.1, 3)
-        scale = np.array(self.learned("CAL_ACC0_{}SCALE"))
-        self.sensors.accel_frd_m_s2[0] = (raw - self.learned("CAL_ACC0_{}OFF")) * scale
+        scale = np.array(self.calibrated("CAL_ACC0_{}SCALE"))
+        self.sensors.accel_frd_m_s2[0] = (raw - self.calibrated("CAL_ACC0_{}OFF")) * scale
         turn = self._random.normal(0.0, 0.01, 3)
-        self.sensors.gyro_frd_rad_s[0] = turn - self.learned("CAL_GYRO0_{}OFF")
+        self.sensors.gyro_frd_rad_s[0] = turn - self.calibrated("CAL_GYRO0_{}OFF")
         raw = self.field() + HARD_IRON + self._random.normal(0.0, 0.005, 3)
-        self.sensors.mag_frd_gauss[0] = raw - self.learned("CAL_MAG0_{}OFF")
+        self.sensors.mag_frd_gauss[0] = raw - self.calibrated("CAL_MAG0_{}OFF")
         due = [action for at_s, action in self._timers if at_s <= self.now_s]
         self._timers = [(at_s, action) for at_s, action in self._timers if at_s > self.now_s]
         for action in due:
             action()
 
     def field(self) -> Any:
-        """The earth's, on the side that is down and however far it is turned."""
+        """The magnetic field of the earth in the body frame, for the current side and rotation."""
         angle = self.turning_rad_s * self.now_s
         across = FIELD_LEVEL_GAUSS * np.array([math.cos(angle), math.sin(angle)])
         return np.insert(across, self.side.axis, -self.side.sign * FIELD_DOWN_GAUSS)
 
-    def hears(self, text: str, timeout_s: float = 12.0) -> None:
+    def run_until_text(self, text: str, timeout_s: float = 12.0) -> None:
         begun, begun_s = len(self.texts), self.now_s
         while not any(text in each for each in self.texts[begun:]):
-            assert self.now_s - begun_s < timeout_s, f"not heard: {text}; last {self.texts[-3:]}"
+            assert self.now_s - begun_s < timeout_s, f"not received: {text}; last {self.texts[-3:]}"
             self.step()
 
 
 @pytest.mark.parametrize("side", Side)
 def test_each_side_is_recognised_after_a_rest(side: Side) -> None:
     detector = RestDetector(1.3)
-    said = [detector.feed(at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
-    began, still = said.index(Rest.BEGAN) * STEP_S, said.index(Rest.STILL) * STEP_S
+    events = [detector.feed(at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
+    began, still = events.index(Rest.BEGAN) * STEP_S, events.index(Rest.STILL) * STEP_S
     assert began == pytest.approx(2.36, abs=0.3), "as recorded"
     assert still - began == pytest.approx(1.31, abs=0.05)
     assert detector.side is side
 
 
-def test_motion_ends_a_rest_and_an_angle_is_no_side() -> None:
+def test_motion_ends_a_rest_and_a_tilted_vehicle_has_no_side() -> None:
     detector = RestDetector(1.3)
     for _ in range(750):
         detector.feed(at_rest(Side.DOWN), STEP_S)
@@ -136,85 +136,85 @@ def test_offset_and_scale_follow_from_six_sides() -> None:
     assert found is not None
     assert found[0] == pytest.approx(OFFSET)
     assert found[1] == pytest.approx(SCALE)
-    assert offset_and_scale(dict.fromkeys(Side, np.zeros(3))) is None, "a dead sensor"
+    assert offset_and_scale(dict.fromkeys(Side, np.zeros(3))) is None, "a sensor that always measures zero"
 
 
 def test_an_accelerometer_is_calibrated_on_all_sides() -> None:
-    s = Held()
+    s = TurnedVehicle()
     for axis, offset, scale in zip("XYZ", OFFSET.tolist(), SCALE.tolist(), strict=True):
-        # What an earlier, wrong calibration left.
+        # The result of an earlier, wrong calibration.
         s.parameters.set(f"CAL_ACC0_{axis}OFF", offset)
         s.parameters.set(f"CAL_ACC0_{axis}SCALE", scale)
-    assert s.ask(0, 0, 0, 0, 1) == ACCEPTED
+    assert s.command(0, 0, 0, 0, 1) == ACCEPTED
     for side in (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK):
         s.side = side
-        s.hears(f"{side.value} side done, rotate to a different side")
-    s.hears("calibration done: accel")
-    assert s.learned("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
-    assert s.learned("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
+        s.run_until_text(f"{side.value} side done, rotate to a different side")
+    s.run_until_text("calibration done: accel")
+    assert s.calibrated("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
+    assert s.calibrated("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
     assert [float(t.split("<")[1][:-1]) for t in s.texts if "progress" in t] == [17, 34, 51, 68, 85, 102]
-    assert "[cal] pending: back front left right up" in s.texts, "down was done first"
+    assert "[cal] pending: back front left right up" in s.texts, "down was the first side"
 
 
-def test_a_vehicle_that_nobody_turns_fails_its_calibration() -> None:
-    s = Held()
-    s.ask(0, 0, 0, 0, 1)
-    s.hears("calibration failed: accel", 40)
+def test_a_calibration_fails_if_the_vehicle_is_not_turned() -> None:
+    s = TurnedVehicle()
+    s.command(0, 0, 0, 0, 1)
+    s.run_until_text("calibration failed: accel", 40)
     assert s.texts.count("[cal] down side already completed") == 5
     assert "[cal] calibration failed: timeout: no motion" in s.texts
     assert not s.autopilot.commander.calibrating
 
 
-def test_what_a_side_reads_is_the_mean_of_many_samples_at_the_recorded_time() -> None:
-    s = Held()
-    s.ask(0, 0, 0, 0, 1)
-    s.hears("Hold still, measuring down side")
+def test_the_result_of_a_side_is_the_mean_of_many_samples_at_the_recorded_time() -> None:
+    s = TurnedVehicle()
+    s.command(0, 0, 0, 0, 1)
+    s.run_until_text("Hold still, measuring down side")
     assert s.now_s == pytest.approx(3.87, abs=0.4)
     begun_s = s.now_s
-    s.hears("down side result")
+    s.run_until_text("down side result")
     assert s.now_s - begun_s == pytest.approx(3.0, abs=0.05)
     result = next(text for text in s.texts if "result" in text)
     x, y, z = (float(word) for word in result.split("[")[2].rstrip("]").split())
-    assert max(abs(x), abs(y), abs(z + GRAVITY_M_S2)) < 0.02, "one sample alone is 0.1 m/s² off"
+    assert max(abs(x), abs(y), abs(z + GRAVITY_M_S2)) < 0.02, "the noise of one sample is 0.1 m/s²"
 
 
-def test_a_gyroscope_learns_what_it_reads_at_rest() -> None:
-    s = Held()
+def test_a_gyroscope_calibration_sets_the_offset_measured_at_rest() -> None:
+    s = TurnedVehicle()
     s.parameters.set("CAL_GYRO0_YOFF", 0.4)
-    s.ask(1)
-    s.hears("calibration done: gyro", 3)
-    assert s.learned("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
+    s.command(1)
+    s.run_until_text("calibration done: gyro", 3)
+    assert s.calibrated("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
 
 
-def test_a_compass_that_nobody_turns_round_fails_in_the_end() -> None:
-    s = Held()
-    s.ask(0, 1)
-    s.hears("Rotate vehicle", 5)
-    s.hears("calibration failed: mag", 110)
+def test_a_compass_calibration_fails_if_the_vehicle_is_not_turned() -> None:
+    s = TurnedVehicle()
+    s.command(0, 1)
+    s.run_until_text("Rotate vehicle", 5)
+    s.run_until_text("calibration failed: mag", 110)
     assert "Failed: This calibration requires rotation." in s.texts
 
 
-def test_a_compass_that_is_turned_on_all_sides_learns_its_hard_iron() -> None:
-    s = Held()
-    s.parameters.set("CAL_MAG0_ZOFF", 0.3)  # what an earlier, wrong calibration left
-    s.ask(0, 1)
+def test_a_compass_calibration_on_all_sides_sets_the_hard_iron_offset() -> None:
+    s = TurnedVehicle()
+    s.parameters.set("CAL_MAG0_ZOFF", 0.3)  # the result of an earlier, wrong calibration
+    s.command(0, 1)
     for side in Side:
         s.side, s.turning_rad_s = side, 0.0
-        s.hears("Rotate vehicle", 8)
+        s.run_until_text("Rotate vehicle", 8)
         s.turning_rad_s = 1.0
-        s.hears(f"{side.value} side done, rotate to a different side", 20)
-    s.hears("calibration done: mag")
-    assert s.learned("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
+        s.run_until_text(f"{side.value} side done, rotate to a different side", 20)
+    s.run_until_text("calibration done: mag")
+    assert s.calibrated("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
 
 
-def flown() -> VehicleSim:
-    """A vehicle on the ground that is ready."""
+def ready_vehicle() -> VehicleSim:
+    """A vehicle on the ground that can be armed."""
     sim = VehicleSim(seed=3)
     sim.step(3.0)
     return sim
 
 
-def ask(sim: VehicleSim, number: int, *parameters: float) -> None:
+def send_command(sim: VehicleSim, number: int, *parameters: float) -> None:
     fields = {f"param{n}": value for n, value in enumerate(parameters, 1)}
     layout, payload = pack("COMMAND_LONG", command=number, target_system=1, target_component=1, **fields)
     sim.feed(0, "gcs", frame_v2(layout, payload, 1, 255, 190))
@@ -224,55 +224,57 @@ def stored(sim: VehicleSim, name: str) -> float:
     return float(sim.simulation.parameters[0].get(name))
 
 
-def test_level_is_where_the_vehicle_stands_and_its_attitude_is_told_from_there() -> None:
-    sim = flown()
+def test_a_level_calibration_corrects_the_mounting_angle() -> None:
+    sim = ready_vehicle()
     sim.simulation.parameters[0].set("SENS_BOARD_X_OFF", 3.0)
     sim.simulation._estimator.reset(0)
     sim.step(2.0)
     tilted_deg = math.degrees(sim.autopilots[0].view.estimate.roll_rad)
-    assert tilted_deg == pytest.approx(-3.0, abs=0.7), "the board is called oblique, and is not"
-    ask(sim, 241, 0, 0, 0, 0, 2)
+    assert tilted_deg == pytest.approx(-3.0, abs=0.7), "the parameter states a wrong mounting angle"
+    send_command(sim, 241, 0, 0, 0, 0, 2)
     sim.step(1.5)
     assert stored(sim, "SENS_BOARD_X_OFF") == pytest.approx(0.0, abs=0.7)
     assert not sim.autopilots[0].commander.calibrating
 
 
-def test_a_barometer_learns_its_offset_from_gps_and_needs_a_fix() -> None:
-    sim = flown()
+def test_a_barometer_calibration_sets_the_offset_from_gps_and_needs_a_fix() -> None:
+    sim = ready_vehicle()
     sim.simulation.parameters[0].set("SIM_BARO_OFF_P", 300.0)
-    ask(sim, 241, 0, 0, 1)
+    send_command(sim, 241, 0, 0, 1)
     sim.step(3.2)
-    assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0), "GPS is 0.5 m off, 12 Pa a metre"
+    assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0), (
+        "the GPS error is 0.5 m; 12 Pa are 1 m"
+    )
     sim.step(0.7)
     sim.simulation.parameters[0].set("SIM_GPS_USED", 0)
     sim.step(0.5)
-    ask(sim, 241, 0, 0, 1)
+    send_command(sim, 241, 0, 0, 1)
     sim.step(3.2)
     assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0)
     assert not sim.autopilots[0].commander.calibrating, "failed"
 
 
-def test_a_known_heading_shows_what_is_wrong_with_the_compass() -> None:
-    sim = flown()
+def test_a_compass_calibration_with_a_known_heading_sets_the_offset() -> None:
+    sim = ready_vehicle()
     for axis, gauss in zip("XYZ", HARD_IRON.tolist(), strict=True):
         sim.simulation.parameters[0].set(f"SIM_MAG_OFFSET_{axis}", gauss)
     sim.step(0.5)
-    ask(sim, 42006, 0.0)
+    send_command(sim, 42006, 0.0)
     sim.step(0.1)
     found = [stored(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
     assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "one sample with its noise"
 
 
 def test_a_calibration_is_cancelled_at_once_or_when_its_side_is_measured() -> None:
-    s = Held()
-    s.ask(0, 1)
-    assert s.ask(0, 0, 0, 0, 1) == TEMPORARILY_REJECTED, "one at a time"
-    assert s.ask() == TEMPORARILY_REJECTED
+    s = TurnedVehicle()
+    s.command(0, 1)
+    assert s.command(0, 0, 0, 0, 1) == TEMPORARILY_REJECTED, "only one calibration at a time"
+    assert s.command() == TEMPORARILY_REJECTED
     assert (s.acks, s.texts[-1]) == ([ACCEPTED], "[cal] calibration cancelled")
-    assert s.ask(0, 0, 0, 0, 1) == ACCEPTED
-    s.hears("Hold still")
-    assert s.ask() == TEMPORARILY_REJECTED
+    assert s.command(0, 0, 0, 0, 1) == ACCEPTED
+    s.run_until_text("Hold still")
+    assert s.command() == TEMPORARILY_REJECTED
     assert s.acks == [ACCEPTED]
-    s.hears("calibration failed: accel")
+    s.run_until_text("calibration failed: accel")
     assert s.acks == [ACCEPTED, ACCEPTED]
-    assert s.ask(1) == ACCEPTED
+    assert s.command(1) == ACCEPTED

@@ -1,4 +1,4 @@
-"""The camera: who it is, pictures one by one and in series, its log, and what is on the pictures."""
+"""The camera: its identity, single pictures and series, its list of pictures, and their content."""
 
 import io
 import math
@@ -26,70 +26,70 @@ def station():
     return station
 
 
-def ask(station, number, *parameters):
-    """The camera's answer to a command."""
+def acks_of(station, number, *parameters):
+    """The camera's acknowledgements of a command."""
     since_s = station.now_s
     values = {f"param{n + 1}": value for n, value in enumerate(parameters)}
     station.send("COMMAND_LONG", target_system=1, target_component=100, command=number, **values)
     station.run(0.06)
-    acks = [m for m in station.heard("COMMAND_ACK", since_s=since_s) if m.component_id == 100]
+    acks = [m for m in station.received("COMMAND_ACK", since_s=since_s) if m.component_id == 100]
     return [m.result for m in acks if m.command == number]
 
 
-def camera_said(station, name, since_s=0.0, via="gcs"):
-    return [m for m in station.heard(name, via, since_s) if m.component_id == 100]
+def from_camera(station, name, since_s=0.0, via="gcs"):
+    return [m for m in station.received(name, via, since_s) if m.component_id == 100]
 
 
-def test_without_being_asked_for_there_is_no_camera():
+def test_by_default_there_is_no_camera():
     station = Station()
     station.run(3.0)
-    assert ask(station, 512, 259) == []
+    assert acks_of(station, 512, 259) == []
     assert {m.component_id for _, _, m in station.log} == {1}
 
 
-def test_it_has_a_heartbeat_and_tells_what_it_is(station):
-    beats = camera_said(station, "HEARTBEAT")
+def test_the_camera_sends_heartbeats_and_its_information(station):
+    beats = from_camera(station, "HEARTBEAT")
     assert len(beats) in (4, 5)
     assert (beats[0].type, beats[0].autopilot) == (30, 8)
     for number in (259, 260, 261, 262, 271):
-        assert ask(station, 512, number) == [ACCEPTED]
-    info = camera_said(station, "CAMERA_INFORMATION")[-1]
+        assert acks_of(station, 512, number) == [ACCEPTED]
+    info = from_camera(station, "CAMERA_INFORMATION")[-1]
     assert bytes(info.model_name).rstrip(b"\0") == b"Simulated camera"
     assert (info.resolution_h, info.resolution_v) == (WIDTH, HEIGHT)
     assert info.flags & 0x102 == 2, "pictures, no stream"
-    assert camera_said(station, "STORAGE_INFORMATION")[-1].total_capacity == 32 * 1024
-    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_count == 0
-    fov = camera_said(station, "CAMERA_FOV_STATUS")[-1]
+    assert from_camera(station, "STORAGE_INFORMATION")[-1].total_capacity == 32 * 1024
+    assert from_camera(station, "CAMERA_CAPTURE_STATUS")[-1].image_count == 0
+    fov = from_camera(station, "CAMERA_FOV_STATUS")[-1]
     assert (fov.hfov, fov.vfov) == (pytest.approx(60.0, abs=0.1), pytest.approx(46.8, abs=0.2))
-    assert ask(station, 512, 269) == [DENIED], "no video stream"
-    assert ask(station, 2500) == [UNSUPPORTED], "no video"
+    assert acks_of(station, 512, 269) == [DENIED], "no video stream"
+    assert acks_of(station, 2500) == [UNSUPPORTED], "no video"
 
 
 @pytest.mark.parametrize("opened_after_s", [0.1, 0.4, 0.7, 0.996])
-def test_its_heartbeats_follow_the_vehicles_on_a_link_opened_at_any_time(opened_after_s):
+def test_the_cameras_heartbeats_follow_the_vehicles_on_a_link_opened_at_any_time(opened_after_s):
     station = Station(camera=True)
     station.run(opened_after_s)
     station.sim.add_link(0, "tcp", "gcs")
     station.run(4.0)
     heard = FrameParser().feed(station.sim.drain(0, "tcp"))
-    for beats in ([m for m in heard if m.name == "HEARTBEAT"], station.heard("HEARTBEAT")):
+    for beats in ([m for m in heard if m.name == "HEARTBEAT"], station.received("HEARTBEAT")):
         senders = [m.component_id for m in beats if m.system_id == 1]
         assert senders == [1, 100] * (len(senders) // 2)
         assert len(senders) >= 6
 
 
-def test_a_picture_is_told_logged_kept_and_asked_for_again(station):
+def test_a_picture_is_reported_and_stored_and_its_report_can_be_requested_again(station):
     since_s = station.now_s
-    assert ask(station, 2000, 0, 0, 1, 5) == [ACCEPTED]
-    told = camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)
-    assert [m.image_index for m in told] == [0]
-    assert camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s, via="api"), "on every link"
-    assert ask(station, 2000, 0, 0, 1, 5) == [ACCEPTED], "the same command sent again"
-    assert len(camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)) == 1, "is no second picture"
+    assert acks_of(station, 2000, 0, 0, 1, 5) == [ACCEPTED]
+    reported = from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)
+    assert [m.image_index for m in reported] == [0]
+    assert from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s, via="api"), "on every link"
+    assert acks_of(station, 2000, 0, 0, 1, 5) == [ACCEPTED], "the same command is accepted again"
+    assert len(from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)) == 1, "but takes no second picture"
     estimate = station.sim.autopilots[0].view.estimate
-    assert told[0].lat == pytest.approx(estimate.lat_deg * 1e7, abs=100)
-    assert told[0].capture_result == 1
-    path = told[0].file_url.removeprefix("mftp://[;comp=1]")
+    assert reported[0].lat == pytest.approx(estimate.lat_deg * 1e7, abs=100)
+    assert reported[0].capture_result == 1
+    path = reported[0].file_url.removeprefix("mftp://[;comp=1]")
     files = station.sim.files[0]
     data = files.read(path, 0, files.size(path))
     picture = Image.open(io.BytesIO(data))
@@ -98,69 +98,69 @@ def test_a_picture_is_told_logged_kept_and_asked_for_again(station):
     assert float(degrees + minutes / 60 + seconds / 3600) == pytest.approx(estimate.lat_deg, abs=1e-4)
     for number, index in ((2002, (0,)), (512, (263, 0))):
         since_s = station.now_s
-        assert ask(station, number, *index) == [ACCEPTED]
-        assert camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)[0].values == told[0].values
-    assert ask(station, 2002, 7) == [DENIED]
+        assert acks_of(station, number, *index) == [ACCEPTED]
+        assert from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)[0].values == reported[0].values
+    assert acks_of(station, 2002, 7) == [DENIED]
 
 
 def test_a_series_has_its_interval_and_count_and_can_be_stopped(station):
     since_s = station.now_s
-    assert ask(station, 2000, 0, 1.0, 3) == [ACCEPTED]
-    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_status == 2
-    assert ask(station, 2000, 0, 0, 1) == [TEMPORARILY_REJECTED], "busy"
+    assert acks_of(station, 2000, 0, 1.0, 3) == [ACCEPTED]
+    assert from_camera(station, "CAMERA_CAPTURE_STATUS")[-1].image_status == 2
+    assert acks_of(station, 2000, 0, 0, 1) == [TEMPORARILY_REJECTED], "busy"
     station.run(5.0)
-    told = camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)
-    assert [m.image_index for m in told] == [0, 1, 2]
-    assert np.diff([m.time_boot_ms for m in told]) == pytest.approx([1000, 1000], abs=5)
-    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_status == 0
-    assert ask(station, 2000, 0, 0.5, 0) == [ACCEPTED]
+    reported = from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)
+    assert [m.image_index for m in reported] == [0, 1, 2]
+    assert np.diff([m.time_boot_ms for m in reported]) == pytest.approx([1000, 1000], abs=5)
+    assert from_camera(station, "CAMERA_CAPTURE_STATUS")[-1].image_status == 0
+    assert acks_of(station, 2000, 0, 0.5, 0) == [ACCEPTED]
     station.run(1.2)
-    assert ask(station, 2001) == [ACCEPTED]
+    assert acks_of(station, 2001) == [ACCEPTED]
     count = len(station.sim.nodes[0]._camera._camera.captures)
     station.run(2.0)
     assert len(station.sim.nodes[0]._camera._camera.captures) == count >= 5
-    assert ask(station, 2000, 0, 0, 5) == [DENIED], "no interval"
+    assert acks_of(station, 2000, 0, 0, 5) == [DENIED], "no interval"
 
 
 def test_mode_zoom_format_and_reset(station):
-    assert ask(station, 530, 0, 2) == [ACCEPTED]
-    assert camera_said(station, "CAMERA_SETTINGS")[-1].mode_id == 2
-    assert ask(station, 530, 0, 1) == [UNSUPPORTED], "video"
-    assert ask(station, 531, 2, 100) == [ACCEPTED]
-    assert camera_said(station, "CAMERA_SETTINGS")[-1].zoomLevel == 100.0
-    assert ask(station, 512, 271) == [ACCEPTED]
-    assert camera_said(station, "CAMERA_FOV_STATUS")[-1].hfov == pytest.approx(16.4, abs=0.2)
-    assert ask(station, 531, 2, 101) == [DENIED]
-    assert ask(station, 531, 1, 1) == [UNSUPPORTED], "no motor zoom"
-    ask(station, 2000, 0, 0, 1)
-    assert ask(station, 526, 1, 1) == [ACCEPTED]
+    assert acks_of(station, 530, 0, 2) == [ACCEPTED]
+    assert from_camera(station, "CAMERA_SETTINGS")[-1].mode_id == 2
+    assert acks_of(station, 530, 0, 1) == [UNSUPPORTED], "video"
+    assert acks_of(station, 531, 2, 100) == [ACCEPTED]
+    assert from_camera(station, "CAMERA_SETTINGS")[-1].zoomLevel == 100.0
+    assert acks_of(station, 512, 271) == [ACCEPTED]
+    assert from_camera(station, "CAMERA_FOV_STATUS")[-1].hfov == pytest.approx(16.4, abs=0.2)
+    assert acks_of(station, 531, 2, 101) == [DENIED]
+    assert acks_of(station, 531, 1, 1) == [UNSUPPORTED], "no motor zoom"
+    acks_of(station, 2000, 0, 0, 1)
+    assert acks_of(station, 526, 1, 1) == [ACCEPTED]
     assert station.sim.files[0].is_directory("camera") is False
-    assert ask(station, 512, 262) == [ACCEPTED]
-    assert camera_said(station, "CAMERA_CAPTURE_STATUS")[-1].image_count == 0
-    assert ask(station, 529, 1) == [ACCEPTED]
-    assert camera_said(station, "CAMERA_SETTINGS")[-1].zoomLevel == 0.0
+    assert acks_of(station, 512, 262) == [ACCEPTED]
+    assert from_camera(station, "CAMERA_CAPTURE_STATUS")[-1].image_count == 0
+    assert acks_of(station, 529, 1) == [ACCEPTED]
+    assert from_camera(station, "CAMERA_SETTINGS")[-1].zoomLevel == 0.0
 
 
 @pytest.mark.story
-def test_it_looks_where_the_gimbal_points():
+def test_pictures_have_the_attitude_of_the_gimbal():
     station = Station(camera=True, sensor_noise=False)
     station.fly_to(15.0)
     station.command(1001, 255, 190)
     station.command(1000, -40, 0, NAN, NAN, 0)
     station.run(2.0)
     since_s = station.now_s
-    ask(station, 2000, 0, 0, 1)
-    told = camera_said(station, "CAMERA_IMAGE_CAPTURED", since_s)[0]
-    w, x, y, z = told.q
+    acks_of(station, 2000, 0, 0, 1)
+    reported = from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)[0]
+    w, x, y, z = reported.q
     assert math.degrees(math.asin(2 * (w * y - z * x))) == pytest.approx(-40, abs=2)
-    assert told.relative_alt == pytest.approx(15_000, abs=1500)
+    assert reported.relative_alt == pytest.approx(15_000, abs=1500)
 
 
 def brightness(pixels, rows):
     return float(pixels[rows].mean())
 
 
-def test_the_horizon_is_in_the_middle_of_a_level_picture_and_boxes_stand_where_they_are():
+def test_horizon_and_boxes_are_at_their_positions_in_a_level_picture():
     plain = Painter(World()).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
     assert plain.shape == (HEIGHT, WIDTH, 3)
     middle = HEIGHT // 2
@@ -180,4 +180,4 @@ def test_a_hill_hides_the_horizon():
     seen = Painter(hill).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
     above = HEIGHT // 2 - 30
     assert (flat[above, WIDTH // 2].astype(int) != seen[above, WIDTH // 2].astype(int)).any()
-    assert (flat[above, 2] == seen[above, 2]).all(), "beside the hill there is sky"
+    assert (flat[above, 2] == seen[above, 2]).all(), "the sky beside the hill"

@@ -1,4 +1,4 @@
-"""The blocks of the cascade one by one: what saturates, what is filtered, what a bad number may do."""
+"""The controllers one by one: saturation, filters, and values that are not finite."""
 
 import math
 
@@ -32,7 +32,7 @@ def wanted_rates(control: AttitudeControl, q: np.ndarray, wanted: np.ndarray, ya
     return rates
 
 
-def test_mixer_is_the_normalised_quad_x():
+def test_the_mixer_is_the_normalised_quad_x():
     half = math.sqrt(0.5)
     assert mixer_of(Parameters()) == pytest.approx(
         np.array([[-half, half, half, -half], [half, -half, half, -half], [1, 1, -1, -1], [1, 1, 1, 1]])
@@ -45,13 +45,13 @@ def test_rotors_in_a_line_are_refused():
         mixer_of(Parameters(overrides))
 
 
-def test_what_fits_is_given_exactly():
+def test_demands_within_the_motor_limits_are_allocated_exactly():
     motors = signals(allocation(), np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
     expected = 0.5 + np.array([0.05, -0.02, 0.03]) @ mixer_of(Parameters())[:3]
     assert motors[0] == pytest.approx(expected)
 
 
-def test_at_full_thrust_lift_gives_way_to_roll():
+def test_at_full_thrust_roll_has_priority_over_thrust():
     block = allocation()
     motors = signals(block, np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
     assert motors.max() == pytest.approx(1.0)
@@ -59,14 +59,14 @@ def test_at_full_thrust_lift_gives_way_to_roll():
     assert block.unallocated[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
 
-def test_without_thrust_there_is_no_torque_as_airmode_is_off():
+def test_without_airmode_there_is_no_torque_at_zero_thrust():
     block = allocation()
     motors = signals(block, np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
     assert motors[0] == pytest.approx(np.zeros(4), abs=1e-9)
     assert np.all(block.unallocated[0] > 0.1)
 
 
-def test_yaw_gives_way_first():
+def test_roll_has_priority_over_yaw():
     motors = signals(allocation(), np.array([[0.2, 0.0, 0.9]]), np.array([0.5]))
     roll = (motors[0] @ np.array([-1, 1, 1, -1])) / (4 * math.sqrt(0.5))
     yaw = (motors[0] @ np.array([1, 1, -1, -1])) / 4
@@ -83,7 +83,7 @@ def test_random_demands_stay_within_the_motors():
         assert motors.max() <= 1.0
 
 
-def test_attitude_error_becomes_the_shortest_turn():
+def test_an_attitude_error_is_corrected_by_the_shortest_rotation():
     control = AttitudeControl(2)
     for i in range(2):
         control.configure(i, Parameters())
@@ -93,7 +93,7 @@ def test_attitude_error_becomes_the_shortest_turn():
     )
     rates = wanted_rates(control, level, wanted, np.full(2, np.nan))
     assert rates[0] == pytest.approx([6.5 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
-    # The weight takes from the angle what the gain gives back.
+    # The yaw weight reduces the angle, and the gain compensates it.
     assert rates[1] == pytest.approx([0.0, 0.0, 2.8 * 0.1], abs=1e-3)
     assert wanted_rates(control, level, -wanted, np.full(2, np.nan)) == pytest.approx(rates)
 
@@ -109,7 +109,7 @@ def test_a_yaw_rate_is_fed_forward_about_the_vertical():
 
 @pytest.mark.parametrize("yaw", [0.3, 2.0, -3.0])
 @pytest.mark.parametrize(("roll", "pitch"), [(0.4, -0.2), (-1.0, 0.6), (3.0, 0.1)])
-def test_attitude_control_gets_there_from_anywhere(roll, pitch, yaw):
+def test_attitude_control_reaches_the_setpoint_from_any_attitude(roll, pitch, yaw):
     control = AttitudeControl(1)
     control.configure(0, Parameters())
     q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
@@ -121,7 +121,7 @@ def test_attitude_control_gets_there_from_anywhere(roll, pitch, yaw):
     assert abs(float(q[0] @ wanted[0])) == pytest.approx(1.0, abs=1e-5)
 
 
-def test_gyro_filter_passes_slow_and_stops_fast():
+def test_the_gyro_filter_passes_low_and_attenuates_high_frequencies():
     filters = GyroFilter(1, 0.004)
     filters.configure(0, 40.0, 30.0)
     times = 0.004 * np.arange(2000)
@@ -145,7 +145,7 @@ def test_gyro_filter_passes_slow_and_stops_fast():
 
 @pytest.mark.parametrize("level", [ControlLevel.RATES, ControlLevel.ATTITUDE, ControlLevel.TRAJECTORY])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_bad_numbers_leave_no_trace(level, bad):
+def test_setpoints_that_are_not_finite_leave_the_state_finite(level, bad):
     sim = Simulation(2, start_ned_m=np.array([[0.0, 0.0, -20.0], [0.0, 3.0, -20.0]]))
     setpoints = sim.setpoints
     setpoints.armed[:] = True
@@ -170,7 +170,7 @@ def test_bad_numbers_leave_no_trace(level, bad):
     assert np.isfinite(sim.motors_us).all()
 
 
-def test_a_nan_gain_is_stored_but_not_flown():
+def test_a_nan_gain_is_stored_but_not_used():
     parameters = Parameters({"MC_ROLLRATE_P": math.nan, "EKF2_ACC_NOISE": math.inf, "MPC_VELD_LP": math.nan})
     assert math.isnan(parameters.get("MC_ROLLRATE_P"))
     sim = Simulation(parameters=[parameters])

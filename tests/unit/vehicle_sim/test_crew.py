@@ -1,4 +1,4 @@
-"""A fleet in several processes: how it is cut."""
+"""How a fleet is split into processes."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from vehicle_sim.worker_pool import VEHICLES_PER_PROCESS, Shard, processes_for, 
 
 @pytest.mark.parametrize("vehicles", [1, 2, 7, 100, 250])
 @pytest.mark.parametrize("processes", [1, 2, 3, 8])
-def test_every_vehicle_is_in_one_share(vehicles: int, processes: int) -> None:
+def test_each_vehicle_is_in_exactly_one_shard(vehicles: int, processes: int) -> None:
     parts = split_fleet(vehicles, processes)
     assert [row for part in parts for row in range(part.first, part.first + part.count)] == list(
         range(vehicles)
@@ -18,7 +18,7 @@ def test_every_vehicle_is_in_one_share(vehicles: int, processes: int) -> None:
     assert max(part.count for part in parts) - min(part.count for part in parts) <= 1
 
 
-def test_they_stand_where_one_process_would_put_them() -> None:
+def test_start_positions_are_the_same_as_in_one_process() -> None:
     whole = row_east(5)
     for part in split_fleet(5, 2):
         assert (row_east(part.count, part.first) == whole[part.first : part.first + part.count]).all()
@@ -30,5 +30,5 @@ def test_few_vehicles_stay_in_one_process() -> None:
 
 
 @pytest.mark.parametrize("together", [["--lockstep"], ["--speed", "max"]])
-def test_what_needs_one_clock_stays_in_one_process(together: list[str]) -> None:
+def test_options_that_need_one_clock_use_one_process(together: list[str]) -> None:
     assert options.parse(["--instances", "100", *together]).processes == 1

@@ -26,7 +26,7 @@ def climbing(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Si
 
 
 def rows(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
-    """All that is known of one vehicle."""
+    """The whole state of one vehicle."""
     return {
         f"{kind}.{field.name}": value[row].copy()
         for kind in ("truth", "sensors", "estimate", "target")
@@ -47,7 +47,7 @@ def test_a_vehicle_flies_the_same_bit_for_bit_in_a_fleet_of_any_size(count, firs
             fleet.set_gusts(1.5, row)
         alone.step()
         fleet.step()
-    assert alone.truth.position_ned_m[0, 2] < -0.3, "it flies"
+    assert alone.truth.position_ned_m[0, 2] < -0.3, "it has taken off"
     expected, found = rows(alone, 0), rows(fleet, row)
     differ = [
         name for name, value in expected.items() if not np.array_equal(value, found[name], equal_nan=True)
@@ -56,7 +56,7 @@ def test_a_vehicle_flies_the_same_bit_for_bit_in_a_fleet_of_any_size(count, firs
     assert not np.array_equal(fleet.truth.velocity_ned_m_s[row], fleet.truth.velocity_ned_m_s[0])
 
 
-def test_steady_wind_gusts_and_noise_are_one_vehicles():
+def test_wind_gusts_and_noise_are_set_per_vehicle():
     simulation = climbing(3)
     simulation.set_wind(np.array([0.0, 6.0, 0.0]), 1)
     simulation.set_gusts(2.0, 2)
@@ -85,21 +85,21 @@ def test_a_heavier_vehicle_hovers_with_more_thrust():
 
 
 @pytest.mark.parametrize("strength", [-1.0, float("nan"), float("inf")])
-def test_a_noise_that_cannot_be_is_refused(strength):
+def test_an_invalid_noise_strength_is_refused(strength):
     with pytest.raises(ValueError, match="give a strength of 0 or more"):
         Simulation(2).set_sensor_noise(1, strength)
 
 
-def test_scripted_wind_gusts_and_noise_heed_their_vehicles():
+def test_scripted_wind_gusts_and_noise_affect_only_the_named_vehicles():
     event = "{at_s: 0.1, vehicles: [2], wind_ned_m_s: [0, 8, 0], gusts_m_s: 2, sensor_noise: 3}"
     sim = VehicleSim(2, links=(), script=script_of(parse_yaml(f"events:\n  - {event}\n", "wind.yaml")))
     sim.step(0.5)
     wind = sim.simulation._bodies.wind_ned_m_s
     assert not wind[0].any()
     assert wind[1, 1] > 2.0
-    heard = []
+    measured = []
     for _ in range(100):
         sim.step(0.004)
-        heard.append(sim.simulation.sensors.accel_frd_m_s2[:, 0].copy())
-    usual, scripted = np.std(heard, axis=0)
+        measured.append(sim.simulation.sensors.accel_frd_m_s2[:, 0].copy())
+    usual, scripted = np.std(measured, axis=0)
     assert scripted > 2.0 * usual

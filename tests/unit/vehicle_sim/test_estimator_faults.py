@@ -1,4 +1,4 @@
-"""The estimator under faults: drifts by its own IMU and says so, refuses by its gates, resets as PX4."""
+"""The estimator with sensor faults: dead reckoning, gates, and resets as in PX4."""
 
 import math
 from types import SimpleNamespace
@@ -43,7 +43,7 @@ def set_parameter(sim, row, name, value):
 LOST, FEW, SILENT, FINE = range(4)
 
 
-def test_without_gps_an_estimate_drifts_says_so_and_ends_after_five_seconds():
+def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_seconds():
     sim = hovering(4)
     set_parameter(sim, LOST, "SIM_GPS_USED", 3)
     set_parameter(sim, FEW, "SIM_GPS_USED", 4)
@@ -57,7 +57,7 @@ def test_without_gps_an_estimate_drifts_says_so_and_ends_after_five_seconds():
     run(sim, 0.5)
     assert sim.estimate.valid_position.tolist() == [False, False, False, True]
     assert ((sim.estimate.horizontal_accuracy_m > 1.2) == (True, True, True, False)).all()
-    assert sim.fusion.gnss_pos.all(), "the fusion goes on for two seconds more"
+    assert sim.fusion.gnss_pos.all(), "the fusion stops two seconds later"
     run(sim, 2.1)
     assert sim.fusion.gnss_pos.tolist() == [False, False, False, True]
     assert sim.estimate.valid_altitude.all(), "the barometer holds the height"
@@ -71,12 +71,12 @@ def test_without_gps_an_estimate_drifts_says_so_and_ends_after_five_seconds():
     assert np.abs(sim.estimate.position_ned_m[LOST] - sim.truth.position_ned_m[LOST])[:2].max() < 1.5
 
 
-BELIEVED, REFUSED, COMPASS, STRONG = range(4)
+ACCEPTED, REFUSED, COMPASS, STRONG = range(4)
 
 
-def test_gates_take_small_steps_and_refuse_great_ones():
+def test_gates_accept_small_steps_and_reject_large_ones():
     sim = hovering(4)
-    set_parameter(sim, BELIEVED, "SIM_BARO_OFF_P", 120.0)
+    set_parameter(sim, ACCEPTED, "SIM_BARO_OFF_P", 120.0)
     set_parameter(sim, REFUSED, "SIM_BARO_OFF_P", 1200.0)
     set_parameter(sim, COMPASS, "SIM_MAG_OFFSET_Y", 0.4)
     set_parameter(sim, STRONG, "SIM_MAG_OFFSET_X", 0.4)
@@ -87,7 +87,7 @@ def test_gates_take_small_steps_and_refuse_great_ones():
     assert sim.fusion.mag_3d.tolist() == [True, True, False, False]
     run(sim, 4.0)
     low_m = sim.estimate.position_ned_m[:, 2] - sim.truth.position_ned_m[:, 2]
-    assert 1.0 < low_m[BELIEVED] < 4.0
+    assert 1.0 < low_m[ACCEPTED] < 4.0
     assert abs(low_m[REFUSED]) < 1.5
     assert not sim.fusion.baro_fault.any()
     run(sim, 1.0)
@@ -95,10 +95,10 @@ def test_gates_take_small_steps_and_refuse_great_ones():
     run(sim, 2.0)
     assert sim.fusion.mag.tolist() == [True, True, False, False]
     turned = np.abs(sim.estimate.heading_rad - heading)
-    assert turned.max() < math.radians(15.0), "a compass that is dropped does not turn the vehicle"
+    assert turned.max() < math.radians(15.0), "a compass that is not used does not turn the vehicle"
 
 
-def test_displaced_gps_is_refused_for_14_s_shifted_accelerometer_resets_height_stuck_compass_is_dropped():
+def test_offset_gps_is_rejected_for_14_s_offset_accelerometer_resets_height_stuck_compass_is_not_used():
     sim = hovering(3)
     sim.set_gps_offset(0, np.array([30.0, 0.0, 0.0]))
     sim.sensor_faults.set_imu_offset(1, np.zeros(3), np.array([0.0, 0.0, 4.0]))
@@ -106,7 +106,7 @@ def test_displaced_gps_is_refused_for_14_s_shifted_accelerometer_resets_height_s
     before = sim.fusion.resets.copy()
     run(sim, 6.0)
     assert sim.fusion.z_reset_counter[1] > before[3, 1]
-    assert not sim.sensors.mag_stale.any(), "a thousand equal numbers, three a sample, take 6.7 s"
+    assert not sim.sensors.mag_stale.any(), "a thousand equal values, three per sample, take 6.7 s"
     run(sim, 1.0)
     assert sim.sensors.mag_stale.tolist() == [False, False, True]
     assert sim.fusion.mag[2]
@@ -120,9 +120,9 @@ def test_displaced_gps_is_refused_for_14_s_shifted_accelerometer_resets_height_s
 
 
 @pytest.mark.parametrize("name", ["baro", "mag"])
-def test_a_stale_sensor_is_named_once_and_again_after_it_was_whole(name):
-    told = []
-    announcer = SimpleNamespace(text=lambda _, text: told.append(text), event=lambda *_: None)
+def test_a_stale_sensor_is_reported_once_and_again_after_it_has_recovered(name):
+    texts = []
+    announcer = SimpleNamespace(text=lambda _, text: texts.append(text), event=lambda *_: None)
     fresh = {f"{each}_fresh": np.array([True]) for each in ("baro", "mag")}
     sensors = SimpleNamespace(**fresh, baro_stale=np.array([False]), mag_stale=np.array([False]))
     fusion = SimpleNamespace(gnss_pos=np.array([False]))
@@ -132,12 +132,12 @@ def test_a_stale_sensor_is_named_once_and_again_after_it_was_whole(name):
         view.time_s += 1.0
         getattr(sensors, f"{name}_fresh")[0], getattr(sensors, f"{name}_stale")[0] = not stale, stale
         watch.update(armed=True)
-        assert not watch.silent(name), "it speaks, if always the same"
-    assert told == [f"{name.upper()} #0 failed:  STALE!\t"] * 2
+        assert not watch.silent(name), "it sends, although always the same value"
+    assert texts == [f"{name.upper()} #0 failed:  STALE!\t"] * 2
 
 
 @pytest.mark.parametrize(("counter", "moved"), [(0, "v"), (1, "w"), (2, "p"), (3, "z")])
-def test_a_trajectory_goes_on_from_where_the_estimate_was_reset_to(counter, moved):
+def test_a_trajectory_continues_from_a_reset_estimate(counter, moved):
     resets = np.zeros((4, 1), dtype=np.int64)
     estimate = SimpleNamespace(
         position_ned_m=(30.0, 31.0, 32.0), velocity_ned_m_s=(1.0, 2.0, 3.0), yaw_ned_rad=0.0
@@ -173,14 +173,14 @@ IN_THE_SUITE = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "ba
 
 @pytest.mark.flight
 @pytest.mark.story
-def test_faults_are_flown_as_recorded():
+def test_flights_with_faults_match_the_recordings():
     for compared in faults.compare_all([fault_recordings.load_thin(name) for name in IN_THE_SUITE]):
         assert not compared.late, (compared.name, compared.late)
-        # Which way an estimate drifts is chance: a number now and then lies outside PX4's two runs.
+        # The direction of a drift is random, so a few values lie outside the range of PX4's two runs.
         assert len(compared.off) <= 0.1 * compared.numbers, (compared.name, compared.off)
 
 
-def test_the_outlines_kept_are_those_of_the_recordings(shared):
+def test_the_reduced_recordings_match_the_full_ones(shared):
     for name in IN_THE_SUITE:
         assert fault_recordings.load_thin(name) == fault_recordings.load(name)
 

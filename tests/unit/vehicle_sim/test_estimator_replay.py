@@ -1,6 +1,6 @@
-"""The estimator on the sensor samples of a real PX4's onboard log, beside PX4's own estimate and the truth.
+"""The estimator with the samples of a real PX4's onboard log, compared with PX4's estimate and the truth.
 
-The log has every IMU sample, fix, pressure and magnetic field: what differs is the filter, not the noise.
+The log has all samples of IMU, GPS, barometer and compass, so only the filters differ and not the noise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STATES = 15
 """Standard deviations compared: tilt and heading, velocity, position, gyroscope and accelerometer offsets."""
 HEADING = 2
 MAG_SAMPLES = 4
-"""PX4 logs the average of so many samples; the estimator averages as many again."""
+"""PX4 logs the average of this number of samples, and the estimator averages again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +35,17 @@ class Replay:
     """Both estimates at the same times."""
 
     t_s: FloatArray
-    """(T,) since boot."""
+    """(T,) time since boot."""
     velocity: FloatArray
-    """(T, 3) simulated estimator [m/s], NED,"""
+    """(T, 3) of the simulated estimator [m/s], NED."""
     recorded_velocity: FloatArray
-    """PX4's,"""
+    """(T, 3) of PX4's estimator."""
     true_velocity: FloatArray
-    """and the true one."""
+    """(T, 3) true velocity."""
     sigma: FloatArray
-    """(T, 15) standard deviations of the simulated estimator's states,"""
+    """(T, 15) standard deviations of the simulated estimator's states."""
     recorded_sigma: FloatArray
-    """and of PX4's."""
+    """(T, 15) standard deviations of PX4's states."""
 
 
 class _Log:
@@ -73,7 +73,7 @@ def _axes(name: str, count: int = 3) -> list[str]:
 
 
 def fly(log: _Log) -> Replay:
-    """The estimator on the log's samples; a sample is given in the first prediction after it was taken."""
+    """Runs the estimator with the log's samples; each sample is used in the first prediction after it."""
     imu = log.columns("sensor_combined", *_axes("gyro_rad"), *_axes("accelerometer_m_s2"))
     times = log.times_s("sensor_combined")
     fixes = log.columns(
@@ -136,7 +136,7 @@ def rms(values: FloatArray) -> FloatArray:
     return np.sqrt((values**2).mean(axis=0))
 
 
-def test_the_velocity_is_that_of_px4s_own_estimator(replay):
+def test_the_velocity_matches_that_of_px4s_estimator(replay):
     hover = (replay.t_s > 16.0) & (replay.t_s < 42.0)
     between = rms((replay.velocity - replay.recorded_velocity)[hover])
     assert (between <= [0.03, 0.08, 0.03]).all(), between
@@ -149,7 +149,7 @@ def test_the_velocity_is_that_of_px4s_own_estimator(replay):
 @pytest.mark.parametrize(
     ("t_s", "what"), [(6.0, "at rest"), (12.0, "before arming"), (22.0, "holding"), (40.0, "landing")]
 )
-def test_it_is_as_sure_of_its_states_as_px4(replay, t_s, what):
+def test_the_standard_deviations_match_those_of_px4(replay, t_s, what):
     at = int(np.searchsorted(replay.t_s, t_s))
     ratio = np.delete(replay.sigma[at] / replay.recorded_sigma[at], HEADING)
     assert (ratio <= 1.25).all(), (what, ratio)

@@ -160,7 +160,7 @@ def test_a_check_without_a_mode_is_removed_when_it_is_silent():
     assert registry.health().not_armable == 0
 
 
-def test_only_the_last_four_answers_at_once_count():
+def test_only_the_last_four_simultaneous_answers_count():
     registry = Registry()
     for n in range(5):
         registry.mode_of(f"M{n}")

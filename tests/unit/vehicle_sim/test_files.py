@@ -1,4 +1,4 @@
-"""The vehicle's folder: what is put in comes out, nothing outside can be named, the build's files stay."""
+"""The vehicle's folder: files are stored, paths outside are refused, files of the build are read-only."""
 
 import json
 import lzma
@@ -18,7 +18,7 @@ def files(tmp_path):
     return VehicleFiles(tmp_path / "vehicle", {"etc/extras/a.txt": lambda: b"built in"})
 
 
-def test_what_is_written_is_read_back_at_any_offset(files):
+def test_written_bytes_are_read_back_at_any_offset(files):
     files.create("a.bin")
     files.write("/a.bin", 0, b"0123456789")
     files.write("./a.bin", 4, b"xy")
@@ -33,13 +33,13 @@ def test_what_is_written_is_read_back_at_any_offset(files):
 
 
 @pytest.mark.parametrize("path", ["../x", "a/../../x", "/../etc/passwd", "a\0b"])
-def test_nothing_outside_can_be_named(files, path):
+def test_paths_outside_the_folder_are_refused(files, path):
     for act in (files.create, files.size, files.listing, lambda p: files.read(p, 0, 1)):
         with pytest.raises(OutsideError):
             act(path)
 
 
-def test_a_link_that_leads_out_is_not_followed(files, tmp_path):
+def test_a_symbolic_link_to_the_outside_is_not_followed(files, tmp_path):
     (tmp_path / "secret").write_text("x")
     (files.root / "way_out").symlink_to(tmp_path / "secret")
     with pytest.raises(OutsideError):
@@ -70,7 +70,7 @@ def test_the_files_of_the_build_are_read_only(files):
             act()
 
 
-def test_a_link_in_the_folder_is_neither_file_nor_directory(tmp_path):
+def test_a_symbolic_link_in_the_folder_is_listed_as_a_link(tmp_path):
     (tmp_path / "log").mkdir()
     (tmp_path / "again").symlink_to("log")
     files = VehicleFiles(tmp_path)
@@ -108,7 +108,7 @@ def test_the_checksum_is_the_one_that_px4_sends(shared):
     assert metadata.crc32(raw) == general["metadataTypes"][0]["fileCrc"]
 
 
-def test_every_live_parameter_has_its_facts_and_a_default_within_its_range():
+def test_every_live_parameter_has_metadata_and_a_default_within_its_range():
     described = {entry["name"]: entry for entry in unpacked(metadata.PARAMETERS)["parameters"]}
     assert list(described) == [default.name for default in load_boot_parameters()]
     for entry in described.values():
@@ -116,7 +116,7 @@ def test_every_live_parameter_has_its_facts_and_a_default_within_its_range():
         assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]
 
 
-def test_the_facts_are_those_of_the_build(shared):
+def test_the_parameter_metadata_match_those_of_the_build(shared):
     theirs = json.loads(lzma.decompress((shared / "px4" / "parameters.json.xz").read_bytes()))["parameters"]
     theirs = {entry["name"]: entry for entry in theirs}
     for ours in unpacked(metadata.PARAMETERS)["parameters"]:

@@ -1,10 +1,10 @@
-"""Whole flights, on bytes and a fake clock."""
+"""Whole flights by MAVLink messages, on simulated time."""
 
 import math
 
 import pytest
 
-from tests.unit.vehicle_sim.flown import flown
+from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import (
     BOTH,
     HOLD,
@@ -35,18 +35,18 @@ def test_a_flight_from_boot_to_landing() -> None:
     s.command(22, -1, 0, 0, NAN, NAN, NAN, s.sim.autopilots[0].home.alt_amsl_m + 10)
     s.run(0.1)
     assert s.acks(22) == [0]
-    assert s.flown_mode == TAKEOFF
+    assert s.active_mode == TAKEOFF
     s.run_until(lambda: "Takeoff detected\t" in s.texts(), 4)
     assert 1.0 < s.now_s - armed_at < 2.5
     s.run_until(lambda: s.height_m > 0.2, 5)
     assert 3.0 < s.now_s - armed_at < 5.5, "PX4 lifts 2 to 5 s after the command"
-    s.run_until(lambda: s.flown_mode == HOLD, 20)
+    s.run_until(lambda: s.active_mode == HOLD, 20)
     s.run(4)
     assert s.height_m == pytest.approx(10, abs=1.2)
     assert s.last["EXTENDED_SYS_STATE"].landed_state == 2
 
     here = s.last["GLOBAL_POSITION_INT"]
-    # The frame is that of heights above home; PX4 takes the altitude as above the sea all the same.
+    # The frame says height above home, but PX4 uses the value as altitude above mean sea level.
     s.send(
         "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
         param4=NAN, x=here.lat + round(20 / 111195 * 1e7), y=here.lon,
@@ -60,7 +60,7 @@ def test_a_flight_from_boot_to_landing() -> None:
 
     s.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
     s.run(0.2)
-    assert s.flown_mode == LAND
+    assert s.active_mode == LAND
     s.run_until(lambda: "Landing detected\t" in s.texts(), 30)
     landed_at = s.now_s
     s.run_until(lambda: not s.armed, 4)
@@ -79,8 +79,8 @@ def test_a_take_off_reaches_its_altitude_in_both_orders_of_commands(armed_first:
     for command in ((400, 1), takeoff) if armed_first else (takeoff, (400, 1)):
         s.command(int(command[0]), *command[1:])
         s.run(0.3)
-    assert (s.acks(22), s.acks(400), s.flown_mode) == ([0], [0], TAKEOFF)
-    s.run_until(lambda: s.flown_mode == HOLD, 20)
+    assert (s.acks(22), s.acks(400), s.active_mode) == ([0], [0], TAKEOFF)
+    s.run_until(lambda: s.active_mode == HOLD, 20)
     s.run(2)
     assert s.height_m == pytest.approx(wanted_m, abs=1.0)
     assert not any("default takeoff altitude" in text for text in s.texts())
@@ -103,14 +103,14 @@ def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> No
     s.command(400, 1)
     s.run(9, stream)
     assert s.armed
-    assert s.flown_mode == OFFBOARD
+    assert s.active_mode == OFFBOARD
     assert s.last["LOCAL_POSITION_NED"].z == pytest.approx(-5, abs=0.5)
     assert s.last["ATTITUDE"].yaw == pytest.approx(math.pi / 2, abs=0.1)
     echo = s.last["POSITION_TARGET_LOCAL_NED"]
     assert (echo.x, echo.y, echo.z) == (0.0, 0.0, -5.0)
 
     lost_at = s.now_s
-    s.run_until(lambda: s.flown_mode == POSITION, 2)
+    s.run_until(lambda: s.active_mode == POSITION, 2)
     assert s.now_s - lost_at == pytest.approx(1.05, abs=0.1)
     assert "Failsafe activated\t" in s.texts()
     assert "commander_failsafe_enter_generic" in s.events(lost_at)
@@ -125,7 +125,7 @@ def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> No
 
 
 def test_a_recovered_stream_is_flown_again() -> None:
-    s = flown(Station, 6)
+    s = hovering(Station, 6)
 
     def stream() -> None:
         s.send(
@@ -137,25 +137,25 @@ def test_a_recovered_stream_is_flown_again() -> None:
     s.command(176, 1, 6)
     s.run(0.5, stream)
     s.run(2.0)
-    assert s.flown_mode == POSITION
+    assert s.active_mode == POSITION
     s.run(0.3, stream)
-    assert s.flown_mode == OFFBOARD
+    assert s.active_mode == OFFBOARD
 
 
 @pytest.mark.parametrize(("action", "mode"), [(1, 0x20000), (3, RTL), (5, HOLD)])
 def test_a_lost_offboard_stream_triggers_the_action_of_its_parameter(action: int, mode: int) -> None:
-    s = flown(Station, 4, {"COM_OBL_RC_ACT": action})
+    s = hovering(Station, 4, {"COM_OBL_RC_ACT": action})
     s.run(1.1, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
     s.command(176, 1, 6)
     s.run(0.2, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
-    assert s.flown_mode == OFFBOARD
+    assert s.active_mode == OFFBOARD
     s.run(1.3)
-    assert s.flown_mode == mode
+    assert s.active_mode == mode
 
 
 @pytest.mark.story
-def test_return_to_launch_climbs_flies_home_lands_and_stays_down() -> None:
-    s = flown(Station, 6, {"RTL_RETURN_ALT": 10.0})
+def test_return_to_launch_climbs_flies_home_and_lands() -> None:
+    s = hovering(Station, 6, {"RTL_RETURN_ALT": 10.0})
     here = s.last["GLOBAL_POSITION_INT"]
     s.send(
         "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
@@ -183,7 +183,7 @@ def test_without_a_take_off_the_vehicle_disarms_itself() -> None:
 
 
 def test_after_kill_and_termination_the_vehicle_falls() -> None:
-    s = flown(Station, 4)
+    s = hovering(Station, 4)
     s.command(400, 0)
     s.run(0.1)
     assert s.acks(400)[-1] == 1
@@ -194,10 +194,10 @@ def test_after_kill_and_termination_the_vehicle_falls() -> None:
     s.run(2)
     assert s.height_m < 0.1
 
-    s = flown(Station, 4)
+    s = hovering(Station, 4)
     s.command(185, 1)
     s.run(2)
-    assert s.flown_mode == 0x0A0000
+    assert s.active_mode == 0x0A0000
     assert s.height_m < 0.5
     s.command(185, 0)
     s.run(0.1)
@@ -205,29 +205,29 @@ def test_after_kill_and_termination_the_vehicle_falls() -> None:
 
 
 def test_a_lost_ground_station_triggers_a_return_after_the_delay() -> None:
-    s = flown(Station, 4, {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
+    s = hovering(Station, 4, {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
     s.heartbeats, lost_s = False, s.now_s
     s.run(5.7)  # 2.5 s of silence, then COM_DL_LOSS_T
     assert "commander_failsafe_enter_hold" in s.events(lost_s)
-    assert s.flown_mode == HOLD
+    assert s.active_mode == HOLD
     s.run(2.5)
-    assert s.flown_mode == LAND
-    assert not s.texts(lost_s), "as recorded: who is not there is sent events, no texts"
+    assert s.active_mode == LAND
+    assert not s.texts(lost_s), "as recorded: without a ground station only events are sent"
     s.heartbeats = True
     s.run(0.2)
     assert s.texts(lost_s) == ["GCS connection regained\t"]
 
 
 def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:
-    s = flown(Station, 4, {"COM_FAIL_ACT_T": 1.0})
+    s = hovering(Station, 4, {"COM_FAIL_ACT_T": 1.0})
     s.sim.simulation.set_battery_remaining(0, 0.06)
     s.run(0.2)
     assert "commander_failsafe_enter_hold" in s.events()
     s.run(1.2)
-    assert s.flown_mode == RTL
+    assert s.active_mode == RTL
     s.command(176, 1, 4, 6)
     s.run(0.5)
-    assert s.flown_mode == LAND
+    assert s.active_mode == LAND
 
 
 def test_without_a_position_modes_that_need_one_cannot_be_armed() -> None:
@@ -252,7 +252,7 @@ def test_autotuning_is_accepted_on_the_ground_and_refused_in_flight() -> None:
     station.command(212, 1)
     station.run(0.1)
     assert station.acks(212) == [5], "in progress, as recorded"
-    assert [m.param_id for m in station.heard("PARAM_VALUE", since_s=since_s)] == ["MC_AT_START"]
+    assert [m.param_id for m in station.received("PARAM_VALUE", since_s=since_s)] == ["MC_AT_START"]
     station.command(400, 1)
     station.run(0.1)
     station.command(212, 1)

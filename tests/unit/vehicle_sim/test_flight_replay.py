@@ -1,4 +1,4 @@
-"""Some reference flights flown through MAVLink as `make bench` flies all: near PX4, and the table says so."""
+"""Some of the reference flights of `make bench`: within their limits, and listed in the table."""
 
 import math
 
@@ -31,9 +31,9 @@ def test_flights_stay_within_their_limits(comparisons, name):
 
 
 @pytest.mark.story
-def test_both_controllers_fly_while_the_kind_of_set_point_changes(comparisons):
+def test_both_controllers_are_active_after_a_change_of_the_setpoint_type(comparisons):
     flown = comparisons["att_roll_10"]
-    assert flown.real.rise_s > 0.4, "PX4 needs three times as long as for the step alone"
+    assert flown.real.rise_s > 0.4, "in PX4 it takes three times as long as the step alone"
     assert flown.sim.rise_s == pytest.approx(flown.real.rise_s, abs=0.15)
 
 
@@ -48,16 +48,16 @@ def test_every_recorded_flight_has_its_manoeuvre(shared):
     assert set(flight_recordings.names()) == set(flight_comparison.MANOEUVRES)
 
 
-def test_streams_are_unrolled_at_their_rate(shared):
+def test_streams_are_expanded_at_their_rate(shared):
     sends = list(flight_recordings.load("vel_x_1").sends())
     assert len(sends) == 30 * 6 + 30 * 6
     assert sends[1][0] - sends[0][0] == pytest.approx(1.0 / 30.0)
     circle = list(flight_recordings.load("circle_r5_v3_posvel").sends())
-    assert circle[-1][0] == pytest.approx(24.84, abs=0.01), "by the vehicle's clock"
+    assert circle[-1][0] == pytest.approx(24.84, abs=0.01), "time on the vehicle's clock"
 
 
-def test_ros2_set_points_become_messages(shared):
-    """Each OffboardControlMode carries the setpoint then in force; motors go past MAVLink."""
+def test_ros2_setpoints_become_messages(shared):
+    """One message for each OffboardControlMode, with the setpoint valid then; motors do not use MAVLink."""
 
     def sends(name):
         recording = ros2_recordings.load(name, "vel_x_1")
@@ -65,7 +65,7 @@ def test_ros2_set_points_become_messages(shared):
 
     velocity = sends("vel_x2")
     assert {message for _, message, _ in velocity} == {"SET_POSITION_TARGET_LOCAL_NED"}
-    assert len(velocity) == 59, "20 a second from 0.099 s on"
+    assert len(velocity) == 59, "20 Hz from 0.099 s on"
     assert velocity[-1][2] == pytest.approx(velocity[-1][2] | {"type_mask": 0b100111000111, "vx": 2.0})
     assert sends("vel_x1_z_nan")[-1][2]["type_mask"] == 0b100111100111
     motors = [fields for _, message, fields in sends("motors_one_nan") if message == "actuators"]
@@ -79,6 +79,6 @@ def test_ros2_set_points_become_messages(shared):
     assert math.isnan(commands[1]["param7"])
 
 
-def test_every_ros2_flight_is_like_one_that_was_repeated(shared):
+def test_each_ros2_flight_has_a_reference_flight_that_was_repeated(shared):
     likes = {like for _, like in ros2_flights.MANOEUVRES.values()}
     assert all(flight_recordings.spread_of(like).comparable for like in likes)

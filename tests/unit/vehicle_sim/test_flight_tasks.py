@@ -1,4 +1,4 @@
-"""What flight tasks ask for tick by tick, without a flight: the climb of a take-off, headings, resets."""
+"""Setpoints of flight tasks tick by tick, without a flight: take-off climb, headings, estimator resets."""
 
 import math
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from vehicle_sim.simulation import ControlLevel, Simulation
 
 
 class Row:
-    """What was written last."""
+    """Keeps the last written setpoint."""
 
     def trajectory(self, position=None, velocity=None, acceleration=None, yaw=math.nan, rate=math.nan):
         self.position, self.velocity, self.yaw = position, velocity, yaw
@@ -26,7 +26,7 @@ class Row:
 
 
 class View:
-    """A vehicle that the test moves and turns."""
+    """A fake vehicle whose estimate is set by the test."""
 
     def __init__(self, **parameters):
         self.parameters = Parameters(parameters)
@@ -48,7 +48,7 @@ HOME = SimpleNamespace(position_ned_m=(0.0, 0.0, 0.0))
 
 
 def climb_speeds(seconds, **parameters):
-    """Vertical speeds that a take-off of a vehicle which still stands asks for."""
+    """Vertical velocity setpoints of a take-off while the vehicle is still on the ground."""
     view, row = View(**parameters), Row()
     path = Path(view, row)
     climb = Climb(view, SimpleNamespace(), path, HOME)
@@ -63,7 +63,9 @@ def climb_speeds(seconds, **parameters):
 
 
 @pytest.mark.parametrize(("ramp_s", "acceleration_m_s2"), [(3.0, 0.5), (1.0, 1.5)])
-def test_a_takeoff_first_brakes_a_descent_then_climbs_as_slowly_as_the_ramp_lasts(ramp_s, acceleration_m_s2):
+def test_a_takeoff_ramp_begins_with_a_descent_and_climbs_with_the_ramps_acceleration(
+    ramp_s, acceleration_m_s2
+):
     speeds = climb_speeds(8.0, MPC_TKO_RAMP_T=ramp_s)
     turns_s = TICK_S * np.argmax(speeds < 0.0)
     assert speeds[0] == pytest.approx(0.7, abs=0.02)
@@ -73,7 +75,7 @@ def test_a_takeoff_first_brakes_a_descent_then_climbs_as_slowly_as_the_ramp_last
     assert speeds[-1] == pytest.approx(-1.5, abs=0.01)
 
 
-def test_a_heading_that_is_not_good_for_control_is_free_and_then_kept_as_it_is():
+def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current_one_is_kept():
     view, row = View(), Row()
     path = Path(view, row)
     path.restart(in_air=True)
@@ -87,10 +89,10 @@ def test_a_heading_that_is_not_good_for_control_is_free_and_then_kept_as_it_is()
     path.yaw_target_rad = 1.0
     view.fusion.heading_good_for_control[0] = False
     path.write()
-    assert path.yaw_target_rad == 1.0, "a heading that was commanded is turned to later"
+    assert path.yaw_target_rad == 1.0, "a commanded heading is kept for later"
 
 
-def test_a_reset_heading_takes_the_yaw_setpoint_along():
+def test_a_heading_reset_also_resets_the_yaw_setpoint():
     view, row = View(), Row()
     path = Path(view, row)
     path.restart(in_air=True)
@@ -104,7 +106,7 @@ def test_a_reset_heading_takes_the_yaw_setpoint_along():
     assert row.yaw == pytest.approx(2.3 - math.radians(view.parameter("MPC_YAWRAUTO_MAX")) * TICK_S)
 
 
-def test_resting_sticks_hold_the_position_height_and_heading_that_the_estimate_was_reset_to():
+def test_centred_sticks_hold_the_reset_position_height_and_heading():
     view, row = View(), Row()
     sticks = SimpleNamespace(raw=Deflection(), shaped=Deflection, valid=True)
     manual = Manual(view, row, sticks, HOME)
@@ -122,7 +124,7 @@ def test_resting_sticks_hold_the_position_height_and_heading_that_the_estimate_w
     assert row.yaw == pytest.approx(1.3)
 
 
-def test_an_automatic_mode_may_descend_a_fifth_faster_than_it_plans():
+def test_a_descent_limit_of_a_vehicle_replaces_the_default():
     sim = Simulation(2, sensor_noise=False)
     sim.setpoints.armed[:] = True
     sim.setpoints.level[:] = ControlLevel.TRAJECTORY

@@ -13,7 +13,7 @@ M_PER_DEG = 111_195.0
 
 
 @pytest.mark.story
-def test_it_follows_a_walking_target_faces_it_and_holds_when_it_is_lost() -> None:
+def test_a_moving_target_is_followed_and_faced_and_the_vehicle_holds_when_it_is_lost() -> None:
     s = Station(parameters={"FLW_TGT_DST": 8.0, "FLW_TGT_HT": 9.0})
     s.fly_to(10.0)
     home = s.sim.simulation.home
@@ -21,7 +21,7 @@ def test_it_follows_a_walking_target_faces_it_and_holds_when_it_is_lost() -> Non
     start_s = s.now_s
 
     def walk() -> None:
-        """North from 10 m north of home."""
+        """Sends the target's position, moving north from 10 m north of home."""
         north = 10.0 + SPEED_M_S * (s.now_s - start_s)
         s.send(
             "FOLLOW_TARGET", timestamp=0, est_capabilities=3,
@@ -38,7 +38,9 @@ def test_it_follows_a_walking_target_faces_it_and_holds_when_it_is_lost() -> Non
     assert (east, -down) == (pytest.approx(0.0, abs=1.2), pytest.approx(9.0, abs=1.0))
     assert math.degrees(s.sim.autopilots[0].view.estimate.yaw_ned_rad) == pytest.approx(0.0, abs=6)
     s.run(6)
-    assert abs(float(estimate.velocity_ned_m_s[0, 0])) < 0.4, "lost after 3 s, it stays"
+    assert abs(float(estimate.velocity_ned_m_s[0, 0])) < 0.4, (
+        "the target is lost after 3 s, and the vehicle holds"
+    )
     assert not s.sim.autopilots[0].navigator.follow.has_target
 
 
@@ -50,9 +52,9 @@ class Beacon(Station):
         self._north_m, self._alt_home_m = north_m, alt_home_m
 
     def follow(self, seconds: float) -> None:
-        self.run(seconds, self._tell, tick_s=0.2)
+        self.run(seconds, self._send_target, tick_s=0.2)
 
-    def _tell(self) -> None:
+    def _send_target(self) -> None:
         home = self.sim.simulation.home
         self.send(
             "FOLLOW_TARGET", timestamp=0, est_capabilities=1,
@@ -65,13 +67,13 @@ class Beacon(Station):
         return float(self.sim.simulation.truth.position_ned_m[0, 0])
 
 
-def test_it_reaches_its_height_before_it_moves_horizontally() -> None:
+def test_follow_climbs_to_its_height_before_it_moves_horizontally() -> None:
     s = Beacon(60.0, 0.0, FLW_TGT_HT=16.0)
     s.fly_to(5.0)
     s.command(176, 1, 4, 8)
     s.follow(0.4)
     s.run_until(lambda: s.height_m > 12.5, 20, lambda: s.follow(0.02))
-    assert abs(s.north_m) < 1.0, "height first"
+    assert abs(s.north_m) < 1.0, "it climbs first"
     s.follow(12.0)
     assert s.north_m > 20.0
     assert s.height_m == pytest.approx(16.0, abs=1.0)

@@ -1,4 +1,4 @@
-"""Frame maths against the textbook formulas, written out once more by hand."""
+"""Frame conversions compared with the textbook formulas."""
 
 import math
 
@@ -61,7 +61,7 @@ def test_wrap():
 
 @given(st.floats(-20000, 20000), st.floats(-20000, 20000), st.floats(-60, 60))
 @settings(max_examples=60, deadline=None)
-def test_projection_goes_there_and_back(north, east, lat0):
+def test_a_projected_position_is_converted_back_unchanged(north, east, lat0):
     lat, lon = to_global(np.array(north), np.array(east), np.array(lat0), np.array(8.5))
     back = to_local(lat, lon, np.array(lat0), np.array(8.5))
     assert float(back[0]) == pytest.approx(north, abs=1e-5)

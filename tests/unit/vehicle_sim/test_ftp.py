@@ -57,7 +57,7 @@ def test_refusals(client, opcode, data, error):
     assert client.one(opcode, data) == (ftp.NAK, error)
 
 
-def test_there_is_one_session_and_a_directory_can_hold_it(client):
+def test_there_is_one_session_which_a_directory_can_also_use(client):
     assert client.one(ftp.OPEN_RO, b"etc") == (ftp.ACK, b"\x00\x10\x00\x00")
     assert client.one(ftp.OPEN_RO, GENERAL) == (ftp.NAK, bytes((ftp.NO_SESSIONS,)))
     assert client.one(ftp.READ, size=80) == (ftp.NAK, b"\x02\x15")
@@ -66,12 +66,12 @@ def test_there_is_one_session_and_a_directory_can_hold_it(client):
     assert client.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
 
 
-@pytest.mark.parametrize("asked", [0, 1, 37])
-def test_opening_answers_the_vehicle_s_own_session(client, asked):
-    ((header, _),) = client.ask(ftp.OPEN_RO, GENERAL, session=asked)
+@pytest.mark.parametrize("requested", [0, 1, 37])
+def test_opening_a_file_returns_the_vehicles_session_number(client, requested):
+    ((header, _),) = client.request(ftp.OPEN_RO, GENERAL, session=requested)
     assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
     client.one(ftp.RESET)
-    ((header, _),) = client.ask(ftp.CREATE, b"new", session=asked)
+    ((header, _),) = client.request(ftp.CREATE, b"new", session=requested)
     assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
 
 
@@ -80,16 +80,16 @@ def test_bursts_and_writes_go_to_the_open_file_by_any_session_but_reads_and_ends
     assert client.one(ftp.WRITE, b"hello", session=9) == (ftp.ACK, b"\x05\0\0\0")
     assert client.one(ftp.READ, size=5, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
     assert client.one(ftp.TERMINATE, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
-    ((first, data), (last, _)) = client.ask(ftp.BURST, size=239, session=9)
+    ((first, data), (last, _)) = client.request(ftp.BURST, size=239, session=9)
     assert (first[1], data, last[1], last[2]) == (ftp.SESSION, b"hello", ftp.SESSION, ftp.NAK)
 
 
 def test_a_request_to_every_system_is_answered_and_one_to_another_is_not(client):
     assert client.one(ftp.LIST, b"etc/extras", system=0)[0] == ftp.ACK
-    assert client.ask(ftp.LIST, b"/", system=2) == []
+    assert client.request(ftp.LIST, b"/", system=2) == []
 
 
-def test_a_session_of_one_link_is_not_anothers():
+def test_each_link_has_its_own_session():
     sim = VehicleSim()
     ground, onboard = FtpClient(sim, "gcs"), FtpClient(sim, "api")
     assert ground.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
@@ -99,7 +99,7 @@ def test_a_session_of_one_link_is_not_anothers():
 
 def test_a_burst_sends_the_file_and_its_end(client):
     client.one(ftp.OPEN_RO, metadata.PARAMETERS.encode())
-    answers = client.ask(ftp.BURST, size=239, wait_s=0.5)
+    answers = client.request(ftp.BURST, size=239, wait_s=0.5)
     *chunks, (last, error) = answers
     assert (last[2], error) == (ftp.NAK, bytes((ftp.END_OF_FILE,)))
     assert [header[0] for header, _ in answers] == list(
@@ -109,22 +109,22 @@ def test_a_burst_sends_the_file_and_its_end(client):
     assert b'"MPC_XY_VEL_MAX"' in lzma.decompress(content)
 
 
-def test_a_long_burst_stops_and_says_so(client):
+def test_a_long_burst_stops_with_the_complete_flag(client):
     client.one(ftp.CREATE, b"long")
     for n in range(200):
-        client.ask(ftp.WRITE, bytes(239), offset=239 * n, wait_s=0.004)
+        client.request(ftp.WRITE, bytes(239), offset=239 * n, wait_s=0.004)
     client.one(ftp.TERMINATE)
     client.one(ftp.OPEN_RO, b"long")
-    answers = client.ask(ftp.BURST, size=239, wait_s=0.5)
+    answers = client.request(ftp.BURST, size=239, wait_s=0.5)
     assert [header[5] for header, _ in answers] == [0] * 167 + [1]
-    (*_, (last, _)) = client.ask(ftp.BURST, size=239, offset=168 * 239)
+    (*_, (last, _)) = client.request(ftp.BURST, size=239, offset=168 * 239)
     assert last[2] == ftp.NAK
 
 
-def test_the_same_request_again_gets_the_same_answer_and_is_not_done_twice(client):
+def test_a_repeated_request_gets_the_same_answer_and_is_executed_once(client):
     client.one(ftp.CREATE, b"a", sequence=500)
     client.one(ftp.WRITE, b"x", sequence=502)
-    again = client.ask(ftp.WRITE, b"different", sequence=502)
+    again = client.request(ftp.WRITE, b"different", sequence=502)
     assert again[0][0][2] == ftp.ACK
     assert again[0][1] == b"\x01\0\0\0"
     client.one(ftp.TERMINATE, sequence=504)
@@ -132,16 +132,16 @@ def test_the_same_request_again_gets_the_same_answer_and_is_not_done_twice(clien
     assert client.one(ftp.READ, size=50, sequence=508) == (ftp.ACK, b"x")
 
 
-def test_an_end_with_the_number_of_a_burst_s_last_answer_ends_the_session(client):
-    """pymavlink's client ends a file's burst before it has heard the burst's end."""
+def test_a_terminate_with_the_sequence_number_of_a_bursts_last_answer_ends_the_session(client):
+    """pymavlink's client terminates the session before it has received the end of the burst."""
     client.one(ftp.OPEN_RO, GENERAL)
-    *_, (last, _) = client.ask(ftp.BURST, size=239)
+    *_, (last, _) = client.request(ftp.BURST, size=239)
     assert client.one(ftp.TERMINATE, sequence=last[0] - 1) == (ftp.ACK, b"")
     assert client.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK, "the only session is free"
 
 
 def test_another_component_is_not_answered(client):
-    assert client.ask(ftp.LIST, b"/", component=99) == []
+    assert client.request(ftp.LIST, b"/", component=99) == []
 
 
 def test_a_directory_longer_than_one_message_is_listed_by_offset(client):

@@ -1,4 +1,4 @@
-"""Whatever arrives, the simulator goes on: garbage, cut and wrong frames, odd values everywhere, floods."""
+"""The simulator continues with any input: garbage, damaged frames, extreme values, floods."""
 
 import os
 import random
@@ -18,7 +18,7 @@ from vehicle_sim.world.files import load_world
 pytestmark = pytest.mark.flight
 
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "1"))
-"""More of them with `make test-clients`."""
+"""Number of seeds; more with `make test-clients`."""
 ODD_FLOATS = (
     0.0,
     -0.0,
@@ -38,7 +38,7 @@ LIMITS |= {"i": (-(2**31), 2**31 - 1), "I": (0, 2**32 - 1), "q": (-(2**63), 2**6
 
 
 def odd_payload(layout: Layout, chance: random.Random) -> bytes:
-    """Values at and beyond the edges of what a field means; addressed to the vehicle more often than not."""
+    """A payload with values at and beyond the limits of its fields, usually addressed to the vehicle."""
     letters = layout.packer.format.lstrip("<")
     flat, kinds, count = [], [], ""
     for letter in letters:
@@ -100,8 +100,8 @@ def _odd(letter: str, chance: random.Random) -> float:
     )
 
 
-def is_well(sim: VehicleSim) -> bool:
-    """Finite everywhere, still streaming, still answering."""
+def works(sim: VehicleSim) -> bool:
+    """Whether its state is finite, and it still streams and answers."""
     truth = sim.simulation.truth
     finite = all(
         np.isfinite(rows).all() for rows in (truth.position_ned_m, truth.q_ned_frd, truth.rates_frd_rad_s)
@@ -109,7 +109,7 @@ def is_well(sim: VehicleSim) -> bool:
     sim.drain(0, "gcs")
     ask = {"target_system": 1, "target_component": 1, "param_id": "SYS_AUTOSTART", "param_index": -1}
     layout, payload = pack("PARAM_REQUEST_READ", **ask)
-    # Whatever a cut frame still waits for is given to it: then the parser must be in step again.
+    # Zeros complete a frame that was cut; then the parser must find the next frame.
     sim.feed(0, "gcs", bytes(600) + frame_v2(layout, payload, 0, 255, 190))
     sim.step(1.5)
     names = [message.name for message in FrameParser().feed(sim.drain(0, "gcs"))]
@@ -125,20 +125,18 @@ def flying() -> Station:
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.binary(max_size=400))
-def test_garbage_while_flying_changes_nothing(flying: Station, data: bytes) -> None:
+def test_garbage_does_not_affect_a_flight(flying: Station, data: bytes) -> None:
     flying.sim.feed(0, "gcs", data)
     flying.sim.feed(0, "api", b"\xfd" + data)
     flying.run(0.04)
     assert flying.armed
-    assert flying.flown_mode == HOLD
+    assert flying.active_mode == HOLD
     assert 3.0 < flying.height_m < 7.0
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(st.integers(0, 2**31), st.integers(0, 40), st.integers(0, 255))
-def test_frames_cut_flipped_and_lengthened_change_nothing(
-    flying: Station, seed: int, cut: int, flip: int
-) -> None:
+def test_damaged_frames_do_not_affect_a_flight(flying: Station, seed: int, cut: int, flip: int) -> None:
     chance = random.Random(seed)
     layout, payload = pack("COMMAND_LONG", target_system=1, target_component=1, command=400, param2=21196.0)
     frame = bytearray(frame_v2(layout, payload, 0, 255, 190))
@@ -148,7 +146,7 @@ def test_frames_cut_flipped_and_lengthened_change_nothing(
     assert flying.armed
 
 
-def test_unknown_ids_are_skipped_whole(flying: Station) -> None:
+def test_frames_with_unknown_ids_are_skipped_completely(flying: Station) -> None:
     unknown = next(number for number in range(60000, 70000) if number not in LAYOUTS)
     head = struct.pack("<BBBBBBBHB", 0xFD, 9, 0, 0, 1, 255, 190, unknown & 0xFFFF, unknown >> 16)
     link = flying.sim.nodes[0].context.links[0]
@@ -160,7 +158,7 @@ def test_unknown_ids_are_skipped_whole(flying: Station) -> None:
 
 
 @pytest.mark.parametrize("seed", range(SEEDS))
-def test_odd_values_in_every_message_leave_the_simulator_well(seed: int) -> None:
+def test_the_simulator_works_after_extreme_values_in_every_message(seed: int) -> None:
     chance = random.Random(seed)
     sim = VehicleSim(camera=True, world=load_world("yard"), seed=seed, log=False)
     sim.step(6.0)
@@ -175,7 +173,7 @@ def test_odd_values_in_every_message_leave_the_simulator_well(seed: int) -> None
             sim.feed(0, chance.choice(("gcs", "api")), frame_v2(layout, payload, n & 0xFF, *sender))
             if n % 10 == 0:
                 sim.step(0.02)
-    assert is_well(sim)
+    assert works(sim)
 
 
 SERVICES = (
@@ -191,7 +189,7 @@ SERVICES = (
 
 
 @pytest.mark.parametrize("seed", range(SEEDS))
-def test_odd_values_to_every_service_in_flight_leave_the_simulator_well(seed: int) -> None:
+def test_the_simulator_works_after_extreme_values_to_every_service_in_flight(seed: int) -> None:
     chance = random.Random(1000 + seed)
     station = Station(camera=True, seed=seed)
     station.fly_to(5.0)
@@ -201,10 +199,10 @@ def test_odd_values_to_every_service_in_flight_leave_the_simulator_well(seed: in
         sim.feed(0, "gcs", frame_v2(layout, odd_payload(layout, chance), n & 0xFF, 255, 190))
         if n % 5 == 0:
             sim.step(0.02)
-    assert is_well(sim)
+    assert works(sim)
 
 
-def test_a_flood_is_worked_off_and_memory_stays_bounded() -> None:
+def test_a_flood_takes_limited_memory_and_the_simulator_works_afterwards() -> None:
     sim = VehicleSim()
     sim.step(1.0)
     layout, payload = pack("PARAM_REQUEST_LIST", target_system=1, target_component=1)
@@ -214,4 +212,4 @@ def test_a_flood_is_worked_off_and_memory_stays_bounded() -> None:
         sim.step(0.02)
     link = sim.nodes[0].context.links[0]
     assert link._outbox_bytes < 4_100_000
-    assert is_well(sim)
+    assert works(sim)

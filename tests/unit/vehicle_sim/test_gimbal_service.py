@@ -26,8 +26,8 @@ def take(s: Station) -> None:
     s.run(0.1)
 
 
-def test_the_gimbal_programs_sequence() -> None:
-    """Take control, stream roll 90, pitch 90 and zero with yaw locked, release; its ranges allow that."""
+def test_the_sequence_of_a_gimbal_program() -> None:
+    """Takes control, streams roll 90°, pitch 90° and zero with locked yaw, and releases control."""
     s = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
     take(s)
     assert s.acks(1001) == [0]
@@ -63,7 +63,7 @@ def test_without_control_commands_are_denied_and_messages_ignored() -> None:
     assert q_pitch(s) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_servos_move_at_once_and_stop_at_half_their_range() -> None:
+def test_servo_angles_change_at_once_and_stop_at_half_their_range() -> None:
     s = ready()
     take(s)
     gimbal = s.sim.autopilots[0].gimbal
@@ -77,7 +77,9 @@ def test_servos_move_at_once_and_stop_at_half_their_range() -> None:
     s.run(2)
     s.command(1000, NAN, NAN, 10, 0)
     s.run(1)
-    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-35, abs=0.5), "it waited at its stop"
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-35, abs=0.5), (
+        "the setpoint did not pass the end stop"
+    )
 
 
 def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> None:
@@ -95,7 +97,7 @@ def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> No
     assert s.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
 
 
-def test_the_yaw_of_servos_is_held_against_north_where_stabilising_is_on() -> None:
+def test_with_stabilization_the_yaw_of_servos_is_held_relative_to_north() -> None:
     s = Station(parameters={"MNT_DO_STAB": 2})
     take(s)
     s.command(1000, 0, 90, NAN, NAN, 16)
@@ -106,13 +108,13 @@ def test_the_yaw_of_servos_is_held_against_north_where_stabilising_is_on() -> No
     assert math.degrees(gimbal.actual.yaw_rad) < 80
 
 
-def test_assigned_outputs_carry_the_angles_when_they_may() -> None:
+def test_assigned_outputs_have_the_gimbals_angles_when_armed_or_prearmed() -> None:
     s = Station(parameters={"PWM_MAIN_FUNC5": 421, "PWM_MAIN_FUNC7": 422})
     take(s)
     s.command(1000, -22.5, 90, NAN, NAN)
     s.command(511, 36, 100000)
     s.run(1)
-    assert s.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "disarmed, nothing turns"
+    assert s.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "outputs are off while disarmed"
     s.sim.simulation.parameters[0].set("COM_PREARM_MODE", 2)
     s.run(1)
     outputs = s.last["SERVO_OUTPUT_RAW"]
@@ -120,7 +122,7 @@ def test_assigned_outputs_carry_the_angles_when_they_may() -> None:
     assert outputs.servo1_raw == 900
 
 
-def test_minus_two_gives_control_to_the_vehicle_itself() -> None:
+def test_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
     s = ready()
     s.command(1001, -2, -2, -1, -1)
     s.run(0.1)
@@ -185,7 +187,7 @@ def test_a_disabled_gimbal_sends_nothing() -> None:
     assert s.acks(1000) == []
     assert s.acks(1001) == []
     assert s.acks(512) == [2]
-    assert not s.heard("GIMBAL_MANAGER_STATUS")
+    assert not s.received("GIMBAL_MANAGER_STATUS")
 
 
 def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
@@ -193,7 +195,7 @@ def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
     s.ready_to_arm()
     s.command(196)
     s.run(1)
-    assert q_pitch(s) == pytest.approx(0.0, abs=1e-6), "nowhere to fly to: straight ahead"
+    assert q_pitch(s) == pytest.approx(0.0, abs=1e-6), "without a waypoint it points ahead"
     s.fly_to(10.0)
     item = s.item(192, 40.0, 0.0)
     s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, s.sim.autopilots[0].home.alt_amsl_m + 4)
@@ -206,7 +208,7 @@ def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
     s.run(1.5)
     north, _ = s.place
     wanted = math.atan2(4.0 - s.height_m, 40.0 - north) - math.radians(10.0)
-    assert q_pitch(s) == pytest.approx(wanted, abs=0.04), "turned by the command's own offset"
+    assert q_pitch(s) == pytest.approx(wanted, abs=0.04), "with the pitch offset of the command"
 
 
 @pytest.mark.parametrize(("output", "locks"), [(0, 28), (2, 12)])
@@ -221,4 +223,4 @@ def test_neutral_points_ahead_of_the_vehicle_with_any_lock(output: int, locks: i
     assert s.acks(1000) == [0, 0]
     assert s.last["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
     assert math.remainder(s.last["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(0.0, abs=1.0)
-    assert s.last["GIMBAL_MANAGER_STATUS"].flags == locks, "the servos' as recorded"
+    assert s.last["GIMBAL_MANAGER_STATUS"].flags == locks, "as recorded"

@@ -1,4 +1,4 @@
-"""What any quadrotor's physics and any estimator must keep, whatever the numbers."""
+"""Properties of any quadrotor's physics and of any estimator."""
 
 import math
 
@@ -11,7 +11,7 @@ from vehicle_sim.simulation import ControlLevel, Simulation
 pytestmark = pytest.mark.flight
 
 MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S = 1.0, 5.0, 1.0
-"""SIH_MASS, SIH_T_MAX, SIH_KDV as they are by default; the test below says if they change."""
+"""Defaults of SIH_MASS, SIH_T_MAX and SIH_KDV; a test below compares them."""
 
 
 def run(sim, seconds):
@@ -33,13 +33,13 @@ def hovering(count=1, *, noise=False, seed=0):
     return sim
 
 
-def test_the_airframe_is_the_recordings():
+def test_the_airframe_is_that_of_the_recordings():
     get = Simulation().parameters[0].get
     values = [get(name) for name in ("SIH_MASS", "SIH_T_MAX", "SIH_KDV")]
     assert values == pytest.approx([MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S])
 
 
-def test_a_fall_loses_exactly_the_energy_that_drag_takes():
+def test_a_fall_loses_exactly_the_energy_of_the_drag():
     sim = Simulation(start_ned_m=np.array([[0.0, 0.0, -300.0]]), sensor_noise=False)
     lost_j = 0.0
     for _ in range(1000):
@@ -52,7 +52,7 @@ def test_a_fall_loses_exactly_the_energy_that_drag_takes():
     assert gained_j == pytest.approx(lost_j, rel=0.01)
 
 
-def test_what_stands_does_not_drift():
+def test_a_vehicle_on_the_ground_does_not_drift():
     sim = Simulation(seed=3)
     run(sim, 30.0)
     assert np.array_equal(sim.truth.position_ned_m[0], np.zeros(3))
@@ -68,7 +68,7 @@ def test_a_hover_without_noise_does_not_drift():
     assert np.abs(sim.truth.position_ned_m[0] - before).max() < 0.05
 
 
-def test_a_vehicle_sinking_under_thrust_stops_on_the_ground():
+def test_a_descending_vehicle_stops_on_the_ground():
     sim = hovering()
     sim.setpoints.position_ned_m[:] = np.nan
     sim.setpoints.velocity_ned_m_s[:] = (0.0, 0.0, 0.3)
@@ -80,21 +80,21 @@ def test_a_vehicle_sinking_under_thrust_stops_on_the_ground():
     assert sim.truth.position_ned_m[0, 2] <= 0.01
 
 
-def test_four_directions_answer_alike():
+def test_steps_in_four_directions_have_the_same_response():
     sim = hovering(4)
     steps = np.array([[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, -5.0, 0.0]])
     start = sim.truth.position_ned_m.copy()
     sim.setpoints.position_ned_m[:] = steps + np.array([0.0, 0.0, -HEIGHT_M])
-    way = []
+    progress = []
     for _ in range(500):
         sim.step()
-        way.append(((sim.truth.position_ned_m - start) * steps).sum(axis=1) / 25.0)
-    way = np.array(way)
-    assert way.max() > 0.5
-    assert np.abs(way - way[:, :1]).max() < 0.02
+        progress.append(((sim.truth.position_ned_m - start) * steps).sum(axis=1) / 25.0)
+    progress = np.array(progress)
+    assert progress.max() > 0.5
+    assert np.abs(progress - progress[:, :1]).max() < 0.02
 
 
-def test_thrust_and_torque_go_past_the_rate_controller():
+def test_thrust_and_torque_bypass_the_rate_controller():
     sim = hovering()
     sim.setpoints.level[:] = ControlLevel.THRUST_TORQUE
     sim.setpoints.thrust[:] = 0.49
@@ -105,11 +105,11 @@ def test_thrust_and_torque_go_past_the_rate_controller():
     assert max(abs(p), abs(q)) < 0.02
     sim.setpoints.torque_frd[:] = (np.nan, 0.02, 0.0)
     run(sim, 0.2)
-    assert sim.truth.rates_frd_rad_s[0, 1] > 0.2, "nose up; no number is no torque"
+    assert sim.truth.rates_frd_rad_s[0, 1] > 0.2, "nose up; NaN is no torque"
     assert abs(sim.truth.rates_frd_rad_s[0, 0]) < 0.05
 
 
-def test_motors_go_past_the_mixer_and_no_number_stops_them():
+def test_motor_setpoints_bypass_the_mixer_and_nan_stops_a_motor():
     sim = hovering()
     sim.setpoints.level[:] = ControlLevel.MOTORS
     sim.setpoints.motors[:] = (0.25, np.nan, -0.5, 2.0)
@@ -120,21 +120,21 @@ def test_motors_go_past_the_mixer_and_no_number_stops_them():
     assert sim.truth.rotor_thrust[0] == pytest.approx([0.25, 0.0, 0.0, 1.0], abs=0.01)
 
 
-def test_a_gps_glitch_is_rejected_and_believed_in_the_end():
+def test_a_lasting_gps_offset_is_rejected_and_finally_accepted():
     sim = hovering(noise=True)
     sim.set_gps_offset(0, np.array([60.0, 0.0, 0.0]))
     run(sim, 3.0)
     assert sim.estimate.gps_rejected[0]
     assert sim.estimate.innovation_ratio_position[0] > 1.0
     assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
-    assert sim.estimate.valid_position[0], "its speed is still believed"
+    assert sim.estimate.valid_position[0], "its velocity is still used"
     run(sim, 12.0)
     error = sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]
-    assert error == pytest.approx(60.0, abs=4.0), "reset to what GPS insists on"
+    assert error == pytest.approx(60.0, abs=4.0), "reset to the position of GPS"
     assert not sim.estimate.gps_rejected[0]
 
 
-def test_a_glitch_that_passes_leaves_nothing_behind():
+def test_a_short_gps_glitch_has_no_lasting_effect():
     sim = hovering(noise=True)
     sim.set_gps_offset(0, np.array([0.0, -40.0, 0.0]))
     run(sim, 2.0)
@@ -145,7 +145,7 @@ def test_a_glitch_that_passes_leaves_nothing_behind():
 
 
 @pytest.mark.story
-def test_gusts_shake_by_seed_and_end():
+def test_gusts_depend_on_the_seed_and_end():
     first, again, other = (hovering(seed=seed) for seed in (4, 4, 5))
     for sim in (first, again, other):
         sim.set_gusts(3.0)

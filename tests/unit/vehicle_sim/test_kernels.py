@@ -1,4 +1,4 @@
-"""Compiled loops: each equals the plain statement of its formula, and every vehicle is its own."""
+"""Compiled loops: each equals its formula in NumPy, separately for every vehicle."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def kalman() -> Kalman:
     return made
 
 
-def test_rotations_are_those_of_whole_fleets() -> None:
+def test_rotations_of_one_vehicle_equal_those_of_the_fleet() -> None:
     q, other, vector = attitudes(), attitudes(), GENERATOR.normal(size=(VEHICLES, 3))
     matrix = np.zeros((3, 3))
     for i in range(VEHICLES):
@@ -46,7 +46,7 @@ def test_rotations_are_those_of_whole_fleets() -> None:
         assert turned == pytest.approx(expected)
 
 
-def test_measurements_one_by_one_are_those_taken_at_once() -> None:
+def test_sequential_measurements_equal_simultaneous_ones() -> None:
     filters = kalman()
     before, motion = filters.covariance.copy(), filters.vector.copy()
     innovation = GENERATOR.normal(size=(VEHICLES, 6)) * 0.1
@@ -64,7 +64,7 @@ def test_measurements_one_by_one_are_those_taken_at_once() -> None:
 
 
 @pytest.mark.parametrize("measured", [1, 2, 3])
-def test_a_masked_gain_leaves_a_right_covariance(measured: int) -> None:
+def test_a_masked_gain_gives_the_covariance_of_the_joseph_form(measured: int) -> None:
     filters = kalman()
     before = filters.covariance.copy()
     sensitivity = GENERATOR.normal(size=(VEHICLES, measured, SIZE))
@@ -86,7 +86,7 @@ def test_a_masked_gain_leaves_a_right_covariance(measured: int) -> None:
         assert filters.covariance[i] == pytest.approx(joseph, abs=1e-12)
 
 
-def test_a_covariance_grows_by_the_transition_of_its_states() -> None:
+def test_the_covariance_is_propagated_by_the_state_transition() -> None:
     filters = kalman()
     before, dt_s = filters.covariance.copy(), 0.008
     filters.predict(np.zeros((VEHICLES, 3)), GENERATOR.normal(size=(VEHICLES, 3)))
@@ -105,7 +105,7 @@ def test_a_covariance_grows_by_the_transition_of_its_states() -> None:
         assert 0.0 <= np.diag(grown).max() < 1e-3
 
 
-def test_an_estimate_as_plain_numbers_is_the_row_of_the_arrays() -> None:
+def test_estimates_as_plain_numbers_equal_the_rows_of_the_arrays() -> None:
     simulation = Simulation(2, yaw_ned_rad=np.array([0.3, -2.0]))
     for _ in range(60):
         simulation.step()
@@ -117,7 +117,9 @@ def test_an_estimate_as_plain_numbers_is_the_row_of_the_arrays() -> None:
         assert row.valid_attitude is True
 
 
-def test_compiled_code_goes_where_it_can_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_compiled_code_is_stored_in_a_writable_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     file = tmp_path / "a file, not a folder"
     file.touch()
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)

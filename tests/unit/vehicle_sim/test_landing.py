@@ -1,4 +1,4 @@
-"""Detection of a landing: the detector, the height above ground, and landings of both kinds."""
+"""Detection of a landing: the detector, the height above ground, and whole landings."""
 
 import math
 from types import SimpleNamespace
@@ -26,8 +26,8 @@ PRESSED = FLYING._replace(thrust=0.12)
 TICK_S = 0.02
 
 
-class Watch:
-    """A detector on a fake clock."""
+class DetectorRun:
+    """A land detector with a fake clock."""
 
     def __init__(self) -> None:
         self.detector = LandDetector()
@@ -46,18 +46,18 @@ class Watch:
         return self.now_s - start_s
 
 
-def flying() -> Watch:
-    watch = Watch()
-    detector = watch.see(FLYING)
+def flying() -> DetectorRun:
+    detector_run = DetectorRun()
+    detector = detector_run.see(FLYING)
     assert [detector.ground_contact, detector.maybe_landed, detector.landed] == [False] * 3
-    return watch
+    return detector_run
 
 
-def test_three_stages_of_a_third_each_and_three_times_that_where_the_ground_is_not_seen() -> None:
+def test_a_landing_takes_three_equal_stages_and_three_times_as_long_without_a_range() -> None:
     assert flying().until_landed(PRESSED) == pytest.approx(1.0, abs=0.1)
     unseen = PRESSED._replace(height_above_ground_m=NAN)
     assert flying().until_landed(unseen) == pytest.approx(3.0, abs=0.1)
-    never_seen = Watch()
+    never_seen = DetectorRun()
     never_seen.see(FLYING._replace(height_above_ground_m=NAN))
     assert never_seen.until_landed(unseen) == pytest.approx(1.0, abs=0.1)
 
@@ -75,39 +75,39 @@ def test_three_stages_of_a_third_each_and_three_times_that_where_the_ground_is_n
     ],
 )
 def test_each_condition_alone_prevents_a_landing(change: dict[str, object]) -> None:
-    watch = flying()
-    assert watch.until_landed(PRESSED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
-    assert not watch.detector.landed
+    detector_run = flying()
+    assert detector_run.until_landed(PRESSED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
+    assert not detector_run.detector.landed
 
 
-def test_low_thrust_is_more_where_the_hover_thrust_is_an_estimate() -> None:
+def test_the_low_thrust_limit_is_higher_with_an_estimated_hover_thrust() -> None:
     light = FLYING._replace(thrust=0.3)
     assert flying().see(light, 1.0).ground_contact
     assert not flying().see(light._replace(hover_thrust_known=False), 1.0).ground_contact
 
 
-def test_without_a_controlled_climb_rate_no_descent_need_be_asked_for() -> None:
+def test_without_climb_rate_control_a_landing_needs_no_descent_setpoint() -> None:
     by_hand = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
     assert flying().until_landed(by_hand) == pytest.approx(1.0, abs=0.1)
     assert not flying().see(by_hand._replace(thrust=0.12), 5.0).landed
 
 
-def test_without_a_height_eight_seconds_without_thrust_are_a_landing() -> None:
+def test_without_a_height_a_landing_is_eight_seconds_of_low_thrust() -> None:
     assert flying().until_landed(PRESSED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
 
 
-def test_thrust_lifts_off_at_once_and_disarming_lands_after_its_third() -> None:
-    watch = flying()
-    watch.until_landed(PRESSED)
-    assert not watch.see(FLYING).landed
-    assert watch.until_landed(FLYING._replace(armed=False)) == pytest.approx(0.36, abs=0.05)
+def test_thrust_ends_the_landed_state_at_once_and_disarming_starts_it_after_one_stage() -> None:
+    detector_run = flying()
+    detector_run.until_landed(PRESSED)
+    assert not detector_run.see(FLYING).landed
+    assert detector_run.until_landed(FLYING._replace(armed=False)) == pytest.approx(0.36, abs=0.05)
 
 
 # --- the height above ground ---------------------------------------------------------------------------
 
 
 class Ranger:
-    """One vehicle's terrain estimate; it climbs and sinks as told."""
+    """One vehicle's terrain estimate; the test sets range and height."""
 
     def __init__(self) -> None:
         self.terrain = Terrain(1, 0.04)
@@ -128,7 +128,7 @@ def test_on_the_ground_the_height_is_the_shortest_range() -> None:
     assert Ranger().see(0.0, in_air=False) == pytest.approx(0.1)
 
 
-def test_just_above_the_ground_the_height_is_lost_and_found_again() -> None:
+def test_the_height_is_unknown_just_above_the_ground_and_known_again_higher_up() -> None:
     ranger = Ranger()
     ranger.see(0.0, in_air=False)
     assert ranger.see(0.02, down_m=-0.05) == pytest.approx(0.15)
@@ -138,7 +138,7 @@ def test_just_above_the_ground_the_height_is_lost_and_found_again() -> None:
     assert math.isnan(ranger.see(0.0, for_s=VALID_FOR_S + 0.04))
 
 
-def test_the_height_follows_the_range_a_little_late() -> None:
+def test_the_height_follows_the_range_with_a_short_delay() -> None:
     ranger = Ranger()
     height = ranger.see(5.0)
     for k in range(100):
@@ -152,7 +152,7 @@ def test_unused_ranges_have_no_effect() -> None:
     assert math.isnan(ranger.see(3.0, for_s=1.0))
 
 
-# --- flown ---------------------------------------------------------------------------------------------
+# --- flights -------------------------------------------------------------------------------------------
 
 
 def hover(height_m: float) -> Station:
@@ -182,8 +182,8 @@ def offboard(s: Station, mask: int, **fields: float) -> None:
 
 
 @pytest.mark.story
-def test_a_landing_is_detected_some_seconds_after_the_touch() -> None:
-    """A real PX4 took 3.3 to 4.3 s: near the ground it sees nothing."""
+def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
+    """A real PX4 took 3.3 to 4.3 s, because near the ground the range is below the sensor's minimum."""
     s = hover(5.0)
     assert s.last["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
     s.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
@@ -191,7 +191,7 @@ def test_a_landing_is_detected_some_seconds_after_the_touch() -> None:
     s.run_until(lambda: truth.position_ned_m[0, 2] > -0.5, 20)
     assert s.mode == LAND
     s.run_until(lambda: truth.position_ned_m[0, 2] > -0.4, 5)
-    assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "crawls below one metre"
+    assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "slow descent below one metre"
     s.run_until(lambda: truth.position_ned_m[0, 2] > -0.001, 20)
     touched_s = s.now_s
     s.run_until(lambda: "Landing detected\t" in s.texts(), 10)
@@ -201,8 +201,8 @@ def test_a_landing_is_detected_some_seconds_after_the_touch() -> None:
 
 
 @pytest.mark.story
-def test_a_position_below_the_ground_is_no_landing_but_a_descent_is() -> None:
-    """PX4 asks for a vertical velocity; whoever flies positions into the ground stays armed on it."""
+def test_a_descent_setpoint_ends_in_a_landing_and_a_position_below_the_ground_does_not() -> None:
+    """PX4 needs a controlled descent; with a position setpoint below the ground it stays armed."""
     s = hover(3.0)
     into_ground = set_points(s, 0b110111111000, z=2.0)
     offboard(s, 0b110111111000, z=2.0)
@@ -215,15 +215,15 @@ def test_a_position_below_the_ground_is_no_landing_but_a_descent_is() -> None:
 
 
 HALF_SET_POINTS = (
-    (0b110111100111, {"vx": 1.0}),  # nothing vertical
-    (0b110111111011, {"z": -5.0}),  # nothing horizontal
+    (0b110111100111, {"vx": 1.0}),  # no vertical axis
+    (0b110111111011, {"z": -5.0}),  # no horizontal axes
     (0b110111111010, {"x": 4.0, "z": -3.0}),  # north without east
     (0b110111110101, {"y": 4.0, "vx": 1.0, "vz": -1.0}),
 )
 
 
 def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
-    """As a real PX4 does (its echo then says velocity zero); half of a setpoint is not flown."""
+    """As a real PX4 does; the echoed target is velocity zero."""
     s = hover(3.0)
     before = s.sim.simulation.truth.position_ned_m[0].copy()
     offboard(s, 0b110111000111)
@@ -239,8 +239,8 @@ def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
 # --- the trajectory of a landing -----------------------------------------------------------------------
 
 
-class Lagging:
-    """A body that is held beside its trajectory, with a row that only remembers."""
+class DisplacedVehicle:
+    """A vehicle held beside its trajectory, which records the height of the position setpoint."""
 
     def __init__(self, north_m: float) -> None:
         self.estimate = SimpleNamespace(
@@ -266,8 +266,8 @@ class Lagging:
 
 @pytest.mark.parametrize(("beside_m", "part"), [(0.0, 1.0), (0.5, 0.75), (1.0, 0.5)])
 def test_a_vehicle_away_from_its_trajectory_descends_more_slowly(beside_m: float, part: float) -> None:
-    """MPC_XY_ERR_MAX is 2 m; a real PX4 that wandered by half a metre sank at three quarters of its speed."""
-    body = Lagging(-beside_m)
+    """MPC_XY_ERR_MAX is 2 m; a real PX4 at half a metre from its path descended at 3/4 of its speed."""
+    body = DisplacedVehicle(-beside_m)
     path = Path(body, body)  # type: ignore[arg-type]
     for axis, at_m in ((path.x, 0.0), (path.y, 0.0), (path.z, -20.0)):
         axis.reset(at_m)

@@ -1,4 +1,4 @@
-"""Logs by LOG_* messages: listed, sent in parts, asked for again where parts were lost, erased."""
+"""Logs by LOG_* messages: listed, sent in parts, lost parts requested again, erased."""
 
 import random
 
@@ -15,7 +15,7 @@ TARGET = {"target_system": 1, "target_component": 1}
 
 @pytest.fixture
 def station():
-    """One finished log, and a second one that runs."""
+    """A station whose vehicle has one finished log and a second one in progress."""
     station = Station(log=True, boot_time_unix_s=1795222005)
     station.run(2)
     logger = station.sim.loggers[0]
@@ -38,7 +38,7 @@ def request(station, name, seconds=0.5, **fields):
     return [m for t, _, m in station.log if t > since_s and m.name in ("LOG_ENTRY", "LOG_DATA")]
 
 
-def test_the_list_tells_number_time_and_size(station):
+def test_the_list_has_number_time_and_size_of_each_log(station):
     first, second = request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)
     assert (first.values["id"], first.num_logs, first.last_log_num) == (0, 2, 2)
     assert first.time_utc == 1795222005
@@ -49,11 +49,11 @@ def test_the_list_tells_number_time_and_size(station):
 
 
 @pytest.mark.parametrize("bounds", [(5, 9), (2, 0xFFFF)])
-def test_a_list_of_logs_that_are_not_there_is_silence(station, bounds):
+def test_a_request_for_logs_that_do_not_exist_gets_no_answer(station, bounds):
     assert request(station, "LOG_REQUEST_LIST", start=bounds[0], end=bounds[1]) == []
 
 
-def test_parts_hold_ninety_bytes_and_the_last_one_the_rest(station):
+def test_parts_have_90_bytes_and_the_last_one_the_rest(station):
     whole = host_bytes(station, 0)
     parts = request(station, "LOG_REQUEST_DATA", id=0, ofs=len(whole) - 100, count=1000)
     assert [(m.ofs, m.count) for m in parts] == [(len(whole) - 100, 90), (len(whole) - 10, 10)]
@@ -62,11 +62,11 @@ def test_parts_hold_ninety_bytes_and_the_last_one_the_rest(station):
 
 @pytest.mark.parametrize("fields", [{"id": 50, "ofs": 0, "count": 90}, {"id": 0, "ofs": 1 << 30, "count": 90},
                                     {"id": 0, "ofs": 0, "count": 0}])  # fmt: skip
-def test_nonsense_is_answered_by_silence(station, fields):
+def test_invalid_requests_get_no_answer(station, fields):
     assert request(station, "LOG_REQUEST_DATA", **fields) == []
 
 
-def test_a_download_that_loses_parts_ends_as_what_ftp_reads(station):
+def test_a_download_with_lost_parts_equals_the_file_read_by_ftp(station):
     (entry,) = [m for m in request(station, "LOG_REQUEST_LIST", start=0, end=0)]
     lossy, got = random.Random(3), {}
     for _ in range(40):
@@ -93,22 +93,22 @@ def test_a_download_that_loses_parts_ends_as_what_ftp_reads(station):
     client, read = FtpClient(station.sim), b""
     assert client.one(ftp.OPEN_RO, str(path).encode())[0] == ftp.ACK
     while len(read) < len(downloaded):
-        answers = client.ask(ftp.BURST, offset=len(read), wait_s=0.4)
+        answers = client.request(ftp.BURST, offset=len(read), wait_s=0.4)
         read += b"".join(data for head, data in answers if head[2] == ftp.ACK)
     assert read == downloaded
 
 
-def test_five_thousand_parts_a_second_at_most_and_an_end_on_request(station):
+def test_at_most_5000_parts_are_sent_per_second_until_an_end_request(station):
     parts = request(station, "LOG_REQUEST_DATA", 0.1, id=0, ofs=0, count=0xFFFFFFFF)
     assert 400 <= len(parts) <= 520
     station.send("LOG_REQUEST_END", **TARGET)
     station.run(0.02)
     since_s = station.now_s
     station.run(0.2)
-    assert station.heard("LOG_DATA", since_s=since_s + 0.001) == []
+    assert station.received("LOG_DATA", since_s=since_s + 0.001) == []
 
 
-def test_erasing_leaves_nothing_and_the_vehicle_logs_again_after_the_next_arming(station):
+def test_erasing_removes_all_logs_and_a_new_log_can_be_started(station):
     station.send("LOG_ERASE", **TARGET)
     station.run(0.2)
     assert request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF) == []
@@ -118,12 +118,12 @@ def test_erasing_leaves_nothing_and_the_vehicle_logs_again_after_the_next_arming
     assert len(request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)) == 1
 
 
-def test_who_is_not_meant_stays_silent(station):
+def test_requests_to_other_systems_and_components_are_ignored(station):
     station.send("LOG_REQUEST_LIST", target_system=2, target_component=1, start=0, end=0xFFFF)
     station.send("LOG_ERASE", target_system=1, target_component=42)
     since_s = station.now_s
     station.run(0.2)
-    assert station.heard("LOG_ENTRY", since_s=since_s) == []
+    assert station.received("LOG_ENTRY", since_s=since_s) == []
     assert host_bytes(station, 0)
 
 

@@ -25,11 +25,11 @@ SETTINGS = MAVFTPSettings(
         ("idle_detection_time", float, 0.3), ("read_retry_time", float, 0.25), ("retry_time", float, 0.2),
     ]
 )  # fmt: skip
-"""Its own but for shorter silences [s]: one is how it takes the making of a directory to be done."""
+"""Its defaults, but with shorter timeouts [s]; the client waits for one after creating a directory."""
 
 
 class Connection:
-    """What the client takes for a MAVLink connection; waiting for a message lets simulated time pass."""
+    """A MAVLink connection for the client; waiting for a message advances simulated time."""
 
     source_system, source_component = 255, 190
 
@@ -66,7 +66,7 @@ class Connection:
 
 
 @pytest.mark.parametrize("target_system", [1, 0])
-def test_it_lists_writes_reads_and_removes_ten_times_over(
+def test_ten_rounds_of_listing_writing_reading_and_removing_leave_no_session_open(
     target_system: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     connection = Connection()
@@ -84,4 +84,4 @@ def test_it_lists_writes_reads_and_removes_ten_times_over(
         assert client.cmd_rm(["round/data.bin"]).error_code == FtpError.Success
         assert client.cmd_rmdir(["round"]).error_code == FtpError.Success
     assert [r.message for r in caplog.records if r.levelno >= logging.ERROR] == []
-    assert connection.sim.time_s < 1.5 * ROUNDS, "nothing was asked for again after a silence"
+    assert connection.sim.time_s < 1.5 * ROUNDS, "no request was repeated after a timeout"

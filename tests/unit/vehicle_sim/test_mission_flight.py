@@ -1,4 +1,4 @@
-"""A mission flown beside the recording of a real PX4: when each item is reached, and where the vehicle is."""
+"""A mission compared with the recording of a real PX4: the time of each item, and the path."""
 
 import gzip
 import json
@@ -14,7 +14,7 @@ from tests.unit.vehicle_sim.sim_station import RTL
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 LATER = 0.06
-"""Of the time since the start: PX4 itself wanders with its GPS noise, the simulated one is flown without."""
+"""Relative tolerance of the times: only the recorded vehicle drifts with GPS noise."""
 
 
 def test_the_box_is_flown_as_recorded(shared: Path) -> None:
@@ -44,7 +44,7 @@ def test_the_box_is_flown_as_recorded(shared: Path) -> None:
     s.command(300)
     track: list[tuple[float, float, float, float]] = []
     s.run_until(
-        lambda: s.flown_mode == RTL, 75, lambda: track.append((s.now_s - start_s, *s.place, s.height_m))
+        lambda: s.active_mode == RTL, 75, lambda: track.append((s.now_s - start_s, *s.place, s.height_m))
     )
 
     ours: dict[int, float] = {}
@@ -58,7 +58,7 @@ def test_the_box_is_flown_as_recorded(shared: Path) -> None:
     x0, y0 = rows[0, columns["x"]], rows[0, columns["y"]]
     path = rows[rows[:, 0] < real[4]][:, [columns["x"], columns["y"]]] - (x0, y0)
     off = [np.hypot(*(path - place).T).min() for place in flown[::25, 1:3]]
-    assert max(off) < 1.6, "never far from where PX4 flew"
+    assert max(off) < 1.6, "distance to the recorded path"
     assert flown[:, 3].max() < 10.6
     speeds = np.hypot(np.diff(flown[:, 1]), np.diff(flown[:, 2])) / 0.02
     real_speeds = np.hypot(rows[:, columns["vx"]], rows[:, columns["vy"]])

@@ -1,4 +1,4 @@
-"""Missions as stories: what is flown, told and refused, on bytes and a fake clock."""
+"""Missions by MAVLink messages on simulated time: flights, texts, refusals."""
 
 import math
 
@@ -36,26 +36,26 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
     ]  # fmt: skip
     s.run_until(lambda: s.last["EXTENDED_SYS_STATE"].landed_state == 3, 4)
     s.run_until(lambda: s.mission.current == 2, 12)
-    assert s.reached() == [1], "an item without a place is reached in the moment the take-off is"
-    assert [(m.command, m.param2) for m in s.heard("COMMAND_LONG")] == [(178, 3.0)]
+    assert s.reached() == [1], "an item without a position is reached together with the take-off"
+    assert [(m.command, m.param2) for m in s.received("COMMAND_LONG")] == [(178, 3.0)]
     s.run(1.0)
 
     s.command(176, 1, 4, 3)
     s.run(0.2)
-    assert s.flown_mode == HOLD
-    s.run(7.0)  # it was just gaining speed: it runs past its place and comes back
+    assert s.active_mode == HOLD
+    s.run(7.0)  # it was accelerating, so it overshoots and flies back
     held = s.place
     s.run(1.0)
-    assert math.dist(held, s.place) < 0.6, "Hold waits"
+    assert math.dist(held, s.place) < 0.6, "it holds its position"
     s.command(176, 1, 4, 4)
     s.run(0.1)
     assert s.texts()[-1] == "Executing Mission\t"
-    assert s.mission.current == 2, "it goes on where it was left"
+    assert s.mission.current == 2, "it resumes at the same item"
 
     s.run_until(lambda: s.mission.current == 3, 10)
     s.run_until(lambda: s.mission.current == 4, 12)
     assert abs(math.degrees(s.last["ATTITUDE"].yaw)) == pytest.approx(180, abs=13), "MIS_YAW_ERR"
-    assert max(math.hypot(m.vx, m.vy) for m in s.heard("LOCAL_POSITION_NED")) < 3.0
+    assert max(math.hypot(m.vx, m.vy) for m in s.received("LOCAL_POSITION_NED")) < 3.0
     s.run_until(lambda: s.last["EXTENDED_SYS_STATE"].landed_state == 4, 12)
     assert s.place == pytest.approx((2, 8), abs=2.1)
     s.run_until(lambda: not s.armed, 20)
@@ -81,7 +81,7 @@ def test_a_mission_can_be_started_directly_after_its_upload(s: PlanStation, firs
 def test_after_the_last_waypoint_the_vehicle_holds_there(s: PlanStation) -> None:
     s.upload([s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 6, 0, 4)])
     s.start()
-    s.run_until(lambda: s.flown_mode == HOLD, 25)
+    s.run_until(lambda: s.active_mode == HOLD, 25)
     assert s.texts()[-1] == "Mission finished, loitering\t"
     s.run(3)
     assert s.place == pytest.approx((6, 0), abs=0.6)
@@ -102,13 +102,13 @@ def test_jumps_repeat_and_delays_wait(s: PlanStation) -> None:
     s.run_until(lambda: s.mission.current == 5, 4)
     assert s.now_s - began_s == pytest.approx(2.0, abs=0.1)
     s.run(6)
-    assert (s.flown_mode, s.mission.current) == (MISSION_MODE, 5), "an unlimited loiter never ends"
+    assert (s.active_mode, s.mission.current) == (MISSION_MODE, 5), "an unlimited loiter never ends"
     s.send("MISSION_SET_CURRENT", target_system=1, target_component=1, seq=2)
     s.run(1.1)
     assert s.last["MISSION_CURRENT"].seq == 2
 
 
-def test_region_of_interest_turns_the_nose_and_return_ends_it(s: PlanStation) -> None:
+def test_a_region_of_interest_turns_the_vehicle_and_a_return_item_ends_the_mission(s: PlanStation) -> None:
     s.upload([
         s.item(TAKEOFF, height_m=3), s.item(ROI, 4, -8, 0), s.item(WAYPOINT, 8, 0, 3),
         s.action(ROI_NONE), s.action(RETURN),
@@ -119,13 +119,13 @@ def test_region_of_interest_turns_the_nose_and_return_ends_it(s: PlanStation) ->
     north, east = s.place
     towards = math.atan2(-8 - east, 4 - north)
     assert math.remainder(s.last["ATTITUDE"].yaw - towards, math.tau) == pytest.approx(0, abs=0.3)
-    s.run_until(lambda: s.flown_mode == RTL, 15)
+    s.run_until(lambda: s.active_mode == RTL, 15)
     assert "Returning to launch\t" in s.texts()
-    numbers = [m.command for m in s.heard("COMMAND_LONG") if m.confirmation == 0]
+    numbers = [m.command for m in s.received("COMMAND_LONG") if m.confirmation == 0]
     assert numbers == [195, 197, 20, 2003, 1000, 1001, 1001, 1000, 1001]
 
 
-def test_an_infeasible_mission_is_stored_and_refused(s: PlanStation) -> None:
+def test_an_infeasible_mission_is_stored_and_its_start_refused(s: PlanStation) -> None:
     cases = {
         "navigator_mis_takeoff_not_first": [s.item(WAYPOINT, 5), s.item(TAKEOFF)],
         "navigator_mis_vtol_items": [s.item(TAKEOFF), s.item(85, 5)],
@@ -146,29 +146,29 @@ def test_an_infeasible_mission_is_stored_and_refused(s: PlanStation) -> None:
     assert "navigator_mis_geofence_violation" in s.events(since_s)
     s.upload([], kind=1)
     s.run(0.1)
-    assert s.sim.autopilots[0].commander.checks.has_mission, "without the fence it may be flown"
+    assert s.sim.autopilots[0].commander.checks.has_mission, "without the fence the mission is feasible"
 
 
 SQUARE = ((-20, -20), (-20, 20), (20, 20), (20, -20))
 
 
-def test_a_mission_uploaded_or_cleared_in_flight(s: PlanStation) -> None:
+def test_a_mission_uploaded_in_flight_starts_at_once_and_clearing_it_ends_in_hold(s: PlanStation) -> None:
     s.upload([s.item(TAKEOFF, height_m=3), s.item(LOITER_UNLIMITED, 3, 0, 3)])
     s.start()
     s.run_until(lambda: s.mission.current == 1, 12)
     s.upload([s.item(WAYPOINT, 0, 5, 3), s.item(LOITER_UNLIMITED, 0, 5, 3)])
-    assert (s.mission.current, s.flown_mode) == (0, MISSION_MODE), "the new one begins at once"
+    assert (s.mission.current, s.active_mode) == (0, MISSION_MODE), "the new mission starts at once"
     s.run_until(lambda: s.mission.current == 1, 10)
     s.send("MISSION_CLEAR_ALL", target_system=1, target_component=1, mission_type=0)
     s.run(0.2)
-    assert s.flown_mode == HOLD
+    assert s.active_mode == HOLD
     s.command(176, 1, 4, 4)
     s.run(0.1)
     assert s.texts()[-1] == "Switching to Mission is currently not available\t"
 
 
 @pytest.mark.story
-def test_held_while_it_gains_speed_it_runs_past_the_place_and_comes_back_to_it(s: PlanStation) -> None:
+def test_a_vehicle_put_into_hold_while_accelerating_overshoots_and_flies_back(s: PlanStation) -> None:
     assert s.upload([s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 60, 0, 4)]) == 0
     s.start()
     s.run_until(lambda: s.place[0] > 0.3, 20)

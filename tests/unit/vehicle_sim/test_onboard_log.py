@@ -1,4 +1,4 @@
-"""Onboard logs read back by pyulog: what was flown stands in them, as often as in PX4's own."""
+"""Onboard logs read by pyulog: they have the values of the flight at the rates of PX4's logs."""
 
 import json
 from io import FileIO
@@ -20,11 +20,11 @@ RECORDED_HEAD = (
     "386237373037376166376434363131641c00491775696e7433325f74207665725f73775f72656c65617365ff001001230049"
     "1e75696e7433325f74207665725f76656e646f725f73775f72656c65"
 )
-"""The first 180 bytes of a log, as a PX4 sent them."""
+"""The first 180 bytes of a log of a real PX4."""
 
 
 class Flight:
-    """A vehicle that was armed for a while; its log and what the simulation held meanwhile."""
+    """A vehicle that was armed for a while: its log, and the states of the simulation at that time."""
 
     def __init__(self, folder):
         files = VehicleFiles(folder)
@@ -52,7 +52,7 @@ class Flight:
         self.log = ULog(str(self.path))
         self.data = {each.name: each.data for each in self.log.data_list}
         self.station.run(1.1)
-        self.sensors = [m.onboard_control_sensors_present for m in self.station.heard("SYS_STATUS")]
+        self.sensors = [m.onboard_control_sensors_present for m in self.station.received("SYS_STATUS")]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_a_ground_station_sees_whether_a_log_is_written(flight):
     assert flight.sensors[-1] == 0x200402F, "as recorded after a flight"
 
 
-def test_it_is_named_by_the_time_and_begins_as_px4s_does(flight):
+def test_a_log_is_named_by_its_time_and_begins_like_one_of_px4(flight):
     assert str(flight.path).endswith("log/2026-11-21/00_46_45.ulg")
     assert flight.path.read_bytes()[:180].hex() == RECORDED_HEAD
     assert flight.log.msg_info_dict["sys_name"] == "PX4"
@@ -84,7 +84,7 @@ def test_it_is_named_by_the_time_and_begins_as_px4s_does(flight):
         ("actuator_outputs", [f"output[{k}]" for k in range(4)], 4),
     ],
 )
-def test_values_are_those_of_the_simulation_at_that_time(flight, topic, columns, index):
+def test_logged_values_equal_those_of_the_simulation_at_the_same_time(flight, topic, columns, index):
     data = flight.data[topic]
     compared = 0
     for k, time_us in enumerate(data["timestamp"]):
@@ -96,7 +96,7 @@ def test_values_are_those_of_the_simulation_at_that_time(flight, topic, columns,
     assert compared >= 29
 
 
-def test_motors_are_no_numbers_until_armed(flight):
+def test_motor_values_are_nan_until_armed(flight):
     motors = flight.data["actuator_motors"]
     before = motors["timestamp"] < ARMED_AT_S * 1e6
     assert np.isnan(motors["control[0]"][before]).all()
@@ -118,7 +118,7 @@ def test_state_topics_are_written_when_they_change(flight):
     assert flight.data["vehicle_land_detected"]["landed"][0] == 1
 
 
-def test_every_topic_of_px4s_log_that_is_here_has_its_fields_and_its_rate(flight, shared):
+def test_each_topic_has_the_fields_and_the_rate_of_px4s_log(flight, shared):
     facts = json.loads((shared / "px4/logs/flight-short.json").read_text())
     theirs = {topic["name"]: topic for topic in facts["topics"] if topic["instance"] == 0}
     assert len(theirs.keys() & flight.data.keys()) >= 39
@@ -132,7 +132,7 @@ def test_every_topic_of_px4s_log_that_is_here_has_its_fields_and_its_rate(flight
             assert (len(times) - 1) / ((times[-1] - times[0]) / 1e6) == pytest.approx(hz, rel=0.03), name
 
 
-def test_parameters_as_they_were_and_as_they_became(flight):
+def test_initial_and_changed_parameters_are_logged(flight):
     log = flight.log
     assert len(log.initial_parameters) == 929
     assert log.initial_parameters["MPC_XY_CRUISE"] == pytest.approx(5.0)
@@ -141,7 +141,7 @@ def test_parameters_as_they_were_and_as_they_became(flight):
     assert ("MPC_XY_CRUISE", pytest.approx(7.0)) in changes
 
 
-def test_texts_and_events_stand_in_it(flight):
+def test_texts_and_events_are_logged(flight):
     texts = [(each.log_level_str(), each.message) for each in flight.log.logged_messages]
     assert ("INFO", "Armed by external command\t") in texts
     events = flight.data["event"]
@@ -156,7 +156,7 @@ def test_texts_and_events_stand_in_it(flight):
          (-1, (False, False, False)), (1, (True, True, False)), (3, (False, False, False)),
          (4, (False, True, True))))],
 )  # fmt: skip
-def test_sdlog_mode_says_from_when_to_when(mode, expected):
+def test_sdlog_mode_determines_when_a_log_is_written(mode, expected):
     station = Station(log=True, parameters={"SDLOG_MODE": mode})
     station.run_until(lambda: station.ready, 15)
     logger, commander = station.sim.loggers[0], station.sim.autopilots[0].commander
@@ -172,7 +172,7 @@ def test_sdlog_mode_says_from_when_to_when(mode, expected):
     assert not logger.running
 
 
-def test_the_next_arming_opens_the_next_file_and_says_so():
+def test_the_next_arming_opens_a_new_file_and_reports_it():
     station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S)
     station.run(12)
     for _ in range(2):
@@ -182,13 +182,13 @@ def test_the_next_arming_opens_the_next_file_and_says_so():
         station.run(0.3)
     logger = station.sim.loggers[0]
     assert logger.path == "log/2026-11-21/00_46_57.ulg"
-    heard = station.heard("EVENT", since_s=11.9)
+    heard = station.received("EVENT", since_s=11.9)
     opened = [bytes(m.arguments)[:7] for m in heard if m.values["id"] == 17980399]
     assert opened == [bytes((0xEA, 0x07, 11, 21, 0, 46, 57))]
     assert f"[logger] ./{logger.path}\t" in station.texts(since_s=11.9)
 
 
-def test_two_logs_of_one_second_get_two_names():
+def test_logs_of_the_same_second_get_different_names():
     sim = VehicleSim(log=True, parameters={"SDLOG_MODE": -1})
     sim.simulation.parameters[0].set("SDLOG_MODE", 0)
     sim.step(1.0)
@@ -212,7 +212,7 @@ def test_the_default_profile_alone_writes_less():
     assert data["estimator_status"] == pytest.approx(5, abs=1)
 
 
-def test_each_vehicle_of_a_fleet_writes_its_own():
+def test_each_vehicle_of_a_fleet_writes_its_own_log():
     sim = VehicleSim(3, log=True)
     sim.step(2.0)
     sim.loggers[1].stop()
@@ -226,7 +226,7 @@ def test_each_vehicle_of_a_fleet_writes_its_own():
     assert [int(log.get_dataset("vehicle_status").data["system_id"][0]) for log in logs] == [1, 2, 3]
 
 
-def test_the_oldest_days_go_when_there_are_too_many(tmp_path):
+def test_the_oldest_log_folders_are_removed_beyond_the_limit(tmp_path):
     for day in range(1, 11):
         (tmp_path / f"log/2026-01-{day:02d}").mkdir(parents=True)
     sim = VehicleSim(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_DIRS_MAX": 3})
@@ -236,7 +236,7 @@ def test_the_oldest_days_go_when_there_are_too_many(tmp_path):
     assert len(kept) == 4
 
 
-def test_a_folder_that_cannot_be_written_is_told_and_the_vehicle_flies_on(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported_and_the_vehicle_can_be_armed(tmp_path):
     (tmp_path / "log").write_text("in the way")
     station = Station(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_MODE": 0})
     station.run_until(lambda: station.ready, 15)
@@ -247,7 +247,7 @@ def test_a_folder_that_cannot_be_written_is_told_and_the_vehicle_flies_on(tmp_pa
     assert any(text.startswith("[logger] no log: ") for text in station.texts())
 
 
-def test_a_disk_that_fills_up_ends_the_log_and_nothing_else():
+def test_a_full_disk_ends_only_the_log():
     station = Station(log=True)
     station.run(2)
     logger = station.sim.loggers[0]
@@ -257,10 +257,10 @@ def test_a_disk_that_fills_up_ends_the_log_and_nothing_else():
     assert "[logger] the log ends: No space left on device\t" in station.texts()
     before_s = station.now_s
     station.run(1)
-    assert station.heard("HEARTBEAT", since_s=before_s)
+    assert station.received("HEARTBEAT", since_s=before_s)
 
 
-def test_too_little_room_is_told_before_and_during_a_log():
+def test_too_little_disk_space_is_reported_and_ends_the_log():
     station = Station(log=True, parameters={"SDLOG_MODE": 0})
     logger, room = station.sim.loggers[0], [10 << 20]
     logger._free_space = lambda path: room[0]
@@ -276,7 +276,7 @@ def test_too_little_room_is_told_before_and_during_a_log():
     assert not logger.running
 
 
-def test_a_log_does_not_grow_without_end_and_the_next_arming_opens_another():
+def test_the_size_of_a_log_is_limited_and_the_next_arming_opens_another():
     station = Station(log=True)
     station.run_until(lambda: station.ready, 15)
     logger = station.sim.loggers[0]
@@ -290,14 +290,14 @@ def test_a_log_does_not_grow_without_end_and_the_next_arming_opens_another():
     assert logger.path != first
 
 
-def test_without_logs_nothing_is_written_and_nobody_told():
+def test_with_logging_disabled_nothing_is_written_or_reported():
     station = Station()
     station.run_until(lambda: station.ready, 15)
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.5)
     assert not station.sim.loggers[0].start_by_hand()
     assert "logger_open_file_time" not in station.events()
-    assert "root" not in vars(station.sim.files[0])  # no folder was ever made
+    assert "root" not in vars(station.sim.files[0])  # no folder was created
 
 
 @pytest.mark.story

@@ -1,4 +1,4 @@
-"""How fast an orbit may be, and which way round."""
+"""Speed limit and direction of an orbit."""
 
 import math
 
@@ -10,13 +10,15 @@ NAN = math.nan
 
 
 @pytest.mark.parametrize(
-    ("radius_m", "asked_m_s", "flown_m_s"),
+    ("radius_m", "requested_m_s", "flown_m_s"),
     [(10.0, 3.0, 3.0), (5.0, 9.0, math.sqrt(10.0)), (-5.0, 9.0, -math.sqrt(10.0)), (100.0, 50.0, 12.0)],
 )
-def test_speed_gives_way_to_the_radius(radius_m: float, asked_m_s: float, flown_m_s: float) -> None:
+def test_the_orbit_speed_is_limited_by_the_radius(
+    radius_m: float, requested_m_s: float, flown_m_s: float
+) -> None:
     s = Station(sensor_noise=False)
     s.run_until(lambda: s.ready, 15)
-    s.command(34, radius_m, asked_m_s, 0, NAN, NAN, NAN, NAN)
+    s.command(34, radius_m, requested_m_s, 0, NAN, NAN, NAN, NAN)
     s.run(0.1)
     circle = s.sim.autopilots[0].navigator.circle
     assert circle is not None

@@ -8,7 +8,7 @@ LAT, LON, ALT = 473977400, 85455900, 488000
 
 
 def set_origin(station, lat=LAT, lon=LON, alt=ALT, **extra):
-    """What the vehicle says of its origin then."""
+    """Sets the origin; returns the origins that the vehicle then reports."""
     since_s = station.now_s
     station.send(
         "SET_GPS_GLOBAL_ORIGIN", target_system=station.system_id, latitude=lat, longitude=lon, altitude=alt,
@@ -16,22 +16,22 @@ def set_origin(station, lat=LAT, lon=LON, alt=ALT, **extra):
     )  # fmt: skip
     station.run(0.1)
     return [
-        (m.latitude, m.longitude, m.altitude) for m in station.heard("GPS_GLOBAL_ORIGIN", since_s=since_s)
+        (m.latitude, m.longitude, m.altitude) for m in station.received("GPS_GLOBAL_ORIGIN", since_s=since_s)
     ]
 
 
-def test_a_vehicle_without_gps_is_told_its_origin_and_is_still_not_sure_where_it_is():
+def test_without_gps_an_origin_can_be_set_but_the_position_stays_invalid():
     station = Station(parameters={"EKF2_GPS_CTRL": 0})
     station.run(6.0)
     estimate = station.sim.autopilots[0].view
-    assert not estimate.origin[0] > 0, "nobody told it"
+    assert not estimate.origin[0] > 0, "no origin was set"
     assert set_origin(station) == [(LAT, LON, ALT)]
     station.run(3.0)
     assert not station.sim.autopilots[0].view.estimate.valid_position
     assert "check_modes_local_pos" in {c.event for c in station.sim.autopilots[0].commander.report.checks}
 
 
-def test_seen_from_outside_with_an_origin_it_knows_its_place_on_the_globe():
+def test_vision_with_an_origin_gives_a_global_position():
     station = Station(parameters={"EKF2_GPS_CTRL": 0, "EKF2_EV_CTRL": 15})
     station.run(3.0)
     set_origin(station)
@@ -46,7 +46,7 @@ def test_seen_from_outside_with_an_origin_it_knows_its_place_on_the_globe():
     assert station.sim.autopilots[0].commander.report.armable(station.sim.autopilots[0].commander.intended)
 
 
-def test_an_origin_that_moves_leaves_vehicle_and_home_where_they_are():
+def test_a_new_origin_does_not_change_the_global_positions_of_vehicle_and_home():
     station = Station(sensor_noise=False)
     station.run_until(lambda: station.ready, 15)
     before = station.sim.autopilots[0].view.estimate
@@ -62,18 +62,18 @@ def test_an_origin_that_moves_leaves_vehicle_and_home_where_they_are():
     assert estimate.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
     assert (home.lat_deg, home.lon_deg, home.alt_amsl_m) == pytest.approx(home_before, abs=0.2)
     assert home.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
-    assert station.ready, "and it may fly as before"
+    assert station.ready, "it can still be armed"
 
 
-def test_impossible_origins_and_those_for_others_are_not_taken_and_armed_it_stays():
+def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
     station = Station()
     station.run_until(lambda: station.ready, 15)
-    station.run(1.5)  # it has told its own
-    assert len(station.heard("GPS_GLOBAL_ORIGIN")) == 1
+    station.run(1.5)  # it has reported its own origin
+    assert len(station.received("GPS_GLOBAL_ORIGIN")) == 1
     origin = station.sim.autopilots[0].view.origin
     for refused in ({"lat": 910_000_000}, {"lon": 1_810_000_000}, {"alt": 200_000_000}):
-        (told,) = set_origin(station, **refused)
-        assert told[0] == pytest.approx(origin[0] * 1e7, abs=1), "it tells what holds"
+        (reported,) = set_origin(station, **refused)
+        assert reported[0] == pytest.approx(origin[0] * 1e7, abs=1), "it reports the current origin"
     station.command(400, 1)
     station.run(0.2)
     assert station.armed
@@ -82,4 +82,4 @@ def test_impossible_origins_and_those_for_others_are_not_taken_and_armed_it_stay
     station.send("SET_GPS_GLOBAL_ORIGIN", target_system=77, latitude=LAT, longitude=LON, altitude=ALT)
     since_s = station.now_s
     station.run(0.2)
-    assert station.heard("GPS_GLOBAL_ORIGIN", since_s=since_s) == []
+    assert station.received("GPS_GLOBAL_ORIGIN", since_s=since_s) == []

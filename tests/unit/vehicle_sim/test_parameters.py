@@ -9,7 +9,7 @@ import pytest
 from vehicle_sim.parameters import Parameters, UnknownParameterError, is_volatile
 
 
-def test_has_px4s_list_in_its_order():
+def test_the_store_has_px4s_parameters_in_its_order():
     parameters = Parameters()
     assert len(parameters) == 929
     assert parameters.name_at(0) == "ASPD_SCALE_1"
@@ -19,7 +19,7 @@ def test_has_px4s_list_in_its_order():
     assert parameters.index_of("WV_YRATE_MAX") == 928
 
 
-def test_boots_as_the_recordings_did():
+def test_the_values_at_boot_are_those_of_the_recordings():
     parameters = Parameters()
     assert parameters.get("MNT_MODE_IN") == 4
     assert parameters.get("MNT_MODE_OUT") == 0
@@ -28,7 +28,7 @@ def test_boots_as_the_recordings_did():
     assert parameters.get("MPC_XY_P") == pytest.approx(0.95, abs=1e-6)
 
 
-def test_live_values_of_the_real_vehicle(shared):
+def test_the_defaults_are_the_values_of_the_real_vehicle(shared):
     live = json.loads((shared / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
     parameters = Parameters()
     for name, entry in live.items():
@@ -47,7 +47,7 @@ def test_floats_are_single_precision_and_integers_wrap():
 
 
 @pytest.mark.parametrize("value", [500.0, math.inf, -math.inf])
-def test_nothing_is_range_checked(value):
+def test_values_out_of_range_are_stored(value):
     parameters = Parameters()
     parameters.set("MPC_XY_VEL_MAX", value)
     assert parameters.get("MPC_XY_VEL_MAX") == value
@@ -58,14 +58,14 @@ def test_an_integer_cannot_be_nan():
         Parameters().set("MAV_SYS_ID", math.nan)
 
 
-def test_unknown_names_are_named():
+def test_the_error_about_an_unknown_parameter_names_it():
     with pytest.raises(UnknownParameterError, match="'NO_SUCH'"):
         Parameters().get("NO_SUCH")
     with pytest.raises(UnknownParameterError):
         Parameters().set("NO_SUCH", 1)
 
 
-def test_listeners_hear_changes_only():
+def test_listeners_are_called_for_changes_only():
     parameters = Parameters()
     heard = []
     remove = parameters.add_listener(lambda name, value: heard.append((name, value)))
@@ -79,7 +79,7 @@ def test_listeners_hear_changes_only():
     assert len(heard) == 2
 
 
-def test_changed_and_reset():
+def test_changed_parameters_are_listed_until_they_are_reset():
     parameters = Parameters({"MPC_XY_CRUISE": 6.0, "MAV_SYS_ID": 3})
     assert parameters.changed() == ("MAV_SYS_ID", "MPC_XY_CRUISE")
     parameters.reset("MAV_SYS_ID")
@@ -88,7 +88,7 @@ def test_changed_and_reset():
     assert parameters.changed() == ()
 
 
-def test_reset_all_forgets_what_was_stored_at_boot_and_keeps_what_it_is_told_to():
+def test_reset_all_resets_values_stored_at_boot_except_those_to_keep():
     parameters = Parameters({"MPC_XY_CRUISE": 6.0, "LND_FLIGHT_T_LO": 77})
     parameters.reset_all(keep=("LND_*",))
     assert parameters.get("MPC_XY_CRUISE") == parameters.default_of("MPC_XY_CRUISE")
@@ -103,7 +103,7 @@ def test_reset_all_forgets_what_was_stored_at_boot_and_keeps_what_it_is_told_to(
     assert parameters.get("MPC_XY_CRUISE") == 6.0
 
 
-def test_a_start_finds_its_sensors_again_after_a_reset(tmp_path):
+def test_a_start_after_a_reset_stores_its_sensors_again(tmp_path):
     store = tmp_path / "parameters.json"
     parameters = Parameters(storage=store)
     parameters.reset_all()
@@ -116,7 +116,7 @@ def test_a_start_finds_its_sensors_again_after_a_reset(tmp_path):
     assert again.get("MPC_XY_CRUISE") == 6.0
 
 
-def test_hash_is_a_raw_crc_over_names_and_values():
+def test_the_hash_is_a_crc_over_names_and_values():
     parameters = Parameters()
     first = parameters.hash()
     crc = 0
@@ -151,7 +151,7 @@ def test_changes_survive_a_restart(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["{broken", "[1, 2]"])
-def test_a_broken_file_is_named(tmp_path, content):
+def test_the_error_about_an_invalid_file_names_it(tmp_path, content):
     storage = tmp_path / "parameters.json"
     storage.write_text(content)
     with pytest.raises(ValueError, match=r"parameters\.json"):

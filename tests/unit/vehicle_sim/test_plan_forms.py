@@ -1,4 +1,4 @@
-"""Who knows one form of mission items only is asked in that form."""
+"""Upload from a station that supports only one type of mission item, and message intervals."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from tests.unit.vehicle_sim.plan_station import PlanStation
 UNSUPPORTED = 3
 
 
-def test_an_upload_goes_on_in_the_form_the_sender_knows() -> None:
+def test_an_upload_continues_with_the_item_type_that_the_sender_supports() -> None:
     s = PlanStation()
     s.run(1.0)
     s.send("MISSION_COUNT", target_system=1, target_component=1, count=1, mission_type=0)
     s.run(0.1)
-    assert len(s.heard("MISSION_REQUEST")) == 1
+    assert len(s.received("MISSION_REQUEST")) == 1
     s.send("MISSION_ACK", target_system=1, target_component=1, type=UNSUPPORTED, mission_type=0)
     s.run(0.1)
-    assert (len(s.heard("MISSION_REQUEST")), len(s.heard("MISSION_REQUEST_INT"))) == (1, 1)
+    assert (len(s.received("MISSION_REQUEST")), len(s.received("MISSION_REQUEST_INT"))) == (1, 1)
 
 
-def test_intervals_are_taken_for_streams_that_stay_silent_and_for_the_simulations_truth() -> None:
+def test_intervals_are_accepted_for_messages_without_data_and_for_the_simulated_truth() -> None:
     s = PlanStation()
     s.run(1.0)
     for message in (65, 115, 375):
         s.command(511, message, 100_000)
     s.run(1.0)
     assert s.acks(511) == [0, 0, 0]
-    truth, outputs = s.heard("HIL_STATE_QUATERNION"), s.heard("ACTUATOR_OUTPUT_STATUS")
+    truth, outputs = s.received("HIL_STATE_QUATERNION"), s.received("ACTUATOR_OUTPUT_STATUS")
     assert len(truth) in (9, 10)
     assert truth[-1].alt == 489400
     assert outputs[-1].actuator[:5] == [900.0] * 5
-    assert s.heard("RC_CHANNELS") == []
+    assert s.received("RC_CHANNELS") == []

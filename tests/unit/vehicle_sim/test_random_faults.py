@@ -1,4 +1,4 @@
-"""Single random faults of random flights: accuracies are as true as PX4's, validity ends when PX4's would."""
+"""Random flights with one random fault: errors, stated accuracies and validity are like those of PX4."""
 
 import math
 
@@ -12,14 +12,14 @@ from vehicle_sim.estimator.gnss import GOOD_AGAIN_S
 
 NO_AID_S = 5.0 + HORIZON_S
 """EKF2_NOAID_TOUT; the recorded position was invalid 5.12 s after the loss."""
-LOOK_S = 0.05
-"""Estimates are published, and looked at, so often."""
+CHECK_S = 0.05
+"""Interval at which estimates are published and checked."""
 FIX_S, STEP_S = 0.124, 0.008
-"""Between fixes, and between steps of the estimator."""
-RECKONING_S = DEAD_RECKONING_AFTER_S + HORIZON_S
+"""Intervals of GPS fixes and of the estimator's steps."""
+RECKONING_AFTER_S = DEAD_RECKONING_AFTER_S + HORIZON_S
 
 
-def in_time(moment_s: float, due_s: float, late_s: float = LOOK_S) -> bool:
+def in_time(moment_s: float, due_s: float, late_s: float = CHECK_S) -> bool:
     return due_s - STEP_S <= moment_s <= due_s + late_s
 
 
@@ -28,25 +28,25 @@ def once(moments_s: list[float], due_s: float) -> bool:
 
 
 def valid_while_aided(course: Course, seconds: float) -> bool:
-    """Whether validity ended in each long period of dead reckoning when due, and lasted in all others."""
+    """Whether validity ended in time in each long period of dead reckoning, and in no other."""
     invalid_s, valid_s = list(course.invalid_at_s), list(course.valid_at_s)
     for k, start_s in enumerate(course.dead_reckoning_at_s):
         end_s = course.aided_again_at_s[k] if k < len(course.aided_again_at_s) else math.inf
-        due_s = start_s + NO_AID_S - RECKONING_S
+        due_s = start_s + NO_AID_S - RECKONING_AFTER_S
         ended = [at for at in invalid_s if start_s <= at <= end_s]
         if ended:
-            # Both moments are known to within one look.
-            if len(ended) > 1 or abs(invalid_s.pop(0) - due_s) > LOOK_S:
+            # Both times are known to within one check.
+            if len(ended) > 1 or abs(invalid_s.pop(0) - due_s) > CHECK_S:
                 return False
-            if end_s < math.inf and not (valid_s and end_s - LOOK_S <= valid_s.pop(0) <= end_s):
+            if end_s < math.inf and not (valid_s and end_s - CHECK_S <= valid_s.pop(0) <= end_s):
                 return False
-        elif min(end_s, seconds) > due_s + LOOK_S:
+        elif min(end_s, seconds) > due_s + CHECK_S:
             return False
     return not invalid_s and not valid_s
 
 
 def validity_ended_in_time(course: Course, seconds: float) -> bool:
-    """Whether an estimate was valid for as long as it was aided, and five seconds more."""
+    """Whether an estimate was valid while it was aided and for five seconds afterwards."""
     last_fix_s = max(at for at in course.fixes_s if at < 0.0)
     due_s = last_fix_s + NO_AID_S
     if KINDS[course.kind].aided:
@@ -54,21 +54,21 @@ def validity_ended_in_time(course: Course, seconds: float) -> bool:
     if not valid_while_aided(course, seconds):
         return False
     if KINDS[course.kind].aided is False:
-        reckons = once(course.dead_reckoning_at_s, last_fix_s + RECKONING_S)
+        reckons = once(course.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
         return reckons and once(course.invalid_at_s, due_s) and not course.valid_at_s
     if course.kind != GONE_FOR_A_WHILE:
         return True
     bad_s = max(at for at in course.fixes_s if at < course.back_s)
-    # A fix that comes just when the wait is over may be the first one or not.
+    # A fix exactly at the end of the waiting time may or may not be the first one that is used.
     again_s = min((at for at in course.fixes_s if at >= bad_s + GOOD_AGAIN_S - STEP_S), default=seconds)
-    if again_s + FIX_S + LOOK_S < due_s:
+    if again_s + FIX_S + CHECK_S < due_s:
         return not course.invalid_at_s
     if again_s < due_s and not course.invalid_at_s:
         return True
-    # A position that drifted out of the gate is taken by a reset, once nothing was fused for 7 s.
+    # After 7 s without fusion the estimate is reset to a position outside the gate.
     reset_s = max(again_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
     back = course.valid_at_s[0] if course.valid_at_s else seconds
-    return once(course.invalid_at_s, due_s) and again_s - LOOK_S <= back <= reset_s + LOOK_S
+    return once(course.invalid_at_s, due_s) and again_s - CHECK_S <= back <= reset_s + CHECK_S
 
 
 LOST = {"dead_reckoning_at_s": [1.06], "invalid_at_s": [5.06]}
@@ -99,7 +99,7 @@ LONG_LOST = {"back_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_at_s": [
         (GONE_FOR_A_WHILE, {**LONG_LOST, "valid_at_s": [13.0], "aided_again_at_s": [13.0]}, False),
     ],
 )
-def test_the_end_of_validity_is_judged_within_a_twentieth_of_a_second(kind, moments, right):
+def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, right):
     fixes_s = [round(-0.06 + 0.124 * k, 3) for k in range(-10, 150)]
     course = Course(kind, fixes_s, **{"back_s": 20.0, **moments})
     assert validity_ended_in_time(course, 20.0) is right
@@ -110,7 +110,7 @@ def test_the_end_of_validity_is_judged_within_a_twentieth_of_a_second(kind, mome
     ("count", "seed", "seconds"),
     [(36, 1, 7.5), pytest.param(240, 3, 20.0, marks=pytest.mark.broad)],
 )
-def test_an_estimate_under_a_random_fault_is_as_wrong_and_as_sure_of_itself_as_recorded(count, seed, seconds):
+def test_errors_and_accuracies_after_random_faults_are_like_the_recorded_ones(count, seed, seconds):
     courses = fly(count, seed, seconds)
     assert [course for course in courses if not validity_ended_in_time(course, seconds)] == []
     for name, kind in KINDS.items():

@@ -1,4 +1,4 @@
-"""The velocity that motors and attitude give a body: known ends, and the simulated vehicle's own."""
+"""The velocity calculated from motor signals and attitude, compared with known results."""
 
 import math
 
@@ -27,7 +27,7 @@ def flight(pitch_rad: float, seconds: float = 10.0) -> Replay:
     return Replay(t_s, columns)
 
 
-def test_a_steady_lean_ends_at_the_speed_where_drag_holds_it():
+def test_a_constant_pitch_ends_at_the_terminal_speed():
     moved = recorded_motion.without_gps(AIRFRAME, flight(-0.1))
     terminal_m_s = AIRFRAME.mass_kg * GRAVITY_M_S2 * math.tan(0.1) / AIRFRAME.drag_n_per_m_s
     assert moved["vx"][-1] == pytest.approx(terminal_m_s, rel=1e-3)
@@ -38,7 +38,7 @@ def test_a_steady_lean_ends_at_the_speed_where_drag_holds_it():
 
 
 @pytest.mark.story
-def test_a_simulated_flight_without_noise_moved_as_it_believes(shared):
+def test_without_noise_the_calculated_velocity_equals_the_estimated_one(shared):
     recording = flight_recordings.load("vel_z_up1p5")
     replay = flight_replay.fly([recording])[recording.name]
     moved = recorded_motion.without_gps(AIRFRAME, replay)

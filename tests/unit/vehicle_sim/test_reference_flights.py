@@ -1,7 +1,7 @@
-"""The simulated body against recordings of a real PX4: the same stimuli, the same response.
+"""The simulated vehicle compared with recordings of a real PX4: the same stimuli, the same response.
 
-The recordings wander by GPS noise, so what is compared is the shape of the response (rise, overshoot, steady
-value), flown here without sensor noise. All flights run as vehicles of one simulation.
+The recordings drift with the GPS noise, so the shape of the response is compared (rise, overshoot, steady
+value). The simulated sensors have no noise. All flights are vehicles of one simulation.
 """
 
 import gzip
@@ -101,8 +101,8 @@ def flights(shared) -> dict[str, Flight]:
         column = {name: k for k, name in enumerate(recording["columns"])}
         before = table[np.searchsorted(table[:, 0], -0.1)]
         at = [before[column[name]] for name in ("x", "y", "z")]
-        asked = [before[column[name]] for name in ("sx", "sy", "sz")]
-        sim.setpoints.position_ned_m[i] = np.round(np.where(np.isnan(asked), at, asked))
+        setpoint = [before[column[name]] for name in ("sx", "sy", "sz")]
+        sim.setpoints.position_ned_m[i] = np.round(np.where(np.isnan(setpoint), at, setpoint))
     sim.setpoints.yaw_ned_rad[:] = 0.0
     for _ in range(round(SETTLE_S / sim.dt_s)):
         sim.step()
@@ -143,7 +143,7 @@ def crossing_s(times: np.ndarray, values: np.ndarray, level: float) -> float:
 @pytest.mark.parametrize(
     ("name", "column", "size"), [("pos_step_x_p5", "x", 5.0), ("pos_step_z_up3", "z", -3.0)]
 )
-def test_position_steps_rise_and_overshoot_alike(flights, name, column, size):
+def test_position_steps_rise_and_overshoot_as_recorded(flights, name, column, size):
     times, real, sim = flights[name].both(column, 0.0, 7.5)
     real, sim = ((values - values[0]) / size for values in (real, sim))
     assert crossing_s(times, sim, 0.5) == pytest.approx(crossing_s(times, real, 0.5), abs=0.25)
@@ -153,7 +153,7 @@ def test_position_steps_rise_and_overshoot_alike(flights, name, column, size):
 
 
 @pytest.mark.parametrize(("name", "size", "until_s"), [("vel_x_1", 1.0, 4.5), ("vel_x_8", 8.0, 5.5)])
-def test_velocity_steps_settle_below_the_setpoint_alike(flights, name, size, until_s):
+def test_velocity_steps_settle_below_the_setpoint_as_recorded(flights, name, size, until_s):
     times, real, sim = flights[name].both("vx", 0.0, until_s)
     late = times > until_s - 1.0
     assert sim[late].mean() / size == pytest.approx(real[late].mean() / size, abs=0.04)
@@ -162,7 +162,7 @@ def test_velocity_steps_settle_below_the_setpoint_alike(flights, name, size, unt
     assert math.degrees(sim_pitch.min()) == pytest.approx(math.degrees(real_pitch.min()), abs=5.0)
 
 
-def test_yaw_step_peaks_and_overshoots_alike(flights):
+def test_a_yaw_step_peaks_and_overshoots_as_recorded(flights):
     times, real, sim = flights["yaw_step_90"].both("yaw", 0.0, 5.0)
     half = math.radians(45.0)
     assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=0.05)
@@ -171,7 +171,7 @@ def test_yaw_step_peaks_and_overshoots_alike(flights):
     assert sim_rate.max() == pytest.approx(real_rate.max(), rel=0.05)
 
 
-def test_attitude_step_rises_and_overshoots_alike(flights):
+def test_an_attitude_step_rises_and_overshoots_as_recorded(flights):
     times, real, sim = flights["att_roll_10_clean"].both("roll", 1.2, 2.6)
     half = math.radians(5.0)
     assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=CLOCKS_S)
@@ -179,13 +179,13 @@ def test_attitude_step_rises_and_overshoots_alike(flights):
     assert math.degrees(np.sqrt(np.mean((sim - real) ** 2))) < 0.6
 
 
-def test_roll_rate_follows_alike(flights):
+def test_a_roll_rate_is_followed_as_recorded(flights):
     times, real, sim = flights["rate_roll_pulse_clean"].both("p", 1.2, 1.5)
     assert crossing_s(times, sim, 0.63) == pytest.approx(crossing_s(times, real, 0.63), abs=CLOCKS_S)
     _, real, sim = flights["rate_roll_pulse_clean"].both("p", 1.2, 2.3)
     assert np.sqrt(np.mean((sim - real) ** 2)) < 0.2, "the gyro noise of the recording alone is 0.1"
 
 
-def test_yaw_rate_follows_alike(flights):
+def test_a_yaw_rate_is_followed_as_recorded(flights):
     _, real, sim = flights["rate_yaw_pulse_clean"].both("r", 1.2, 2.7)
     assert np.sqrt(np.mean((sim - real) ** 2)) < 0.06

@@ -1,4 +1,4 @@
-"""VehicleCommand over ROS 2: what the vehicle does and answers, beside the same command over MAVLink."""
+"""VehicleCommand over ROS 2: effects and acknowledgements."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def vehicle() -> Ros2Vehicle:
     return Ros2Vehicle()
 
 
-def test_arms_and_disarms_and_says_so_within_the_recorded_time(vehicle):
+def test_arming_and_disarming_are_acknowledged_within_the_recorded_time(vehicle):
     for arm, state in ((1.0, 2), (0.0, 1)):
         sent_s = vehicle.sim.time_s
         vehicle.command(ARM, arm)
@@ -30,7 +30,7 @@ def test_arms_and_disarms_and_says_so_within_the_recorded_time(vehicle):
     [({"target_system": 0}, True), ({"target_component": 0}, True), ({"from_external": False}, True),
      ({"target_system": 2}, False), ({"target_component": 50}, False)],
 )  # fmt: skip
-def test_a_command_for_somebody_else_is_not_answered(vehicle, address, answered):
+def test_a_command_to_another_system_or_component_is_not_answered(vehicle, address, answered):
     vehicle.command(SET_MODE, *HOLD, **address)
     vehicle.run(0.1)
     assert vehicle.acks() == ([(SET_MODE, 0)] if answered else [])
@@ -53,7 +53,7 @@ def test_unknown_commands_are_unsupported_and_those_of_mavlink_are_not_answered(
     assert vehicle.acks() == [(31999, 3)]
 
 
-def test_of_a_burst_the_last_four_are_carried_out(vehicle):
+def test_of_a_burst_of_commands_the_last_four_are_executed(vehicle):
     for number in range(31990, 31999):
         vehicle.command(number)
     vehicle.run(0.2)
@@ -68,7 +68,7 @@ def test_the_service_answers_on_both_topics(vehicle):
     assert vehicle.acks() == [(SET_MODE, 0), (31999, 3)]
 
 
-def test_set_nav_state_takes_the_number_of_vehicle_status(vehicle):
+def test_set_nav_state_has_the_numbers_of_vehicle_status(vehicle):
     vehicle.command(SET_NAV_STATE, 14.0)
     vehicle.run(0.1)
     assert vehicle.last("/fmu/out/vehicle_status_v1")["nav_state"] == 14
@@ -80,7 +80,7 @@ def test_set_nav_state_takes_the_number_of_vehicle_status(vehicle):
 @pytest.mark.parametrize(
     ("topic", "data"), [(COMMAND, b""), (COMMAND, b"\0\1\0\0" + bytes(20)), (COMMAND, bytes(99))]
 )
-def test_a_malformed_message_is_reported_once_and_harms_nothing(vehicle, topic, data):
+def test_a_malformed_message_is_reported_once_and_ignored(vehicle, topic, data):
     for _ in range(3):
         vehicle.send_bytes(topic, data)
     vehicle.command(ARM, 1.0)
@@ -90,7 +90,7 @@ def test_a_malformed_message_is_reported_once_and_harms_nothing(vehicle, topic, 
     assert COMMAND in vehicle.reports[0]
 
 
-def test_a_flood_of_commands_leaves_the_last_in_effect(vehicle):
+def test_of_a_flood_of_commands_the_last_one_is_in_effect(vehicle):
     for n in range(1000):
         vehicle.command(ARM, float(n % 2))
     vehicle.run(0.2)

@@ -96,7 +96,7 @@ def test_a_mode_flies_its_setpoints_and_keeps_the_last_one():
     assert component.status["nav_state"] == MODE
 
 
-def test_a_mode_that_stops_answering_is_left_for_a_return_until_it_answers_again():
+def test_a_mode_that_stops_answering_is_replaced_by_return_until_it_answers_again():
     component = Component()
     component.fly()
     component.answers = False
@@ -128,7 +128,7 @@ def test_an_unregistered_mode_is_left_in_flight():
     assert component.status["nav_state"] == RTL
 
 
-def test_nobody_arms_in_a_mode_that_does_not_answer():
+def test_arming_is_denied_in_a_mode_that_does_not_answer():
     component = Component()
     component.select(4.0, 11.0)
     component.answers = False
@@ -153,7 +153,7 @@ def test_without_controllers_the_motors_keep_their_signals():
     assert not flags["flag_control_allocation_enabled"]
 
 
-def test_a_mode_does_not_choose_the_kind_of_setpoints_that_offboard_flies_after_it():
+def test_a_mode_does_not_change_the_setpoint_type_of_offboard_after_it():
     component = Component()
     offboard = ("/fmu/in/offboard_control_mode", {"body_rate": True})
     for stream, rates in (((), False), ((offboard,), True)):
@@ -168,7 +168,7 @@ def test_a_mode_does_not_choose_the_kind_of_setpoints_that_offboard_flies_after_
         assert (flags["flag_control_rates_enabled"], flags["flag_control_attitude_enabled"]) == (rates, False)
 
 
-def test_a_replacement_of_return_is_flown_for_it_until_it_is_silent():
+def test_a_replacement_of_return_is_flown_until_it_stops_answering():
     component = Component(enable_replace_internal_mode=True, replace_internal_mode=RTL)
     component.vehicle.command(ARM, 1.0)
     component.vehicle.command(22, *[math.nan] * 7)
@@ -186,7 +186,7 @@ def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
     component = Component(register_mode_executor=True)
     component.command(ARM, 1.0)
     component.run(0.1)
-    assert component.vehicle.acks()[-1] == (ARM, 1), "an executor that is not in charge"
+    assert component.vehicle.acks()[-1] == (ARM, 1), "refused: the executor is not in charge"
     component.select(4.0, 11.0)
     component.run(0.1)
     component.command(ARM, 1.0)

@@ -85,7 +85,7 @@ def test_layout_constants_and_hash_are_those_of_the_published_types(shared):
     [("ArmingCheckRequest", 2071694766), ("RegisterExtComponentRequest", 902686241),
      ("ActuatorMotors", 3401338181), ("ArmingCheckReply", 65702502)],
 )  # fmt: skip
-def test_the_hash_is_what_px4_answers(name, answer):
+def test_the_hash_equals_px4s_answer(name, answer):
     assert MESSAGES[name].hash == answer
 
 
@@ -96,7 +96,7 @@ def test_types_have_their_names_on_the_wire():
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", HEADER, HEADER + bytes(13), b"\x00\x00\x00\x00" + bytes(20)])
-def test_bytes_that_are_no_message_are_refused(data):
+def test_bytes_that_are_not_a_message_are_refused(data):
     with pytest.raises(MalformedMessage, match="OffboardControlMode"):
         MESSAGES["OffboardControlMode"].decode(data)
 

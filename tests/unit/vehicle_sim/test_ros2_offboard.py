@@ -59,7 +59,7 @@ def air() -> Ros2Vehicle:
 
 
 @pytest.mark.flight
-def test_every_kind_is_flown_and_the_flag_chooses_which(air):
+def test_every_setpoint_type_is_flown_as_selected_by_the_flag(air):
     enter(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
     for name, (level, setpoints) in KINDS.items():
         air.stream(0.6, 100.0, flags(name), *setpoints)
@@ -118,7 +118,7 @@ def test_goto_is_flown_in_hold_and_ends_with_its_messages(air):
 
 
 @pytest.mark.flight
-def test_trajectory_setpoints_pull_a_vehicle_in_hold_the_more_the_faster_they_come(air):
+def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(air):
     pulled_m = []
     for hz in (10.0, 50.0):
         air.stream(3.0, hz, trajectory((5.0, 0.0, -2.5)))
@@ -143,7 +143,7 @@ def test_setpoints_do_not_move_a_disarmed_vehicle_and_an_old_one_is_not_flown_la
     assert vehicle.position_ned_m[2] == pytest.approx(0.0, abs=0.2)
 
 
-def test_the_control_mode_topic_says_what_the_flag_asks_for():
+def test_the_control_mode_topic_matches_the_flag():
     vehicle = Ros2Vehicle()
     vehicle.stream(0.2, 20.0, flags("position"))
     vehicle.command(SET_MODE, *OFFBOARD)

@@ -69,7 +69,7 @@ def test_without_time_synchronization_all_times_count_from_boot_and_messages_com
     assert not vehicle.all("/fmu/out/timesync_status")
 
 
-def test_contents_are_those_of_a_vehicle_on_the_ground(idle):
+def test_topics_have_the_values_of_a_vehicle_on_the_ground(idle):
     status = idle.last("/fmu/out/vehicle_status_v1")
     assert (status["arming_state"], status["nav_state"], status["system_id"]) == (1, 4, 1)
     local = idle.last("/fmu/out/vehicle_local_position")

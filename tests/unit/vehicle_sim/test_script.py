@@ -1,4 +1,4 @@
-"""Fault scripts on a fleet without a clock: each breaks what it names, once, in the step it says."""
+"""Fault scripts: each event has its effect once, at its time or state, on the named vehicles only."""
 
 import math
 
@@ -18,7 +18,7 @@ def script(*events):
     )
 
 
-def test_by_time_gps_goes_and_comes_again():
+def test_gps_is_lost_and_returns_at_its_times():
     sim = VehicleSim(script=script("at_s: 2, gps: lost", "at_s: 3.5, gps: ok"))
     fixes = []
     for _ in range(50):
@@ -29,7 +29,7 @@ def test_by_time_gps_goes_and_comes_again():
 
 
 @pytest.mark.story
-def test_by_state_the_battery_falls_and_the_wind_rises_after_the_lift_off():
+def test_an_event_by_state_occurs_after_the_take_off():
     station = Station(
         script=script("when: airborne, after_s: 2, battery_percent: 40, wind_ned_m_s: [0, 6, 0]")
     )
@@ -41,14 +41,14 @@ def test_by_state_the_battery_falls_and_the_wind_rises_after_the_lift_off():
     assert not station.sim.simulation.truth.on_ground[0]
 
 
-def test_above_a_height_a_motor_stops_on_one_vehicle_only():
+def test_an_event_above_a_height_stops_a_motor_of_the_named_vehicle_only():
     sim = VehicleSim(2, script=script("above_m: 5, vehicles: [2], motor: {number: 3}"))
     sim.simulation.truth.position_ned_m[:, 2] = -20.0
     sim.step(0.1)
     assert sim.simulation.motor_health.tolist() == [[1, 1, 1, 1], [1, 1, 0, 1]]
 
 
-def test_a_cut_link_is_deaf_and_dumb_and_carries_again():
+def test_a_link_that_is_down_carries_nothing_until_it_is_up_again():
     station = Station(
         script=script("at_s: 3, link: {name: gcs, up: false}", "at_s: 6, link: {name: gcs, up: true}"),
         links=BOTH,
@@ -61,7 +61,7 @@ def test_a_cut_link_is_deaf_and_dumb_and_carries_again():
     assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], "the other link goes on"
 
 
-def test_landed_waits_for_a_flight_and_parameters_are_set():
+def test_the_state_landed_needs_a_previous_flight_and_parameters_are_set():
     sim = VehicleSim(
         script=script("when: landed, gps: lost", "at_s: 1, parameter: {name: MPC_XY_CRUISE, value: 3}")
     )
@@ -70,7 +70,7 @@ def test_landed_waits_for_a_flight_and_parameters_are_set():
     assert sim.simulation.parameters[0].get("MPC_XY_CRUISE") == 3.0
 
 
-def test_a_glitch_moves_what_gps_says():
+def test_a_gps_offset_moves_the_gps_position():
     sim = VehicleSim(script=script("at_s: 2, gps_offset_ned_m: [100, 0, 0]"), sensor_noise=False)
     sim.step(1.9)
     before = float(sim.simulation.sensors.gps_lat_deg[0])
@@ -96,7 +96,7 @@ def test_a_glitch_moves_what_gps_says():
         ("at_s: 1, vehicles: [], gps: ok", "a list of system ids"),
     ],
 )
-def test_a_wrong_event_is_told_where_it_is_wrong(event, says):
+def test_the_error_about_an_invalid_event_names_field_and_line(event, says):
     with pytest.raises(FileProblem) as problem:
         script(event)
     assert says in str(problem.value)

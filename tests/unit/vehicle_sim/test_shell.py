@@ -1,4 +1,4 @@
-"""PX4's console over MAVLink: echo, prompt, parts, and commands that do what they say."""
+"""PX4's console over MAVLink: echo, prompt, long answers, and commands."""
 
 import json
 import math
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.flight
 
 
 class Terminal:
-    """Types into a vehicle's console."""
+    """A terminal connected to a vehicle's console."""
 
     def __init__(self, run_s=1.0, **fleet):
         self.station = Station(**fleet)
@@ -31,7 +31,9 @@ class Terminal:
         )  # fmt: skip
 
     def parts(self, since_s, via="gcs"):
-        return [bytes(m.data[: m.count]) for m in self.station.heard("SERIAL_CONTROL", via, since_s + 0.001)]
+        return [
+            bytes(m.data[: m.count]) for m in self.station.received("SERIAL_CONTROL", via, since_s + 0.001)
+        ]
 
     def shown(self, text, seconds=1.0, **options):
         since_s = self.station.now_s
@@ -39,8 +41,8 @@ class Terminal:
         self.station.run(seconds)
         return b"".join(self.parts(since_s, options.get("via", "gcs"))).decode()
 
-    def ask(self, line):
-        """What a command prints."""
+    def output_of(self, line):
+        """Runs a command; returns its output."""
         shown = self.shown(line + "\n")
         assert shown.startswith(line + "\n")
         assert shown.endswith(PROMPT)
@@ -54,18 +56,18 @@ def terminal():
 
 @pytest.fixture
 def ready():
-    """Of a vehicle that may be armed."""
+    """The terminal of a vehicle that can be armed."""
     return Terminal(12.0)
 
 
-def test_a_line_is_echoed_answered_and_followed_by_the_prompt(terminal):
+def test_a_line_is_echoed_and_its_answer_ends_with_the_prompt(terminal):
     assert terminal.shown("ver hw\n") == "ver hw\nHW arch: PX4_SITL\npxh> "
     assert terminal.shown("\n") == "\npxh> "
     reply = terminal.station.last["SERIAL_CONTROL"]
     assert (reply.device, reply.flags, reply.target_system, reply.target_component) == (10, 1, 255, 190)
 
 
-def test_a_line_waits_for_its_end_and_closing_forgets_it(terminal):
+def test_a_line_is_executed_at_its_end_and_discarded_when_the_console_is_closed(terminal):
     assert terminal.shown("ver ") == "ver "
     assert terminal.shown("hw\n") == "hw\nHW arch: PX4_SITL\npxh> "
     assert terminal.shown("nonsense") == "nonsense"
@@ -73,14 +75,14 @@ def test_a_line_waits_for_its_end_and_closing_forgets_it(terminal):
     assert terminal.shown("ver hw\n").endswith("PX4_SITL\npxh> ")
 
 
-def test_what_is_unknown_is_named_and_what_is_not_simulated_says_so(terminal):
-    assert terminal.ask("xyz") == "Invalid command: xyz\ntype 'help' for a list of commands\n"
-    answer = terminal.ask("uuv_att_control start")
+def test_unknown_and_not_simulated_commands_are_reported(terminal):
+    assert terminal.output_of("xyz") == "Invalid command: xyz\ntype 'help' for a list of commands\n"
+    answer = terminal.output_of("uuv_att_control start")
     assert answer.startswith("ERROR [uuv_att_control] the simulated vehicle has no such module\n")
     assert answer.endswith("Command 'uuv_att_control' failed, returned 1.\n")
 
 
-def test_long_answers_come_in_parts_of_seventy_bytes_one_a_step(terminal):
+def test_long_answers_are_sent_in_parts_of_70_bytes_one_per_step(terminal):
     since_s = terminal.station.now_s
     terminal.send("help\n")
     terminal.station.run(0.04, tick_s=0.004)
@@ -91,7 +93,7 @@ def test_long_answers_come_in_parts_of_seventy_bytes_one_a_step(terminal):
     assert b"".join(parts).decode().count("\n  ") == len(BUILT_IN)
 
 
-def test_each_link_has_a_console_of_its_own():
+def test_each_link_has_its_own_console():
     terminal = Terminal(links=BOTH)
     terminal.shown("ver ", via="gcs")
     assert terminal.shown("ver hw\n", via="api") == "ver hw\nHW arch: PX4_SITL\npxh> "
@@ -99,7 +101,7 @@ def test_each_link_has_a_console_of_its_own():
 
 
 @pytest.mark.parametrize("fields", [{"device": 2}, {"target_system": 7}, {"target_component": 42}])
-def test_other_devices_and_other_vehicles_are_not_this_console(terminal, fields):
+def test_messages_to_other_devices_and_vehicles_are_ignored(terminal, fields):
     since_s = terminal.station.now_s
     values = {"device": 10, "target_system": 1, "target_component": 1, **fields}
     terminal.station.send("SERIAL_CONTROL", flags=6, count=4, data=b"ver\n", **values)
@@ -107,7 +109,7 @@ def test_other_devices_and_other_vehicles_are_not_this_console(terminal, fields)
     assert terminal.parts(since_s) == []
 
 
-def test_recorded_answers_come_back_word_for_word(ready, shared):
+def test_answers_equal_the_recorded_ones(ready, shared):
     lines = (shared / "px4/dialogues/shell.jsonl").read_text().splitlines()
     recorded = {d["id"]: d for d in map(json.loads, lines)}
     for name in ("shell_gimbal_status", "shell_help", "shell_param_show", "shell_again_after_exit"):
@@ -120,23 +122,25 @@ def test_recorded_answers_come_back_word_for_word(ready, shared):
     ]
 
 
-def test_parameters_are_shown_set_compared_and_reset_and_the_links_hear_of_it(terminal):
+def test_parameters_are_shown_set_compared_and_reset_and_changes_are_sent(terminal):
     store = terminal.station.sim.simulation.parameters[0]
-    assert "curr: 12.0000 -> new: 8.5000" in terminal.ask("param set MPC_XY_VEL_MAX 8.5")
+    assert "curr: 12.0000 -> new: 8.5000" in terminal.output_of("param set MPC_XY_VEL_MAX 8.5")
     assert store.get("MPC_XY_VEL_MAX") == 8.5
-    told = [m for m in terminal.station.heard("PARAM_VALUE") if m.param_id == "MPC_XY_VEL_MAX"]
-    assert told[-1].param_value == 8.5
-    assert "x + MPC_XY_VEL_MAX [642,1109] : 8.5000\n" in terminal.ask("param show -c")
-    assert terminal.ask("param show -q MPC_XY_VEL_MAX") == "8.5000\n"
-    assert terminal.ask("param compare MPC_XY_VEL_MAX 1 8.5") == ""
-    assert terminal.ask("param compare MPC_XY_VEL_MAX 9") == "Command 'param' failed, returned 1.\n"
-    assert terminal.ask("param greater MPC_XY_VEL_MAX 8") == ""
-    assert terminal.ask("param reset MPC_XY*") == ""
+    sent = [m for m in terminal.station.received("PARAM_VALUE") if m.param_id == "MPC_XY_VEL_MAX"]
+    assert sent[-1].param_value == 8.5
+    assert "x + MPC_XY_VEL_MAX [642,1109] : 8.5000\n" in terminal.output_of("param show -c")
+    assert terminal.output_of("param show -q MPC_XY_VEL_MAX") == "8.5000\n"
+    assert terminal.output_of("param compare MPC_XY_VEL_MAX 1 8.5") == ""
+    assert terminal.output_of("param compare MPC_XY_VEL_MAX 9") == "Command 'param' failed, returned 1.\n"
+    assert terminal.output_of("param greater MPC_XY_VEL_MAX 8") == ""
+    assert terminal.output_of("param reset MPC_XY*") == ""
     assert store.get("MPC_XY_VEL_MAX") == 12.0
-    told = [m for m in terminal.station.heard("PARAM_VALUE") if m.param_id == "MPC_XY_VEL_MAX"]
-    assert told[-1].param_value == 8.5, "PX4 tells changes, not resets"
-    assert "1 differ from" in terminal.ask("param set COM_OF_LOSS_T 3") + terminal.ask("param status")
-    terminal.ask("param reset_all COM_*")
+    sent = [m for m in terminal.station.received("PARAM_VALUE") if m.param_id == "MPC_XY_VEL_MAX"]
+    assert sent[-1].param_value == 8.5, "PX4 sends changes, but not resets"
+    assert "1 differ from" in terminal.output_of("param set COM_OF_LOSS_T 3") + terminal.output_of(
+        "param status"
+    )
+    terminal.output_of("param reset_all COM_*")
     assert store.get("COM_OF_LOSS_T") == 3.0
     assert store.get("CAL_ACC0_ID") == 0
 
@@ -147,63 +151,65 @@ def test_parameters_are_shown_set_compared_and_reset_and_the_links_hear_of_it(te
      ("param set COM_OBL_RC_ACT 1.5", "'1.5' is no INT32"), ("param fly", "unknown: fly"),
      ("param", "Usage: param"), ("param index 5000", "0 to 928")],
 )  # fmt: skip
-def test_a_wrong_param_line_says_what_is_wrong(terminal, line, says):
-    answer = terminal.ask(line)
+def test_an_invalid_param_command_is_explained(terminal, line, says):
+    answer = terminal.output_of(line)
     assert says in answer
     assert "failed, returned 1" in answer
 
 
 @pytest.mark.story
-def test_the_commander_arms_takes_off_and_lands_from_here(ready):
-    assert "Disarmed" in ready.ask("commander status")
-    assert "Preflight check: OK" in ready.ask("commander check")
-    assert ready.ask("commander takeoff") == ""
+def test_commander_commands_arm_take_off_and_land(ready):
+    assert "Disarmed" in ready.output_of("commander status")
+    assert "Preflight check: OK" in ready.output_of("commander check")
+    assert ready.output_of("commander takeoff") == ""
     station = ready.station
     assert station.armed
     assert "Armed by internal command\t" in station.texts()
     station.run(12)
     assert station.height_m > 1.5
-    status = ready.ask("commander status")
+    status = ready.output_of("commander status")
     assert "Armed" in status
     assert "landed: no" in status
-    assert "the vehicle is flying; -f forces it" in ready.ask("commander disarm")
-    assert ready.ask("commander mode auto:land") == ""
+    assert "the vehicle is flying; -f forces it" in ready.output_of("commander disarm")
+    assert ready.output_of("commander mode auto:land") == ""
     station.run_until(lambda: not station.armed, 30)
-    assert "no such mode" in ready.ask("commander mode hover")
+    assert "no such mode" in ready.output_of("commander mode hover")
 
 
-def test_the_gimbal_is_given_away_and_turned(terminal):
-    terminal.ask("gimbal primary-control 255 190")
+def test_gimbal_commands_give_control_and_turn_it(terminal):
+    terminal.output_of("gimbal primary-control 255 190")
     gimbal = terminal.station.sim.autopilots[0].gimbal
     assert gimbal.primary == (255, 190)
-    assert "Primary control:   255/190" in terminal.ask("gimbal status")
-    assert terminal.ask("gimbal test pitch -30") == ""
+    assert "Primary control:   255/190" in terminal.output_of("gimbal status")
+    assert terminal.output_of("gimbal test pitch -30") == ""
     terminal.station.run(1)
     assert gimbal.actual.pitch_rad == pytest.approx(math.radians(-30), abs=0.02)
-    assert "pitch: -30.0 deg" in terminal.ask("gimbal status")
-    assert "already running" in terminal.ask("gimbal start")
-    assert "lie within 0 to 255" in terminal.ask("gimbal primary-control 999 1")
+    assert "pitch: -30.0 deg" in terminal.output_of("gimbal status")
+    assert "already running" in terminal.output_of("gimbal start")
+    assert "lie within 0 to 255" in terminal.output_of("gimbal primary-control 999 1")
 
 
-def test_without_its_input_the_gimbal_does_not_run():
+def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
     terminal = Terminal(parameters={"MNT_MODE_IN": -1})
-    assert "not running" in terminal.ask("gimbal status")
-    assert "MNT_MODE_IN" in terminal.ask("gimbal start")
+    assert "not running" in terminal.output_of("gimbal status")
+    assert "MNT_MODE_IN" in terminal.output_of("gimbal start")
 
 
 @pytest.mark.story
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
     states = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
     for name in [topic.layout.name for topic in ARRAY_TOPICS] + states:
-        answer = terminal.ask(f"listener {name}")
+        answer = terminal.output_of(f"listener {name}")
         assert answer.startswith(f"\nTOPIC: {name}\n {name}\n    timestamp: "), name
     q = terminal.station.sim.simulation.estimate.q_ned_frd[0]
-    line = next(x for x in terminal.ask("listener vehicle_attitude").splitlines() if x.startswith("    q: "))
+    line = next(
+        x for x in terminal.output_of("listener vehicle_attitude").splitlines() if x.startswith("    q: ")
+    )
     assert [float(x) for x in line[8:-1].split(", ")] == pytest.approx(q.tolist(), abs=2e-3)
-    assert "did not match" in terminal.ask("listener nothing")
+    assert "did not match" in terminal.output_of("listener nothing")
 
 
-def test_the_listener_takes_its_time_for_several_samples(terminal):
+def test_the_listener_waits_for_several_samples(terminal):
     shown = terminal.shown("listener sensor_baro -n 3\nver hw\n", 1.5)
     assert shown.count("TOPIC: sensor_baro") == 2
     assert "HW arch" not in shown
@@ -214,14 +220,14 @@ def test_the_listener_takes_its_time_for_several_samples(terminal):
     assert rest.endswith("HW arch: PX4_SITL\npxh> ")
 
 
-def test_failures_are_injected_where_the_vehicle_allows_it():
+def test_failures_are_injected_only_if_enabled():
     terminal = Terminal(parameters={"SYS_FAILURE_EN": 1})
-    assert terminal.ask("failure battery off") == ""
+    assert terminal.output_of("failure battery off") == ""
     assert terminal.station.sim.simulation.battery.voltage_v[0] == pytest.approx(14.4)
-    assert "failure slow of motor is not supported" in terminal.ask("failure motor slow")
-    assert "failure slow of gps is not supported" in terminal.ask("failure gps slow")
-    terminal.ask("param set SYS_FAILURE_EN 0")
-    assert "SYS_FAILURE_EN" in terminal.ask("failure gps off")
+    assert "failure slow of motor is not supported" in terminal.output_of("failure motor slow")
+    assert "failure slow of gps is not supported" in terminal.output_of("failure gps slow")
+    terminal.output_of("param set SYS_FAILURE_EN 0")
+    assert "SYS_FAILURE_EN" in terminal.output_of("failure gps off")
 
 
 @pytest.mark.parametrize(
@@ -232,41 +238,41 @@ def test_failures_are_injected_where_the_vehicle_allows_it():
         ("sensor_mag_sim", "mag_fresh", "mag_frd_gauss"),
     ],
 )
-def test_a_stopped_driver_is_a_silent_sensor(terminal, driver, count, reading):
+def test_the_sensor_of_a_stopped_driver_sends_no_samples(terminal, driver, count, reading):
     sensors = terminal.station.sim.simulation.sensors
-    assert "running" in terminal.ask(f"{driver} status")
-    assert "already running" in terminal.ask(f"{driver} start")
-    assert terminal.ask(f"{driver} stop") == ""
+    assert "running" in terminal.output_of(f"{driver} status")
+    assert "already running" in terminal.output_of(f"{driver} start")
+    assert terminal.output_of(f"{driver} stop") == ""
     terminal.station.run(0.3)
     last = getattr(sensors, reading).copy()
     terminal.station.run(0.5)
     assert not getattr(sensors, count)[0]
     assert np.array_equal(getattr(sensors, reading), last)
-    assert "not running" in terminal.ask(f"{driver} status")
-    assert terminal.ask(f"{driver} start") == ""
+    assert "not running" in terminal.output_of(f"{driver} status")
+    assert terminal.output_of(f"{driver} start") == ""
     terminal.station.run(0.3)
     assert getattr(sensors, count)[0]
     assert not np.array_equal(getattr(sensors, reading), last)
 
 
-def test_the_log_is_begun_and_ended_by_hand(terminal):
-    assert "Full File Logging Running: ./log/" in terminal.ask("logger status")
+def test_logger_commands_start_and_stop_the_log(terminal):
+    assert "Full File Logging Running: ./log/" in terminal.output_of("logger status")
     logger = terminal.station.sim.loggers[0]
-    terminal.ask("logger off")
+    terminal.output_of("logger off")
     assert not logger.running
-    assert "Not logging" in terminal.ask("logger status")
-    terminal.ask("logger on")
+    assert "Not logging" in terminal.output_of("logger status")
+    terminal.output_of("logger on")
     assert logger.running
 
 
-def test_parts_of_the_vehicle_tell_of_themselves(ready):
-    assert "gps: fix type 3" in ready.ask("sensors status")
-    assert "local position: valid" in ready.ask("ekf2 status")
-    assert "\tGCS heartbeat valid\n" in ready.ask("mavlink status")
-    assert "HEARTBEAT " in ready.ask("mavlink status streams")
-    assert "vehicle_attitude " in ready.ask("uorb top")
-    assert "2026" in ready.ask("system_time get")
-    assert ready.ask("ver hwcmp PX4_SITL") == ""
+def test_status_commands_show_the_state_of_modules(ready):
+    assert "gps: fix type 3" in ready.output_of("sensors status")
+    assert "local position: valid" in ready.output_of("ekf2 status")
+    assert "\tGCS heartbeat valid\n" in ready.output_of("mavlink status")
+    assert "HEARTBEAT " in ready.output_of("mavlink status streams")
+    assert "vehicle_attitude " in ready.output_of("uorb top")
+    assert "2026" in ready.output_of("system_time get")
+    assert ready.output_of("ver hwcmp PX4_SITL") == ""
 
 
 @settings(max_examples=150, deadline=None)
@@ -295,11 +301,11 @@ def console():
     return made
 
 
-def test_a_flood_of_lines_stops_nobody(terminal):
+def test_a_flood_of_lines_takes_limited_memory_and_telemetry_continues(terminal):
     for _ in range(300):
         terminal.send("listener vehicle_local_position\n" * 2)
     since_s = terminal.station.now_s
     terminal.station.run(1)
-    assert terminal.station.heard("HEARTBEAT", since_s=since_s)
+    assert terminal.station.received("HEARTBEAT", since_s=since_s)
     session = terminal.station.sim.nodes[0]._shell._sessions["gcs"]
     assert len(session.waiting) <= 200_000

@@ -1,4 +1,4 @@
-"""What must hold for any flight of the simulated body: balance, signs, symmetry, determinism."""
+"""Properties of the simulated vehicle's motion: balance, signs, symmetry, determinism."""
 
 import math
 
@@ -20,7 +20,7 @@ def run(sim: Simulation, seconds: float) -> None:
 
 
 def hovering(count: int = 1, *, noise: bool = False, seconds: float = 10.0, **arguments) -> Simulation:
-    """N vehicles in hover at 10 m above where each believes to be, nose north."""
+    """N vehicles that hover 10 m above their estimated start, heading north."""
     sim = Simulation(count, sensor_noise=noise, **arguments)
     run(sim, 1.0)
     sim.setpoints.armed[:] = True
@@ -31,7 +31,7 @@ def hovering(count: int = 1, *, noise: bool = False, seconds: float = 10.0, **ar
     return sim
 
 
-def test_on_the_ground_nothing_drifts():
+def test_disarmed_vehicles_on_the_ground_do_not_move():
     sim = Simulation(2)
     run(sim, 5.0)
     assert np.all(sim.truth.position_ned_m == np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]]))
@@ -42,7 +42,7 @@ def test_on_the_ground_nothing_drifts():
     assert sim.estimate.valid_position.all()
 
 
-def test_armed_without_a_controller_idles():
+def test_motors_idle_when_armed_without_a_setpoint():
     sim = Simulation()
     sim.setpoints.armed[:] = True
     run(sim, 1.0)
@@ -72,7 +72,7 @@ def test_hover_balances_weight():
 
 
 @pytest.mark.story
-def test_hover_with_noise_wanders_little():
+def test_a_hover_with_noise_drifts_little():
     sim = hovering(4, noise=True, seed=3)
     start = sim.truth.position_ned_m.copy()
     far = np.zeros(4)
@@ -136,14 +136,14 @@ def test_terminal_speed_of_a_fall_is_weight_over_drag():
 
 
 @pytest.mark.story
-def test_wind_is_held_against():
+def test_a_position_is_held_in_wind():
     sim = hovering(wind_ned_m_s=np.array([0.0, 4.0, 0.0]))
     run(sim, 10.0)
-    assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), "leans into the wind"
+    assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), "it tilts into the wind"
     assert abs(sim.truth.velocity_ned_m_s[0, 1]) < 0.1
 
 
-def test_body_rates_follow():
+def test_body_rates_follow_their_setpoint():
     sim = hovering()
     sim.setpoints.level[:] = ControlLevel.RATES
     sim.setpoints.thrust[:] = 0.49
@@ -152,7 +152,7 @@ def test_body_rates_follow():
     assert sim.truth.rates_frd_rad_s[0] == pytest.approx([1.05, 0.0, 0.0], abs=0.1)
 
 
-def test_attitude_setpoint_follows():
+def test_the_attitude_follows_its_setpoint():
     sim = hovering()
     sim.setpoints.level[:] = ControlLevel.ATTITUDE
     sim.setpoints.thrust[:] = 0.5
@@ -162,7 +162,7 @@ def test_attitude_setpoint_follows():
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_same_seed_flies_the_same(seed):
+def test_the_same_seed_gives_the_same_flight(seed):
     first, second, other = (
         hovering(2, noise=True, seed=s, seconds=2.0).truth.position_ned_m for s in (seed, seed, seed + 5)
     )
@@ -170,7 +170,7 @@ def test_the_same_seed_flies_the_same(seed):
     assert not np.array_equal(first, other)
 
 
-def test_n_vehicles_fly_as_n_single_ones():
+def test_vehicles_of_a_fleet_fly_like_single_ones():
     targets = np.array([[3.0, 0.0, -8.0], [0.0, -6.0, -4.0], [20.0, 20.0, -12.0]])
     together = Simulation(3, sensor_noise=False, start_ned_m=np.zeros((3, 3)))
     alone = [Simulation(sensor_noise=False) for _ in range(3)]
@@ -186,7 +186,7 @@ def test_n_vehicles_fly_as_n_single_ones():
         assert together.estimate.q_ned_frd[i] == pytest.approx(sim.estimate.q_ned_frd[0], abs=1e-6)
 
 
-def test_without_gps_the_position_ends_to_be_valid_but_the_attitude_does_not():
+def test_without_gps_the_position_becomes_invalid_and_the_attitude_stays_valid():
     sim = hovering(noise=True)
     sim.set_gps_enabled(0, False)
     run(sim, 3.0)
@@ -202,15 +202,15 @@ def test_without_gps_the_position_ends_to_be_valid_but_the_attitude_does_not():
     assert np.all(np.abs(frames.euler_of(sim.truth.q_ned_frd)[0, :2]) < math.radians(6.0))
     sim.set_gps_enabled(0, True)
     run(sim, 1.0)
-    assert not sim.estimate.valid_position[0], "a fix must be good for a second"
+    assert not sim.estimate.valid_position[0], "fixes must be good for a second before they are used"
     run(sim, 0.4)
     assert sim.estimate.valid_position[0]
     error = (sim.estimate.position_ned_m - sim.truth.position_ned_m)[0]
-    assert np.all(np.abs(error) < 2.0), "takes the position of GPS again"
+    assert np.all(np.abs(error) < 2.0), "the GPS position is used again"
 
 
 @pytest.mark.story
-def test_battery_drains_armed_and_fills_when_disarmed():
+def test_the_battery_drains_while_armed_and_is_full_after_disarming():
     sim = Simulation(2)
     sim.setpoints.armed[0] = True
     run(sim, 6.0)
@@ -232,7 +232,7 @@ def test_battery_drains_armed_and_fills_when_disarmed():
     sim.parameters[0].set("SIM_BAT_MIN_PCT", 90.0)
     sim.reload_parameters(0)
     run(sim, 6.0)
-    assert sim.battery.remaining[0] == pytest.approx(0.9, abs=0.002), "a floor that rises lifts the charge"
+    assert sim.battery.remaining[0] == pytest.approx(0.9, abs=0.002), "a higher minimum raises the charge"
     sim.setpoints.armed[0] = False
     run(sim, 6.0)
     assert sim.battery.remaining[0] == pytest.approx(1.0, abs=0.001)
@@ -240,7 +240,7 @@ def test_battery_drains_armed_and_fills_when_disarmed():
         sim.set_battery_remaining(0, 1.5)
 
 
-def test_switches_and_calibrations_of_the_simulated_sensors_act_as_in_px4():
+def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_effect_of_px4s():
     sim = Simulation(1, sensor_noise=False)
 
     def switched(**values: float):
@@ -253,7 +253,7 @@ def test_switches_and_calibrations_of_the_simulated_sensors_act_as_in_px4():
     run(sim, 0.3)
     before = float(sim.sensors.baro_alt_amsl_m[0])
     sensors = switched(SIM_BARO_OFF_P=12.0, SIM_BARO_OFF_T=5.0)
-    assert before - sensors.baro_alt_amsl_m[0] == pytest.approx(1.06, abs=0.02), "pascals: 12 are a metre"
+    assert before - sensors.baro_alt_amsl_m[0] == pytest.approx(1.06, abs=0.02), "12 Pa are 1 m"
     assert sensors.baro_temperature_deg_c[0] == pytest.approx(BARO_TEMPERATURE_DEG_C + 5.0, abs=0.01)
     sensors = switched(CAL_ACC0_XOFF=0.3, CAL_ACC0_ZSCALE=1.1, CAL_GYRO0_YOFF=0.2)
     assert sensors.accel_frd_m_s2[0] == pytest.approx([-0.3, 0.0, -1.1 * frames.GRAVITY_M_S2], abs=1e-5)
@@ -265,7 +265,7 @@ def test_switches_and_calibrations_of_the_simulated_sensors_act_as_in_px4():
     sensors = switched(SIM_GPS_USED=3)
     assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
     assert sensors.gps_satellites[0] == 3
-    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "it goes on telling its place"
+    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "it still reports its position"
 
 
 @pytest.mark.story
@@ -280,12 +280,14 @@ def test_parameters_take_effect_when_reloaded():
     assert why is not None
     assert "SIH_MASS is 0" in why
     run(sim, 1.0)
-    assert sim.target.thrust[0] == pytest.approx(1.2 * frames.GRAVITY_M_S2 / 20.0, abs=0.01), "flies on"
+    assert sim.target.thrust[0] == pytest.approx(1.2 * frames.GRAVITY_M_S2 / 20.0, abs=0.01), (
+        "the last valid mass is kept"
+    )
     with pytest.raises(ValueError, match="SIH_MASS is 0"):
         Simulation(parameters=[sim.parameters[0]])
 
 
-def test_reset_puts_one_vehicle_back_and_leaves_the_other():
+def test_a_reset_affects_one_vehicle_only():
     sim = hovering(2)
     sim.reset_vehicle(0)
     assert np.array_equal(sim.truth.position_ned_m[0], [0.0, 0.0, 0.0])
@@ -296,7 +298,7 @@ def test_reset_puts_one_vehicle_back_and_leaves_the_other():
     assert sim.truth.position_ned_m[1] == pytest.approx([0.0, 3.0, -10.0], abs=0.1)
 
 
-def test_a_partial_setpoint_controls_what_it_names():
+def test_a_partial_setpoint_controls_only_its_axes():
     sim = hovering()
     sim.setpoints.position_ned_m[:] = (np.nan, np.nan, -12.0)
     sim.setpoints.velocity_ned_m_s[:] = (0.0, 2.0, np.nan)
@@ -314,6 +316,6 @@ def test_a_partial_setpoint_controls_what_it_names():
         ({"count": 2, "start_ned_m": np.zeros((1, 3))}, "start_ned_m must be"),
     ],
 )
-def test_bad_arguments_are_named(arguments, message):
+def test_errors_about_invalid_arguments_name_them(arguments, message):
     with pytest.raises(ValueError, match=message):
         Simulation(**arguments)

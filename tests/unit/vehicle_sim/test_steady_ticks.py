@@ -1,4 +1,4 @@
-"""Ticks of a steady flight are the same as full ticks, bit for bit, and no event is handled later."""
+"""Steady ticks give the same results as full ticks, bit for bit, and delay no event."""
 
 import hashlib
 import math
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.flight
 RELATIVE, NO_FRAME = 6, 2
 WAYPOINT, LAND, TAKEOFF, DELAY, CHANGE_SPEED, ROI_LOCATION, ROI_NONE = 16, 21, 22, 93, 178, 195, 197
 Script = Mapping[float, Callable[[VehicleSim], object]]
-"""What is done to the vehicles, by time since boot [s]."""
+"""Actions by time since boot [s]."""
 
 
 def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: float) -> dict[str, Any]:
@@ -34,7 +34,7 @@ def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: 
     }  # fmt: skip
 
 
-def flown(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
+def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
     """Digest of all positions, attitudes and setpoints; messages; and the part of ticks that was steady."""
     sim = VehicleSim(count, links=(), seed=3)
     for row in range(count):
@@ -65,20 +65,20 @@ def never_steady(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Autopilot, "_steady_task", none)
 
 
-def both(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatch, count: int = 1) -> float:
+def fly_both_ways(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatch, count: int = 1) -> float:
     """Flies with and without steady ticks; returns the part of ticks that was steady."""
-    digest, messages, share = flown(script, seconds, count)
+    digest, messages, share = fly(script, seconds, count)
     with monkeypatch.context() as patch:
         never_steady(patch)
-        full_digest, full_messages, none = flown(script, seconds, count)
+        full_digest, full_messages, none = fly(script, seconds, count)
     assert none == 0.0
     assert messages == full_messages
     assert digest == full_digest
     return share
 
 
-def each(act: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
-    return lambda sim: [act(autopilot) for autopilot in sim.autopilots]
+def each(action: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
+    return lambda sim: [action(autopilot) for autopilot in sim.autopilots]
 
 
 def start_mission(sim: VehicleSim) -> None:
@@ -98,8 +98,8 @@ def start_mission(sim: VehicleSim) -> None:
 
 
 @pytest.mark.story
-def test_a_mission_is_flown_the_same_by_steady_and_by_full_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    share = both({5.0: start_mission}, 55.0, monkeypatch, count=2)
+def test_a_mission_is_flown_identically_with_steady_and_full_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    share = fly_both_ways({5.0: start_mission}, 55.0, monkeypatch, count=2)
     assert share > 0.6
 
 
@@ -121,7 +121,7 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
         21.0: each(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
         22.0: lambda sim: sim.simulation.set_gps_enabled(0, False),
     }
-    share = both(script, 32.0, monkeypatch)
+    share = fly_both_ways(script, 32.0, monkeypatch)
     assert share > 0.4
 
 

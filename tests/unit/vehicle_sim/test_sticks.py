@@ -1,4 +1,4 @@
-"""Flying by MANUAL_CONTROL: what the sticks mean in each mode, and when they count."""
+"""Flight by MANUAL_CONTROL: the effect of the sticks in each mode, and when they are used."""
 
 import math
 
@@ -13,11 +13,11 @@ pytestmark = pytest.mark.flight
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
 NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
 NEEDED = {0, 1}
-"""HEARTBEAT and SYS_STATUS: other streams cost more than the flight."""
+"""HEARTBEAT and SYS_STATUS; other streams would take more computing time than the flight."""
 
 
-class Pilot(Station):
-    """A station with a joystick, 20 messages a second."""
+class JoystickStation(Station):
+    """A station with a joystick that sends 20 messages per second."""
 
     def __init__(self, **fleet):
         super().__init__(sensor_noise=False, **fleet)
@@ -37,7 +37,7 @@ class Pilot(Station):
             self.next_s = self.now_s + 0.05
 
     def reposition(self):
-        """To 10 m over where it is, nose to north."""
+        """Flies to 10 m above its current position, heading north."""
         home = self.sim.simulation.home
         north, east, _ = self.place
         lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)
@@ -63,7 +63,7 @@ class Pilot(Station):
     def switch(self, mode):
         self.command(176, 1, NUMBERS[mode])
         self.fly(0.3)
-        assert self.flown_mode == mode
+        assert self.active_mode == mode
 
     @property
     def place(self):
@@ -81,14 +81,14 @@ class Pilot(Station):
 
 @pytest.fixture(scope="module")
 def flown():
-    station = Pilot()
+    station = JoystickStation()
     station.fly_to(10.0)
     return station
 
 
 @pytest.fixture
 def pilot(flown):
-    """In Hold at 10 m, sticks at rest; one flight serves all tests."""
+    """A vehicle in Hold at 10 m with centred sticks; all tests use the same flight."""
     flown.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
     flown.fly(0.5)
     flown.command(176, 1, 4, 3)
@@ -98,10 +98,10 @@ def pilot(flown):
 
 
 @pytest.mark.story
-def test_position_flies_forward_at_the_stick_s_speed_and_stops_where_it_is_let_go(pilot):
+def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_it_is_centred(pilot):
     pilot.switch(POSITION)
     pilot.fly(8.0, x=1000)
-    assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL less what drag takes"
+    assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL minus the effect of drag"
     assert abs(pilot.velocity[1]) < 0.3
     pilot.fly(10.0, x=0)
     stood = pilot.place
@@ -110,13 +110,13 @@ def test_position_flies_forward_at_the_stick_s_speed_and_stops_where_it_is_let_g
     assert pilot.height_m == pytest.approx(10.0, abs=0.7)
 
 
-def test_a_stick_within_the_dead_zone_does_nothing(pilot):
+def test_a_stick_within_the_dead_zone_has_no_effect(pilot):
     pilot.switch(POSITION)
     pilot.fly(4.0, x=90, y=-90, r=90, z=545)
     assert np.abs(pilot.velocity).max() < 0.1
 
 
-def test_throttle_climbs_and_the_middle_holds_the_height(pilot):
+def test_throttle_sets_the_climb_rate_and_centred_it_holds_the_height(pilot):
     pilot.switch(ALTITUDE)
     pilot.fly(3.0, z=1000)
     assert -pilot.velocity[2] == pytest.approx(3.0, abs=0.5), "MPC_Z_VEL_MAX_UP"
@@ -126,17 +126,17 @@ def test_throttle_climbs_and_the_middle_holds_the_height(pilot):
     assert pilot.height_m == pytest.approx(stood_m, abs=0.2)
 
 
-def test_altitude_leans_by_the_stick_and_nobody_holds_the_place(pilot):
+def test_in_altitude_the_stick_sets_the_tilt_and_the_position_is_not_held(pilot):
     pilot.switch(ALTITUDE)
     pilot.fly(2.0, y=1000)
     assert math.degrees(pilot.euler[0]) == pytest.approx(35.0, abs=3.0), "MPC_MAN_TILT_MAX"
     assert pilot.velocity[1] > 3.0
     pilot.fly(1.0, y=0)
     assert abs(math.degrees(pilot.euler[0])) < 3.0
-    assert pilot.velocity[1] > 0.5, "it drifts on"
+    assert pilot.velocity[1] > 0.5, "it is not stopped"
 
 
-def test_yaw_stick_turns_clockwise_and_the_heading_is_held(pilot):
+def test_the_yaw_stick_sets_the_rate_and_centred_it_holds_the_heading(pilot):
     pilot.switch(POSITION)
     pilot.fly(1.0, r=500)
     assert pilot.euler[2] > math.radians(10.0)
@@ -146,17 +146,17 @@ def test_yaw_stick_turns_clockwise_and_the_heading_is_held(pilot):
     assert pilot.euler[2] == pytest.approx(held, abs=math.radians(1.0))
 
 
-def test_stabilized_takes_attitude_from_the_stick_and_thrust_from_the_throttle(pilot):
+def test_in_stabilized_sticks_set_attitude_and_thrust(pilot):
     pilot.switch(STABILIZED)
     pilot.fly(1.5, x=500)
     assert math.degrees(pilot.euler[1]) == pytest.approx(-17.5, abs=1.5)
-    # the middle of the throttle is the hover thrust as estimated, a little off after hard flying
+    # centred throttle is the estimated hover thrust, which changes slightly after fast flight
     assert float(pilot.sim.simulation.target.thrust[0]) == pytest.approx(0.49, abs=0.04)
     pilot.fly(0.3, x=0, z=1000)
     assert float(pilot.sim.simulation.target.thrust[0]) == pytest.approx(1.0, abs=0.01)
 
 
-def test_acro_takes_body_rates(pilot):
+def test_in_acro_sticks_set_body_rates(pilot):
     pilot.switch(ACRO)
     pilot.fly(0.4, y=300)
     rates = pilot.sim.simulation.truth.rates_frd_rad_s[0]
@@ -165,14 +165,14 @@ def test_acro_takes_body_rates(pilot):
 
 @pytest.mark.story
 def test_take_off_and_landing_by_throttle():
-    pilot = Pilot()
+    pilot = JoystickStation()
     pilot.run_until(lambda: pilot.ready, 15)
     pilot.fly(0.5, z=0)
     pilot.switch(POSITION)
     pilot.command(400, 1)
     pilot.fly(2.0)
     assert pilot.armed
-    assert pilot.height_m < 0.05, "throttle down: it stays"
+    assert pilot.height_m < 0.05, "with low throttle it stays on the ground"
     pilot.fly(6.0, z=900)
     assert pilot.height_m > 2.0
     pilot.fly(2.0, z=500)
@@ -180,9 +180,9 @@ def test_take_off_and_landing_by_throttle():
     assert pilot.height_m < 0.05
 
 
-def test_a_stream_with_gaps_lifts_and_climbs_on_where_it_was():
-    """Half a second of sticks, a second without, and no failsafe that would answer the loss."""
-    pilot = Pilot(parameters={"NAV_RCL_ACT": 0})
+def test_with_gaps_in_the_sticks_the_vehicle_holds_its_height_and_then_continues_its_climb():
+    """Half a second of sticks and a second without them, with the failsafe for their loss disabled."""
+    pilot = JoystickStation(parameters={"NAV_RCL_ACT": 0})
     pilot.run_until(lambda: pilot.ready, 15)
     pilot.fly(0.5, z=0)
     pilot.switch(POSITION)
@@ -196,28 +196,28 @@ def test_a_stream_with_gaps_lifts_and_climbs_on_where_it_was():
         at_rest_m = pilot.height_m
         pilot.run(0.2)
         heights_m.append(pilot.height_m)
-        assert heights_m[-1] >= at_rest_m - 0.05, "in a gap it stops, and does not sink"
+        assert heights_m[-1] >= at_rest_m - 0.05, "in a gap it holds its height"
     assert heights_m[-1] > 6.0
     assert heights_m[-1] - heights_m[-2] > 1.0
 
 
-def test_sticks_that_fall_silent_are_a_loss_and_the_stick_mode_is_left(pilot):
+def test_lost_sticks_trigger_the_failsafe(pilot):
     pilot.switch(POSITION)
     began_s = pilot.now_s
     pilot.run(3.0)
-    assert pilot.flown_mode != POSITION, "NAV_RCL_ACT"
+    assert pilot.active_mode != POSITION, "NAV_RCL_ACT"
     assert any("Failsafe" in text for text in pilot.texts(began_s))
 
 
-def test_moving_a_stick_in_hold_takes_over_and_resting_ones_do_not(pilot):
+def test_in_hold_a_moved_stick_takes_over_and_centred_ones_do_not(pilot):
     pilot.fly(2.0)
-    assert pilot.flown_mode != POSITION
+    assert pilot.active_mode != POSITION
     pilot.fly(0.5, x=600)
-    assert pilot.flown_mode == POSITION
+    assert pilot.active_mode == POSITION
     assert any("took over" in text for text in pilot.texts())
 
 
-def test_sticks_of_other_vehicles_and_disabled_ones_are_not_heard(pilot):
+def test_sticks_for_other_vehicles_and_disabled_ones_are_ignored(pilot):
     before_s = pilot.sim.autopilots[0].sticks.received_at_s
     pilot.send("MANUAL_CONTROL", target=99, x=0, y=0, z=500, r=0)
     pilot.sim.autopilots[0].view.parameters.set("COM_RC_IN_MODE", 4)

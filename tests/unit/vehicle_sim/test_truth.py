@@ -1,4 +1,4 @@
-"""Only physics, sensors and what plays the world read the true state; all others know what is measured."""
+"""Only physics, sensors and the simulated world read the true state; all other code uses measurements."""
 
 import ast
 from pathlib import Path
@@ -11,14 +11,14 @@ from vehicle_sim.autopilot.monitors import _air_speed
 ROOT = Path(vehicle_sim.__file__).parent
 WORLD = ("physics", "sensors", "world")
 OF_THE_WORLD = frozenset({"truth", "TruthState", "motor_health", "_bodies", "steady_ned_m_s"})
-"""Names of the true state, and of what is done to it."""
+"""Names of the true state and of functions that change it."""
 PLANT_PARAMETER = "SIH_"
 MAY_READ = {
     "airframe.py": "the plant's parameters",
     "state.py": "declares it",
     "simulation.py": "passes the true state from physics to sensors",
-    "script.py": "the hand that breaks things knows where the vehicle is",
-    "payload/camera.py": "a sensor: it draws what it sees",
+    "script.py": "faults may depend on the true height",
+    "payload/camera.py": "a sensor: it renders the view from the true position",
     "mavlink/messages/motion.py": "HIL_STATE_QUATERNION, the ground truth that PX4's simulator sends",
     "mavlink/messages/sensors.py": "the data sheet of the range finder: SIH_DISTSNSR_*",
     "topics/arrays.py": "the ground truth topics of PX4's simulator",
@@ -26,7 +26,7 @@ MAY_READ = {
 
 
 def readers() -> set[str]:
-    """Files beside the world itself that name its true state or a parameter of the plant."""
+    """Files outside the simulated world that name the true state or a parameter of the plant."""
     found = set()
     for path in ROOT.rglob("*.py"):
         place = path.relative_to(ROOT)
@@ -40,17 +40,17 @@ def readers() -> set[str]:
     return found
 
 
-def test_nothing_else_reads_the_truth_or_the_plants_parameters():
+def test_only_listed_files_read_the_true_state_or_the_plants_parameters():
     assert readers() == set(MAY_READ)
 
 
 @pytest.mark.parametrize("speed", [-12.0, -0.5, 0.0, 3.0, 20.0])
 @pytest.mark.parametrize(("momentum", "ballistic"), [(0.15, 100.0), (1.0, 0.0), (0.0, 25.0)])
-def test_the_air_speed_is_the_one_at_which_the_drag_model_gives_the_drag(speed, momentum, ballistic):
+def test_the_air_speed_is_the_inverse_of_the_drag_model(speed, momentum, ballistic):
     square = 0.5 * 1.225 / ballistic if ballistic > 1.0 else 0.0
     drag = square * abs(speed) * speed + momentum * speed
     assert _air_speed(drag, momentum, ballistic) == pytest.approx(speed)
 
 
-def test_a_drag_model_without_figures_gives_no_wind():
+def test_a_drag_model_without_coefficients_gives_no_wind():
     assert _air_speed(3.0, 0.0, 0.0) == 0.0

@@ -1,4 +1,4 @@
-"""External vision and odometry: without GPS, and where EKF2_EV_CTRL says so, position is from them."""
+"""External vision and odometry: the position source without GPS, if EKF2_EV_CTRL enables them."""
 
 import math
 
@@ -17,8 +17,8 @@ def truth(station):
     return station.sim.simulation.truth
 
 
-def see(station):
-    """VISION_POSITION_ESTIMATE of what is, at 30 Hz or so."""
+def send_vision(station):
+    """Sends the true position as VISION_POSITION_ESTIMATE, at about 30 Hz."""
     x, y, z = truth(station).position_ned_m[0]
     roll, pitch, yaw = euler_of(truth(station).q_ned_frd)[0]
     station.send("VISION_POSITION_ESTIMATE", x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=yaw,
@@ -51,16 +51,16 @@ def test_without_gps_and_vision_there_is_no_position():
     assert not estimate(station).valid_position[0]
 
 
-def test_vision_is_not_heard_unless_the_parameter_says_so():
+def test_vision_is_ignored_unless_the_parameter_enables_it():
     station = Station(parameters=WITHOUT_GPS)
-    station.run(10, lambda: see(station))
+    station.run(10, lambda: send_vision(station))
     assert not estimate(station).valid_position[0]
 
 
-def test_vision_gives_a_position_and_its_end_takes_it_away():
+def test_vision_gives_a_position_which_is_invalid_after_vision_stops():
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 15})
     truth(station).position_ned_m[0] = (4.0, -3.0, 0.0)
-    station.run(12, lambda: see(station))
+    station.run(12, lambda: send_vision(station))
     assert estimate(station).valid_position[0]
     assert estimate(station).position_ned_m[0, :2] == pytest.approx([4.0, -3.0], abs=0.15)
     station.run(12)
@@ -69,7 +69,7 @@ def test_vision_gives_a_position_and_its_end_takes_it_away():
 
 @pytest.mark.parametrize(("frame", "turned", "error_m"), [(1, 0.0, 0.5), (20, 1.2, 2.5)])
 def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned, error_m):
-    """A frame of its own is turned by the estimated heading, which the compass leaves some degrees off."""
+    """Its own frame is rotated by the estimated heading, which has an error of some degrees."""
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7})
     station.run(4, lambda: odometry(station, frame, turned))
     truth(station).position_ned_m[0, 2] = -200.0
@@ -81,16 +81,16 @@ def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned, error_m
     assert np.abs(error[:2]).max() < 0.4 + 0.3 * error_m
 
 
-def test_an_outlier_is_not_believed():
+def test_an_outlier_of_vision_is_rejected():
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 3})
-    station.run(6, lambda: see(station))
+    station.run(6, lambda: send_vision(station))
     before = estimate(station).position_ned_m[0].copy()
     station.send("VISION_POSITION_ESTIMATE", x=500.0, y=0.0, z=0.0, covariance=[math.nan] * 21)
     station.run(0.1)
     assert np.abs(estimate(station).position_ned_m[0] - before).max() < 0.2
 
 
-def test_while_gps_is_there_vision_changes_nothing():
+def test_with_gps_a_vision_outlier_has_no_effect():
     station = Station(parameters={"EKF2_EV_CTRL": 15})
     station.run(10)
     station.send("VISION_POSITION_ESTIMATE", x=50.0, y=0.0, z=0.0, covariance=[math.nan] * 21)

@@ -1,4 +1,4 @@
-"""Bytes in, bytes out: framing, streams, parameters, missions, files, clocks and identity."""
+"""MAVLink of the simulator: framing, streams, parameters, missions, files, clocks and identity."""
 
 import math
 import random
@@ -21,7 +21,7 @@ ONLY_IN_ORBIT = {"ORBIT_EXECUTION_STATUS"}
 NOT_ON_GROUND = {"POSITION_TARGET_GLOBAL_INT"} | ONLY_IN_ORBIT
 
 BOOTED_S = 2.0
-"""By then a vehicle has told the parameters that it stored at boot."""
+"""By this time the vehicle has sent the parameters that it changed at boot."""
 
 
 def frame(name: str, sequence: int = 0, **fields: object) -> bytes:
@@ -31,7 +31,7 @@ def frame(name: str, sequence: int = 0, **fields: object) -> bytes:
 
 @given(st.lists(st.binary(max_size=40), min_size=1, max_size=8), st.integers(1, 50))
 @settings(max_examples=40, deadline=None)
-def test_every_frame_is_found_between_garbage_however_it_is_cut(noise: list[bytes], cut: int) -> None:
+def test_every_frame_is_found_between_garbage_in_any_pieces(noise: list[bytes], cut: int) -> None:
     quiet = [bytes(b for b in chunk if b not in (0xFD, 0xFE)) for chunk in noise]
     stream = b"".join(chunk + frame("PING", n, seq=n, time_usec=1) for n, chunk in enumerate(quiet))
     parser = FrameParser()
@@ -39,7 +39,7 @@ def test_every_frame_is_found_between_garbage_however_it_is_cut(noise: list[byte
     assert [m.seq for m in found] == list(range(len(quiet)))
 
 
-def test_any_bytes_at_all_do_no_harm_and_the_next_frames_are_heard() -> None:
+def test_after_random_bytes_the_next_frames_are_handled() -> None:
     s = Station()
     s.run(1)
     noise = random.Random(1)
@@ -51,7 +51,7 @@ def test_any_bytes_at_all_do_no_harm_and_the_next_frames_are_heard() -> None:
     assert s.acks(512) == [0]
 
 
-def test_a_broken_crc_and_an_unknown_message_are_counted_not_heard() -> None:
+def test_a_frame_with_a_wrong_checksum_is_counted_and_not_handled() -> None:
     parser = FrameParser()
     good = bytearray(frame("PING", seq=1))
     good[12] ^= 0xFF
@@ -59,7 +59,7 @@ def test_a_broken_crc_and_an_unknown_message_are_counted_not_heard() -> None:
     assert parser.counts.bad_crc == 1
 
 
-def test_streams_have_the_rates_of_the_table() -> None:
+def test_streams_are_sent_at_the_rates_of_the_table() -> None:
     s = Station(links=BOTH)
     s.run(6)
     start = s.now_s
@@ -68,11 +68,11 @@ def test_streams_have_the_rates_of_the_table() -> None:
         for name, hz in table.items():
             if name in NOT_ON_GROUND:
                 continue
-            heard = len(s.heard(name, link, start))
+            heard = len(s.received(name, link, start))
             assert heard == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
 
 
-def test_the_table_is_what_a_real_vehicle_streams(shared) -> None:
+def test_the_table_has_the_rates_of_a_real_vehicle(shared) -> None:
     import json
 
     streams = json.loads((shared / "px4" / "streams.json").read_text(encoding="utf-8"))
@@ -83,7 +83,7 @@ def test_the_table_is_what_a_real_vehicle_streams(shared) -> None:
             assert table[name] == pytest.approx(hz, rel=0.03, abs=0.05), name
 
 
-def test_sequence_numbers_are_without_gaps_on_each_link() -> None:
+def test_sequence_numbers_have_no_gaps_on_each_link() -> None:
     sim = VehicleSim()
     sim.step(3.0)
     for link in ("gcs", "api"):
@@ -101,21 +101,21 @@ def test_texts_wait_for_a_ground_station_and_events_do_not() -> None:
     assert "commander_armed_by" in s.events()
 
 
-def test_all_parameters_come_within_a_second_hash_first() -> None:
+def test_all_parameters_are_sent_within_a_second_beginning_with_the_hash() -> None:
     s = Station()
     s.run(BOOTED_S)
-    asked_s = s.now_s
+    requested_s = s.now_s
     s.send("PARAM_REQUEST_LIST", target_system=1, target_component=1)
     s.run(1.0)
-    values = s.heard("PARAM_VALUE", since_s=asked_s)
+    values = s.received("PARAM_VALUE", since_s=requested_s)
     assert values[0].param_id == "_HASH_CHECK"
     assert [m.param_index for m in values[1:]] == list(range(values[1].param_count))
 
 
-def test_parameters_are_set_bytewise_and_nonsense_gets_no_reply() -> None:
+def test_parameters_are_set_bytewise_and_invalid_requests_get_no_reply() -> None:
     s = Station(links=BOTH)
     s.run(BOOTED_S)
-    asked_s = s.now_s
+    requested_s = s.now_s
     as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
 
     def set_(name: str, value: float, kind: int) -> None:
@@ -125,14 +125,14 @@ def test_parameters_are_set_bytewise_and_nonsense_gets_no_reply() -> None:
     set_("NAV_DLL_ACT", as_float, 6)
     s.run(0.1)
     assert s.sim.simulation.parameters[0].get("NAV_DLL_ACT") == 3
-    assert len(s.heard("PARAM_VALUE", "gcs", asked_s)) == 2
-    assert len(s.heard("PARAM_VALUE", "api", asked_s)) == 1
+    assert len(s.received("PARAM_VALUE", "gcs", requested_s)) == 2
+    assert len(s.received("PARAM_VALUE", "api", requested_s)) == 1
     set_("NAV_DLL_ACT", 2.0, 9)
     set_("NO_SUCH_PARAM", 2.0, 9)
     s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_id="NOPE", param_index=-1)
     s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5000)
     s.run(0.1)
-    assert len(s.heard("PARAM_VALUE", "gcs", asked_s)) == 2
+    assert len(s.received("PARAM_VALUE", "gcs", requested_s)) == 2
 
 
 def test_an_impossible_airframe_does_not_end_the_simulation() -> None:
@@ -145,7 +145,7 @@ def test_an_impossible_airframe_does_not_end_the_simulation() -> None:
     assert s.last["PARAM_VALUE"].param_value == 0.0
 
 
-def test_a_plan_survives_the_way_up_and_down() -> None:
+def test_an_uploaded_plan_is_downloaded_unchanged() -> None:
     s = Station()
     s.run(0.5)
     s.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
@@ -170,12 +170,12 @@ def test_a_plan_survives_the_way_up_and_down() -> None:
     assert s.last["MISSION_CURRENT"].mission_id == 0
 
 
-def test_a_plan_that_stops_coming_times_out_with_a_text() -> None:
+def test_an_interrupted_upload_times_out_with_a_text() -> None:
     s = Station()
     s.run(0.5)
     s.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
     s.run(5.4)
-    assert 15 <= len(s.heard("MISSION_REQUEST")) <= 22
+    assert 15 <= len(s.received("MISSION_REQUEST")) <= 22
     assert s.texts()[-1] == "Operation timeout\t"
 
 
@@ -191,10 +191,10 @@ def test_files_clocks_and_pings_are_answered() -> None:
     assert (answer[0], answer[3], answer[5], answer[12]) == (8, 129, 4, 10)
     assert s.last["TIMESYNC"].ts1 == 123456789
     assert s.last["TIMESYNC"].tc1 > 0
-    assert [m.seq for m in s.heard("PING") if m.target_system == 255] == [5]
+    assert [m.seq for m in s.received("PING") if m.target_system == 255] == [5]
 
 
-def test_modes_and_version_of_each_vehicle() -> None:
+def test_version_and_modes_can_be_requested() -> None:
     sim = VehicleSim(2, first_instance=3)
     for row in range(2):
         layout, payload = pack(
@@ -204,15 +204,15 @@ def test_modes_and_version_of_each_vehicle() -> None:
         messages = FrameParser().feed(sim.drain(row, "gcs"))
         version = next(m for m in messages if m.name == "AUTOPILOT_VERSION")
         assert version.system_id == 4 + row
-        assert version.uid == 5283920058631409231, "PX4's simulator has one uid for all"
+        assert version.uid == 5283920058631409231, "all vehicles of PX4's simulator have the same uid"
     s = Station()
     s.run(0.2)
     s.command(512, 435, 0)
     s.run(0.1)
-    assert [m.mode_index for m in s.heard("AVAILABLE_MODES")] == list(range(1, 26))
+    assert [m.mode_index for m in s.received("AVAILABLE_MODES")] == list(range(1, 26))
 
 
-def test_one_links_ground_station_is_heard_on_the_other() -> None:
+def test_heartbeats_of_one_links_ground_station_are_forwarded_to_the_other() -> None:
     s = Station(links=BOTH)
     s.run(0.1)
     raw = FrameParser()
@@ -220,15 +220,15 @@ def test_one_links_ground_station_is_heard_on_the_other() -> None:
     assert [m.sender for m in raw.feed(s.sim.drain(0, "api")) if m.name == "HEARTBEAT"] == [(255, 190)]
 
 
-def test_lost_events_can_be_asked_for() -> None:
+def test_lost_events_can_be_requested() -> None:
     s = Station()
     s.run(3)
     newest = s.sim.autopilots[0].announcer.sequence
-    before = len(s.heard("EVENT"))
+    before = len(s.received("EVENT"))
     s.send("REQUEST_EVENT", target_system=1, target_component=1, first_sequence=newest, last_sequence=newest)
     s.send("REQUEST_EVENT", target_system=1, target_component=1, first_sequence=60000, last_sequence=60000)
     s.run(0.1)
-    assert len(s.heard("EVENT")) == before + 1
+    assert len(s.received("EVENT")) == before + 1
     assert s.last["RESPONSE_EVENT_ERROR"].sequence == 60000
 
 
@@ -236,8 +236,8 @@ def test_every_streamed_message_is_known_to_the_dialect() -> None:
     assert set(GCS) | set(API) <= set(BY_NAME)
 
 
-def test_no_command_or_set_point_however_odd_ends_the_simulation() -> None:
-    """Everything a station can put into a number, sent on the ground and in the air."""
+def test_extreme_values_in_commands_and_setpoints_do_not_end_the_simulation() -> None:
+    """Extreme values in all numbers that a station can send, in flight."""
     s = Station()
     s.fly_to(4)
     odd = random.Random(2)
@@ -264,7 +264,7 @@ def test_no_command_or_set_point_however_odd_ends_the_simulation() -> None:
     assert "HEARTBEAT" in s.last
 
 
-def test_a_parameter_no_airframe_can_have_is_stored_and_named() -> None:
+def test_an_impossible_parameter_of_the_airframe_is_stored_and_reported() -> None:
     s = Station()
     s.run(1.2)
     s.send(

@@ -1,4 +1,4 @@
-"""Ground, obstacles and lidars: rays against geometry worked out by hand, collisions, wrong files."""
+"""Ground, obstacles and lidars: rays compared with geometry, collisions, invalid files."""
 
 import math
 
@@ -27,19 +27,19 @@ def cast(world, origin, direction, range_m=100.0):
     return float(hits.distance_m[0]), int(hits.what[0])
 
 
-def test_rays_meet_boxes_and_ground_where_geometry_says():
+def test_rays_hit_boxes_and_ground_at_the_calculated_distances():
     world = World(boxes=(BOX,))
     assert cast(world, (0, 0, -1), (1, 0, 0)) == (pytest.approx(9.0), 0)
-    assert cast(world, (0, 2.1, -1), (1, 0, 0)) == (math.inf, NOTHING), "past its side"
-    assert cast(world, (0, 0, -3.1), (1, 0, 0)) == (math.inf, NOTHING), "over its roof"
-    assert cast(world, (10, 0, -5), (0, 0, 1)) == (pytest.approx(2.0), 0), "its roof from above"
+    assert cast(world, (0, 2.1, -1), (1, 0, 0)) == (math.inf, NOTHING), "beside the box"
+    assert cast(world, (0, 0, -3.1), (1, 0, 0)) == (math.inf, NOTHING), "above the box"
+    assert cast(world, (10, 0, -5), (0, 0, 1)) == (pytest.approx(2.0), 0), "from above"
     assert cast(world, (0, 0, -5), (0, 0, 1)) == (pytest.approx(5.0), GROUND)
-    assert cast(world, (0, 0, -3), (3, 0, 4))[0] == pytest.approx(3.75), "slanting down"
-    assert cast(world, (0, 0, -1), (1, 0, 0), range_m=8.9) == (math.inf, NOTHING), "too far"
-    assert cast(world, (10, 0, -1), (0, 1, 0))[0] == 0.0, "from inside"
+    assert cast(world, (0, 0, -3), (3, 0, 4))[0] == pytest.approx(3.75), "at an angle to the ground"
+    assert cast(world, (0, 0, -1), (1, 0, 0), range_m=8.9) == (math.inf, NOTHING), "out of range"
+    assert cast(world, (10, 0, -1), (0, 1, 0))[0] == 0.0, "from inside the box"
 
 
-def test_a_turned_box_and_a_wall_are_met_on_their_own_faces():
+def test_rays_hit_rotated_boxes_and_walls_on_their_faces():
     turned = Box("turned", 10.0, 0.0, 2.0, 2.0, 3.0, yaw_ned_rad=math.pi / 4)
     assert cast(World(boxes=(turned,)), (0, 0, -1), (1, 0, 0))[0] == pytest.approx(10 - math.sqrt(2))
     fence = wall("fence", (5, -5), (5, 5), height_m=2, thickness_m=0.4)
@@ -66,7 +66,7 @@ def test_rays_end_on_the_terrain(north, east, above, dn, de, dd):
     assert -end[2] == pytest.approx(float(terrain.height_m(end[0], end[1])), abs=0.05)
 
 
-def test_the_ground_carries_vehicles_where_it_is_and_roofs_do_too():
+def test_vehicles_rest_on_the_terrain_and_on_roofs():
     world = World(terrain=Terrain((Hill(0, 0, 10, 30),)), boxes=(Box("roof", 0, 50, 4, 4, 3),))
     sim = Simulation(3, world=world, start_ned_m=np.array([[0, 0, 0.0], [0, 50, -8], [15, 0, 0]]))
     for _ in range(1000):
@@ -76,7 +76,7 @@ def test_the_ground_carries_vehicles_where_it_is_and_roofs_do_too():
     assert not sim.take_collisions()
 
 
-def test_flat_ground_is_bit_for_bit_what_it_was_without_a_world():
+def test_distant_obstacles_do_not_change_a_flight():
     plain, far = Simulation(seed=2), Simulation(seed=2, world=World(boxes=(Box("far", 900, 900, 1, 1, 1),)))
     for sim in (plain, far):
         sim.setpoints.armed[:] = True
@@ -87,17 +87,17 @@ def test_flat_ground_is_bit_for_bit_what_it_was_without_a_world():
     assert np.array_equal(plain.truth.position_ned_m, far.truth.position_ned_m)
 
 
-def test_the_obstacle_scene_is_seen_flown_into_and_ends_the_flight():
+def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     station = Station(world=load_world("obstacle-box"), links=BOTH)
     station.fly_to(2.5)
     box_north = float(station.sim.simulation.truth.position_ned_m[0, 0])
-    ahead = [m for m in station.heard("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
-    down = [m for m in station.heard("DISTANCE_SENSOR", via="api") if m.orientation == 25][-1]
+    ahead = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
+    down = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 25][-1]
     assert ahead.current_distance == pytest.approx((5 - 0.75 - box_north) * 100, abs=40)
     assert down.current_distance == pytest.approx(station.height_m * 100, abs=20)
-    around = station.heard("OBSTACLE_DISTANCE", via="api")[-1]
+    around = station.received("OBSTACLE_DISTANCE", via="api")[-1]
     assert abs(around.distances[0] - ahead.current_distance) < 15
-    assert around.distances[36] == around.max_distance + 1 == 2001, "nothing behind"
+    assert around.distances[36] == around.max_distance + 1 == 2001, "no obstacle behind"
     began_s = station.now_s
 
     def north():
@@ -111,19 +111,19 @@ def test_the_obstacle_scene_is_seen_flown_into_and_ends_the_flight():
     station.run(4.0)
     at = station.sim.simulation.truth.position_ned_m[0]
     assert station.height_m < 0.1, "it fell"
-    assert at[0] < 5 - 0.75, "before the box, not in it"
+    assert at[0] < 5 - 0.75, "in front of the box"
 
 
 def test_without_a_world_there_is_one_lidar_that_points_down():
     station = Station(links=BOTH)
     station.fly_to(8.0)
-    heard = station.heard("DISTANCE_SENSOR", via="api")
+    heard = station.received("DISTANCE_SENSOR", via="api")
     assert {m.orientation for m in heard} == {25}
     assert heard[-1].current_distance == pytest.approx(station.height_m * 100, abs=15)
-    assert not station.heard("OBSTACLE_DISTANCE", via="api")
+    assert not station.received("OBSTACLE_DISTANCE", via="api")
 
 
-def test_hills_are_landed_on_at_their_height_and_end_flights_into_their_slope():
+def test_a_flight_into_a_hill_is_a_collision():
     world = World(terrain=Terrain((Hill(30, 0, 20, 20),)))
     sim = Simulation(world=world, start_ned_m=np.array([[6.0, 0, -8]]), sensor_noise=False)
     sim.truth.velocity_ned_m_s[:] = (15.0, 0.0, -2.0)
@@ -164,7 +164,7 @@ def test_every_shipped_world_loads():
         ("name: !!python/name:os.system x", "holds what is neither text nor number"),
     ],
 )  # fmt: skip
-def test_a_wrong_file_is_told_where_it_is_wrong(text, says):
+def test_the_error_about_an_invalid_file_names_field_and_line(text, says):
     with pytest.raises(FileProblem) as problem:
         world_of(parse_yaml(text, "my.yaml"))
     assert says in str(problem.value)
@@ -176,7 +176,7 @@ def test_a_missing_file_names_the_shipped_worlds():
         load_world("no-such-world")
 
 
-def test_lidars_of_many_vehicles_are_one_measurement():
+def test_the_lidars_of_several_vehicles_are_measured_together():
     world = World(boxes=(BOX,), lidars=Lidars(forward=True, around=True, range_m=30))
     start = np.array([[0.0, 0, -1], [4.0, 0, -1], [0.0, 9, -1]])
     sim = Simulation(3, world=world, start_ned_m=start)

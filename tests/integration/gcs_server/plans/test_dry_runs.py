@@ -43,12 +43,12 @@ def request(plan, **changes):
 
 
 def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_description():
-    told = []
+    reports = []
 
     async def story():
         runs = DryRuns()
         wanted = request(hop(6.0), flights=1, spread={})
-        summary = await runs.run("1", wanted, ABOUT, lambda text, share: told.append((text, share)))
+        summary = await runs.run("1", wanted, ABOUT, lambda text, share: reports.append((text, share)))
         return summary, runs.get("1")
 
     summary, found = asyncio.run(story())
@@ -60,8 +60,8 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
     assert len(view.monte_carlo.flights) == 1
     assert view.nominal.path is not None
     assert view.nominal.path.step_places == ["item 1", "item 2", "item 3"]
-    assert told[0][0].startswith("1 s are simulated; 0 of 2 flights")
-    assert [share for _, share in told] == sorted(share for _, share in told)
+    assert reports[0][0].startswith("1 s are simulated; 0 of 2 flights")
+    assert [share for _, share in reports] == sorted(share for _, share in reports)
 
 
 def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
@@ -104,11 +104,11 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     wanted = {**request(hop()), "kind": "offboard_mission", "plan": HOPS, "roles": roles}
     wanted |= {"flights": 1, "spread": {}}
     about = {**ABOUT, "kind": "offboard_mission"}
-    told = []
+    reports = []
 
     async def story():
         runs = DryRuns()
-        await runs.run("1", wanted, about, lambda text, _: told.append(text))
+        await runs.run("1", wanted, about, lambda text, _: reports.append(text))
         return runs.get("1")
 
     view = DryRunView.model_validate_json(json.dumps(asyncio.run(story())))
@@ -121,7 +121,7 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     assert many.roles["left"].corridor is not None
     assert many.roles["left"].corridor.position_ned_m[0][0] == pytest.approx(33.4, abs=0.5)
     assert many.closest[0].distance_m.least == pytest.approx(33.4, abs=3.0)
-    assert told[0] == "1 s are simulated; 0 of 4 vehicles have ended."
+    assert reports[0] == "1 s are simulated; 0 of 4 vehicles have ended."
 
 
 def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():

@@ -58,7 +58,7 @@ async def leave():
 
 @pytest.mark.parametrize("until", [2, 99])
 def test_an_ended_or_interrupted_iteration_is_closed_on_its_own_loop(until):
-    told = []
+    loops = []
 
     async def source():
         try:
@@ -66,7 +66,7 @@ def test_an_ended_or_interrupted_iteration_is_closed_on_its_own_loop(until):
                 await asyncio.sleep(0)
                 yield number
         finally:
-            told.append(asyncio.get_running_loop())
+            loops.append(asyncio.get_running_loop())
 
     with LoopThread(leave) as thread:
         found = []
@@ -77,7 +77,7 @@ def test_an_ended_or_interrupted_iteration_is_closed_on_its_own_loop(until):
                 break
         values.close()
     assert found == list(range(min(until + 1, 5)))
-    assert len(told) == 1
+    assert len(loops) == 1
 
 
 def test_a_call_outside_the_block_explains_the_usage():

@@ -34,5 +34,5 @@ def address_seen(trusted, came_from):
         (("127.0.0.1",), "127.0.0.1", "10.9.9.9", "https"),
     ],
 )
-def test_a_forwarded_address_counts_only_from_a_proxy_that_was_named(trusted, came_from, address, scheme):
+def test_a_forwarded_address_is_used_only_from_a_trusted_proxy(trusted, came_from, address, scheme):
     assert address_seen(trusted, came_from) == (address, scheme)

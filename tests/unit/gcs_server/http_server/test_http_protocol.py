@@ -159,7 +159,7 @@ def test_too_many_pipelined_requests_close_the_connection():
     on_a_wire(story, never)
 
 
-def test_an_answer_that_is_not_read_ends_the_connection_in_time():
+def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
     async def story(wire):
         stuck, slow = wire.connect(), wire.connect()
         for transport in (stuck, slow):

@@ -33,10 +33,10 @@ def plan(speed_m_s=5.0, count=1):
 
 def story(tmp_path, work):
     async def run():
-        told = []
-        store = PlanStore(tmp_path / "plans", Clock(), told.append)
+        published = []
+        store = PlanStore(tmp_path / "plans", Clock(), published.append)
         try:
-            await work(SimpleNamespace(store=store, told=told, folder=tmp_path / "plans"))
+            await work(SimpleNamespace(store=store, published=published, folder=tmp_path / "plans"))
         finally:
             store.close()
 
@@ -102,7 +102,7 @@ def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
         saved = head.version == 2
         assert plan_document.read(document) == (plan(2.0) if saved else plan())
         await at.store.all()
-        assert [change.action for change in at.told] == ["created", "saved"][: head.version]
+        assert [change.action for change in at.published] == ["created", "saved"][: head.version]
 
     story(tmp_path, work)
 
@@ -113,7 +113,7 @@ def test_every_change_is_published_with_its_client(tmp_path):
         await at.store.save(first.id, "Tower", plan(), base_version=1, by=BOB)
         await at.store.delete(first.id, base_version=2, by=ANNA)
         await at.store.all()
-        assert [(each.action, each.plan.version, each.by) for each in at.told] == [
+        assert [(each.action, each.plan.version, each.by) for each in at.published] == [
             ("created", 1, "anna"),
             ("saved", 2, "bob"),
             ("deleted", 2, "anna"),

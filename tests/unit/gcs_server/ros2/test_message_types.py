@@ -55,6 +55,6 @@ def test_a_message_encodes_to_the_bytes_it_was_decoded_from(topic: str) -> None:
     ("data", "why"),
     [(b"", "missing"), (b"\x00\x00\x00\x00" + bytes(200), "little-endian"), (HEADER + bytes(7), "11 bytes")],
 )
-def test_bytes_that_are_no_message_are_refused_with_the_reason(data: bytes, why: str) -> None:
+def test_bytes_that_are_not_a_message_are_refused_with_the_reason(data: bytes, why: str) -> None:
     with pytest.raises(MalformedMessage, match=why):
         MESSAGES["VehicleStatus"].decode(data)

@@ -102,7 +102,7 @@ def test_the_landed_state_depends_on_the_mode(
     assert reducers.extended_sys_state(reducers.FlightState(), payload, 1.0).landed_state == state
 
 
-def test_positions_velocity_and_time_since_boot_arrive_unchanged(converted: Converted) -> None:
+def test_positions_velocity_and_time_since_boot_are_converted_unchanged(converted: Converted) -> None:
     local, position = _values(LOCAL), _values(GLOBAL)
     offset_us = _values("/fmu/out/timesync_status")["estimated_offset"]
     converted.give(LOCAL)
@@ -118,7 +118,7 @@ def test_positions_velocity_and_time_since_boot_arrive_unchanged(converted: Conv
     assert value.heading_deg == pytest.approx(math.degrees(local["heading"]) % 360, abs=0.01)
 
 
-def test_attitude_battery_gps_and_home_arrive(converted: Converted) -> None:
+def test_attitude_battery_gps_and_home_are_converted(converted: Converted) -> None:
     converted.give("/fmu/out/vehicle_odometry")
     converted.give("/fmu/out/vehicle_attitude")
     value, _ = converted.sample("ATTITUDE_QUATERNION", decoders.attitude_quaternion)
@@ -156,7 +156,7 @@ def test_health_has_the_prearm_check_and_manual_control(converted: Converted) ->
     assert value.sensors_healthy & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 
-def test_a_vehicle_disarmed_on_the_ground_has_its_home_where_it_stands_until_px4_sends_it(
+def test_the_home_of_a_disarmed_vehicle_is_its_position_until_px4_sends_it(
     converted: Converted,
 ) -> None:
     converted.give(LOCAL)
@@ -204,7 +204,7 @@ def test_a_position_off_the_earth_is_malformed(converted: Converted, lat: float)
 
 @pytest.mark.parametrize("topic", [each.name for each in SUBSCRIPTIONS if each.type != "VehicleCommandAck"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38, -3e38])
-def test_no_number_makes_the_conversion_fail_otherwise(topic: str, value: float) -> None:
+def test_extreme_numbers_cause_no_other_error_of_the_conversion(topic: str, value: float) -> None:
     converted = Converted()
     converted.give(LOCAL)
     converted.give(LANDED, landed=True)
@@ -218,7 +218,7 @@ def test_no_number_makes_the_conversion_fail_otherwise(topic: str, value: float)
         encode_payload(message)
 
 
-def test_before_the_first_status_nothing_is_made() -> None:
+def test_before_the_first_status_no_message_is_converted() -> None:
     converter = MavlinkConverter()
     assert converter.convert(LANDED, _values(LANDED), 0.0) == []
     assert converter.address is None

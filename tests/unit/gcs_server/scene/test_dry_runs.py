@@ -87,7 +87,7 @@ def test_each_role_has_its_own_corridor():
     np.testing.assert_allclose(left.corridor_enu_m[2][0], (40, 9, 8))
 
 
-def test_one_flight_has_no_corridor_and_one_that_never_began_no_path():
+def test_a_single_flight_has_no_corridor_and_a_flight_without_samples_has_no_path():
     (alone,) = paths_of({**FOUND, "monte_carlo": None})
     assert corridor_mesh(alone) is None
     assert corridor_edges(alone) is None

@@ -1,3 +1,5 @@
+"""Conversion of positions and attitudes between NED/FRD and the ENU frame of the 3D view."""
+
 import math
 
 import pytest
@@ -27,25 +29,25 @@ def test_attitude_and_vector_conversion_agree(roll, pitch, yaw, v_frd):
     assert by_quaternion == pytest.approx(by_vectors, abs=1e-6)
 
 
-def test_level_heading_east_looks_along_x_with_up_up():
+def test_a_level_vehicle_heading_east_points_along_x():
     q = frames.q_enu_flu_from_q_ned_frd(q_from_euler(0.0, 0.0, math.pi / 2))
     assert rotate(q, (1, 0, 0)) == pytest.approx((1, 0, 0), abs=1e-9)
     assert rotate(q, (0, 0, 1)) == pytest.approx((0, 0, 1), abs=1e-9)
 
 
-def test_nose_up_points_up():
+def test_a_positive_pitch_points_up():
     q = frames.q_enu_flu_from_q_ned_frd(q_from_euler(0.0, math.radians(30), 0.0))
     assert rotate(q, (1, 0, 0)) == pytest.approx((0, math.cos(math.radians(30)), 0.5), abs=1e-9)
 
 
 @given(angles)
-def test_yaw_survives_the_change_of_frame(yaw):
+def test_yaw_is_unchanged_after_conversion_and_back(yaw):
     q = frames.q_enu_flu_from_q_ned_frd(q_from_euler(0.0, 0.0, yaw))
     difference = yaw_from_q(q) - frames.yaw_enu_from_ned(yaw)
     assert math.cos(difference) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_gimbal_yaw_against_the_vehicle_adds_its_heading():
+def test_a_gimbal_yaw_relative_to_the_vehicle_adds_its_heading():
     q = q_from_euler(0.0, -0.5, 0.3)
     relative = frames.q_ned_camera(q, yaw_in_earth_frame=False, vehicle_yaw_ned_rad=1.0)
     assert relative == pytest.approx(q_from_euler(0.0, -0.5, 1.3), abs=1e-9)

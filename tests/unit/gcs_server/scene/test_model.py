@@ -1,3 +1,5 @@
+"""Drawn shapes of the 3D view: models, trails, smoothed poses, camera modes, colours."""
+
 import math
 
 import numpy as np
@@ -56,7 +58,7 @@ def test_a_line_is_turned_along_its_direction(direction):
     assert along == pytest.approx(tuple(c / length for c in direction), abs=1e-9)
 
 
-def test_no_direction_no_turn():
+def test_a_line_without_direction_is_not_turned():
     assert model.q_along((0.0, 0.0, 0.0)) == IDENTITY
 
 
@@ -83,7 +85,7 @@ def test_a_trail_is_bounded_and_keeps_its_ends():
     assert sorted(trail.sealed) == trail.sealed
 
 
-def test_hovering_adds_nothing():
+def test_hovering_adds_no_points_to_a_trail():
     trail = Trail()
     added = [trail.add((math.sin(i) * 0.05, math.cos(i) * 0.05, 10.0)) for i in range(500)]
     assert sum(added) == 1
@@ -102,7 +104,7 @@ def pose():
     return pose_of(vehicle, Placement().place(vehicle), None, 0.0)
 
 
-def test_what_is_drawn_comes_to_rest_where_the_vehicle_is():
+def test_the_drawn_position_converges_to_the_vehicles_position():
     from dataclasses import replace
 
     smoother, measured = Smoother(), pose()
@@ -115,7 +117,7 @@ def test_what_is_drawn_comes_to_rest_where_the_vehicle_is():
     assert smoother.pose.position_enu_m == moved.position_enu_m
 
 
-def test_a_jump_is_shown_as_one():
+def test_a_jump_of_the_position_is_not_smoothed():
     from dataclasses import replace
 
     smoother, measured = Smoother(), pose()
@@ -123,7 +125,7 @@ def test_a_jump_is_shown_as_one():
     assert smoother.step(replace(measured, position_enu_m=(100.0, 0.0, 0.0)), 0.03).position_enu_m[0] == 100.0
 
 
-def test_rotors_turn_their_own_way_and_stand_when_disarmed():
+def test_rotors_turn_in_their_directions_and_stop_when_disarmed():
     from dataclasses import replace
 
     smoother, measured = Smoother(), pose()
@@ -138,7 +140,7 @@ def test_rotors_turn_their_own_way_and_stand_when_disarmed():
     assert smoother.rotor_angles_rad == still
 
 
-def test_the_chasing_heading_follows_calmly_and_the_short_way_round():
+def test_the_chase_heading_follows_smoothly_by_the_shorter_rotation():
     from dataclasses import replace
 
     smoother = Smoother()
@@ -162,7 +164,7 @@ def test_chase_and_top_keep_the_vehicle_in_the_middle(mode):
     assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured.position_enu_m, abs=1e-9)
 
 
-def test_chase_looks_where_the_vehicle_goes():
+def test_the_chase_view_points_along_the_heading():
     measured = pose()  # heading north
     ahead = in_world(world_pose("chase", measured, HEADING_RAD), (5.0, 0.0, 0.0))
     assert ahead == pytest.approx((0.0, 5.0, 10.0), abs=1e-6)
@@ -178,12 +180,12 @@ def test_the_gimbals_view_is_the_cameras_axis():
     assert ahead[1] - eye[1] == pytest.approx(math.cos(0.5), abs=1e-9)
 
 
-def test_free_leaves_the_world_alone():
+def test_the_free_view_does_not_move_the_scene():
     assert world_pose("free", pose(), 1.0) == WorldPose()
     assert world_pose("chase", None, 1.0) == WorldPose()
 
 
-def test_identity_colours_are_the_pages(shared):
+def test_identity_colours_are_those_of_the_page(shared):
     tokens = (shared / "design" / "tokens.css").read_text()
     dark, light = tokens.split('[data-theme="light"]')
     for css, palette in ((dark, PALETTES["dark"]), (light, PALETTES["light"])):

@@ -1,3 +1,5 @@
+"""Positions of vehicles in the common frame of the 3D view."""
+
 import math
 
 import pytest
@@ -89,7 +91,7 @@ def test_height_above_home_is_the_vehicles_own_after_its_estimate_has_drifted():
     assert placement.place(vehicle).height_m == pytest.approx(-0.618, abs=0.002)
 
 
-def test_a_landed_vehicle_stands_on_the_ground_whatever_its_estimate():
+def test_a_landed_vehicle_is_drawn_on_the_ground_for_any_estimate():
     vehicle = flying()
     vehicle.values["status"] = status(landed="on_ground")
     vehicle.values["local_position"] = local(0.0, 0.0, 0.6)
@@ -99,7 +101,7 @@ def test_a_landed_vehicle_stands_on_the_ground_whatever_its_estimate():
     assert place.height_m == pytest.approx(-0.6)
 
 
-def test_one_that_landed_on_a_roof_stays_there():
+def test_a_vehicle_landed_on_a_roof_is_drawn_there():
     vehicle = flying()
     vehicle.values["status"] = status(landed="on_ground")
     assert Placement().place(vehicle).position_enu_m[2] == pytest.approx(10.0)

@@ -1,3 +1,5 @@
+"""The drawn pose of a vehicle: gimbal, motors, target, label."""
+
 import math
 
 import pytest
@@ -30,17 +32,17 @@ def target_local(position=(1.0, 2.0, -3.0), velocity=(None, None, None), yaw=0.0
     return TargetLocal(position, velocity, (None, None, None), yaw, None)
 
 
-def test_a_camera_level_and_ahead_turns_nothing():
+def test_a_level_camera_pointing_ahead_has_no_rotation():
     q = gimbal_in_body(gimbal(q_from_euler(0, 0, 0), earth=False), q_from_euler(0, 0, 1.0), 1.0)
     assert rotate(q, (1, 0, 0)) == pytest.approx((1, 0, 0), abs=1e-9)
 
 
-def test_a_camera_down_looks_down():
+def test_a_camera_pitched_down_points_down():
     q = gimbal_in_body(gimbal(q_from_euler(0, -math.pi / 2, 0), earth=False), q_from_euler(0, 0, 1.0), 1.0)
     assert rotate(q, (1, 0, 0)) == pytest.approx((0, 0, -1), abs=1e-9)
 
 
-def test_a_camera_to_the_right_looks_to_the_right():
+def test_a_camera_yawed_right_points_right():
     q = gimbal_in_body(gimbal(q_from_euler(0, 0, math.pi / 2), earth=False), q_from_euler(0, 0, 1.0), 1.0)
     assert rotate(q, (1, 0, 0)) == pytest.approx((0, -1, 0), abs=1e-9)
 
@@ -52,7 +54,7 @@ def test_a_camera_locked_to_north_stays_there_while_the_vehicle_turns():
     assert rotate(q, (1, 0, 0)) == pytest.approx((0, 1, 0), abs=1e-9)  # heading east, north is left
 
 
-def test_the_horizon_is_held_while_the_vehicle_leans():
+def test_a_stabilized_camera_stays_level_while_the_vehicle_tilts():
     q_vehicle = q_from_euler(0.3, -0.2, 0.7)
     q = gimbal_in_body(gimbal(q_from_euler(0, 0, 0), earth=False), q_vehicle, 0.7)
     vehicle = FakeVehicle(values={"attitude": attitude(0.3, -0.2, 0.7)})
@@ -60,20 +62,20 @@ def test_the_horizon_is_held_while_the_vehicle_leans():
     assert forward == pytest.approx((math.sin(0.7), math.cos(0.7), 0.0), abs=1e-9)
 
 
-def test_no_gimbal_no_camera():
+def test_without_a_gimbal_no_camera_is_drawn():
     assert gimbal_in_body(None, (1, 0, 0, 0), 0.0) is None
     assert gimbal_in_body(gimbal((0.0, 0.0, 0.0, 0.0), earth=True), (1, 0, 0, 0), 0.0) is None
     assert gimbal_in_body(gimbal((1.0, 0.0, 0.0, 0.0), earth=False), (1, 0, 0, 0), math.nan) is None
 
 
-def test_motors_follow_the_outputs_and_stand_still_disarmed():
+def test_motor_speeds_follow_the_outputs_and_are_zero_when_disarmed():
     assert motor_efforts(motors(1000, 1500, 2000, 900, 1), armed=True) == (0.0, 0.5, 1.0, 0.0)
     assert motor_efforts(motors(1500, 1500, 1500, 1500), armed=False) == (0.0, 0.0, 0.0, 0.0)
     assert motor_efforts(motors(1500), armed=True) is None
     assert motor_efforts(None, armed=True) is None
 
 
-def test_our_own_stream_is_the_target_and_its_frame_is_the_vehicles():
+def test_the_target_of_a_stream_is_drawn_in_the_vehicles_frame():
     vehicle = flying()
     target = look(vehicle, OffboardTarget((1.0, 2.0, -12.0), yaw_ned_rad=0.0)).target
     assert target.position_enu_m == pytest.approx((2.0, 1.0, 12.0), abs=1e-6)
@@ -129,7 +131,7 @@ def test_a_silent_vehicle_has_a_label_without_height():
     assert (pose.label, pose.note) == ("7", "no position, replayed")
 
 
-def test_measured_points_are_drawn_only_while_they_are_measured():
+def test_measured_points_are_drawn_for_a_limited_time():
     vehicle = flying()
     vehicle.values["attitude"] = attitude(yaw=math.pi / 2)
     assert look(vehicle).returns_enu_m == ()

@@ -1,4 +1,4 @@
-"""The hub with a fleet made of plain objects: newest values, one encoding, no backlog, no silent loss."""
+"""The telemetry hub with a fake fleet: newest values, no backlog, events, invalid requests."""
 
 import asyncio
 import json
@@ -64,21 +64,21 @@ class Socket:
         frames = [frame for frame in self.sent if frame["type"] == "samples"]
         return [s for f in frames for s in f["samples"] if s["topic"] == topic]
 
-    def told(self, topic):
+    def values(self, topic):
         return [sample["value"] for sample in self.samples(topic)]
 
     def times(self, topic):
         return [sample["received_unix_s"] for sample in self.samples(topic)]
 
     def climbs(self):
-        return [value["climb_m_s"] for value in self.told("hud")]
+        return [value["climb_m_s"] for value in self.values("hud")]
 
 
 def event(index):
     return Event(index, "status_text", "1", 1e9, 4, f"text {index}")
 
 
-def told(story):
+def run_test(story):
     async def run():
         fleet, socket = Fleet(), Socket()
         hub = Hub(LoopClock(asyncio.get_running_loop()), fleet)
@@ -95,7 +95,7 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
     async def story(fleet, socket, hub):
         fleet.set_climb(1.0, 1.0)
         await asyncio.sleep(0.05)
-        assert socket.climbs() == [1.0], "sent once, not again while nothing is new"
+        assert socket.climbs() == [1.0], "an unchanged value is sent once"
         socket.writable.clear()
         for n in range(2, 12):
             fleet.set_climb(float(n), float(n))
@@ -105,7 +105,7 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
         assert socket.climbs()[-1] == 11.0
         assert len(socket.climbs()) <= 3
 
-    told(story)
+    run_test(story)
 
 
 def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes():
@@ -115,18 +115,20 @@ def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes(
         fleet.vehicle.offboard = SimpleNamespace(status=lambda: dict(stream))
         await socket.asks.put(ask)
         await asyncio.sleep(30)
-        assert socket.told("offboard") == [{"state": "idle"}], "not repeated while nothing changes"
+        assert socket.values("offboard") == [{"state": "idle"}], "not repeated while nothing changes"
         stream["state"] = "streaming"
         await asyncio.sleep(0.2)
-        assert socket.told("offboard")[1:] == [{"state": "streaming"}]
+        assert socket.values("offboard")[1:] == [{"state": "streaming"}]
         await socket.asks.put(ask)
         await asyncio.sleep(0.2)
-        assert socket.told("offboard")[2:] == [{"state": "streaming"}], "all anew for who subscribes again"
-        assert socket.told("identity") == [{"simulated": True}] * 2
+        assert socket.values("offboard")[2:] == [{"state": "streaming"}], (
+            "a new subscription gets all values again"
+        )
+        assert socket.values("identity") == [{"simulated": True}] * 2
         assert socket.times("offboard") == sorted(socket.times("offboard"))
-        assert socket.times("offboard")[1] == socket.times("offboard")[2], "the time of the change"
+        assert socket.times("offboard")[1] == socket.times("offboard")[2], "both have the time of the change"
 
-    told(story)
+    run_test(story)
 
 
 def test_a_vehicle_that_returns_under_its_id_is_sent_again():
@@ -139,7 +141,7 @@ def test_a_vehicle_that_returns_under_its_id_is_sent_again():
         frames = [f["event"]["kind"] if f["type"] == "event" else f["type"] for f in socket.sent]
         assert frames == ["hello", "samples", "vehicle_removed", "vehicle_added", "samples"]
 
-    told(story)
+    run_test(story)
 
 
 def test_a_replaced_vehicle_is_announced_before_its_samples():
@@ -156,7 +158,7 @@ def test_a_replaced_vehicle_is_announced_before_its_samples():
         await asyncio.sleep(0.1)
         assert [f["type"] for f in socket.sent] == ["hello", "samples", "replays", "event", "samples"]
 
-    told(story)
+    run_test(story)
 
 
 def test_nan_is_null_on_the_wire():
@@ -165,7 +167,7 @@ def test_nan_is_null_on_the_wire():
         await asyncio.sleep(0.05)
         assert socket.climbs() == [None]
 
-    told(story)
+    run_test(story)
 
 
 def test_events_are_never_conflated_and_too_many_close_the_client():
@@ -183,7 +185,7 @@ def test_events_are_never_conflated_and_too_many_close_the_client():
         await asyncio.sleep(0.05)
         assert socket.closed == CLOSE_TOO_SLOW
 
-    told(story)
+    run_test(story)
 
 
 def test_a_topic_that_cannot_be_encoded_affects_only_itself():
@@ -195,14 +197,14 @@ def test_a_topic_that_cannot_be_encoded_affects_only_itself():
         await asyncio.sleep(0.05)
         fleet.set_climb(2.0, 2.0)
         await asyncio.sleep(0.05)
-        assert socket.climbs()[-2:] == [1.0, 2.0], "the client is served on"
+        assert socket.climbs()[-2:] == [1.0, 2.0], "the other topics are sent"
         (fault,) = fleet.vehicle.isolation.faults
         assert "estimator" in fault
         fleet.samples["estimator"] = Sample("estimator", 1.5, 1e9, 2.0, Estimator(1, 0.0, 0.0))
         await asyncio.sleep(0.05)
-        assert fleet.vehicle.isolation.faults == [], "its cause has gone"
+        assert fleet.vehicle.isolation.faults == [], "the fault ends with its cause"
 
-    told(story)
+    run_test(story)
 
 
 def test_an_event_that_cannot_be_encoded_is_left_out():
@@ -213,7 +215,7 @@ def test_an_event_that_cannot_be_encoded_is_left_out():
         await asyncio.sleep(0.05)
         assert [f["event"]["text"] for f in socket.sent if f["type"] == "event"] == ["text 2"]
 
-    told(story)
+    run_test(story)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +228,7 @@ def test_an_invalid_request_is_explained_and_the_socket_stays_open(ask):
         assert [f for f in socket.sent if f["type"] == "error"]
         assert socket.closed is None
 
-    told(story)
+    run_test(story)
 
 
 def test_invalid_requests_of_a_client_that_reads_nothing_use_no_memory():
@@ -246,7 +248,7 @@ def test_invalid_requests_of_a_client_that_reads_nothing_use_no_memory():
         await asyncio.sleep(0.05)
         assert socket.sent[-1]["type"] == "error"
 
-    told(story)
+    run_test(story)
 
 
 def test_unread_events_are_also_limited_by_their_size():
@@ -261,7 +263,7 @@ def test_unread_events_are_also_limited_by_their_size():
         await asyncio.sleep(0.05)
         assert socket.closed == CLOSE_TOO_SLOW
 
-    told(story)
+    run_test(story)
 
 
 @pytest.mark.parametrize(
@@ -280,7 +282,7 @@ def test_a_too_long_request_is_explained_briefly(ask):
         assert len(error["detail"]) < 600
         assert socket.closed is None
 
-    told(story)
+    run_test(story)
 
 
 def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
@@ -293,6 +295,6 @@ def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
         await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["ros2_topics"], "rate_hz": 10}))
         await asyncio.sleep(5)
         assert 9 <= len(looks) <= 11, "twice a second, whatever rate the client wants"
-        assert socket.told("ros2_topics")[-1] == {"topics": len(looks)}
+        assert socket.values("ros2_topics")[-1] == {"topics": len(looks)}
 
-    told(story)
+    run_test(story)

@@ -1,4 +1,4 @@
-"""Events in order, none twice, whatever the link does; and which of them are asked for again."""
+"""The order of events from a link with losses and repeats, and requests for missing events."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -33,17 +33,17 @@ def test_events_received_in_any_order_and_repeatedly_are_passed_on_once_and_in_o
 def test_a_gap_is_requested_again_and_finally_skipped():
     stream = started(65534)
     assert stream.take(1, 1) == []
-    now_s, asked = 0.0, 0
+    now_s, requests = 0.0, 0
     for _ in range(200):
-        assert stream.take(1, 1) == []  # what comes twice changes nothing
+        assert stream.take(1, 1) == []  # a repeated event changes nothing
         request = stream.wanted(now_s)
         if request is not None:
             assert request == (65535, 0)
-            asked += 1
+            requests += 1
         if stream.give_up(now_s):
             break
         now_s += 0.05
-    assert asked == ASK_TIMES
+    assert requests == ASK_TIMES
     assert now_s >= ASK_TIMES * ASK_EVERY_S
     assert (stream.lost, stream.expected) == (2, 2)
 
@@ -60,7 +60,7 @@ def test_a_recovered_event_releases_the_later_ones():
 def test_the_current_number_shows_a_gap_at_the_end():
     stream = EventStream()
     stream.current(14, 0)
-    assert stream.expected == 15  # what was before we came is history
+    assert stream.expected == 15  # earlier events are not requested
     assert stream.wanted(0.0) is None
     stream.current(16, 0)
     assert stream.wanted(0.0) == (15, 16)
@@ -71,10 +71,10 @@ def test_the_current_number_shows_a_gap_at_the_end():
 def test_events_that_the_vehicle_no_longer_has_are_skipped():
     stream = started(10)
     assert stream.take(20, 20) == []
-    assert stream.skip_unavailable(14, 15) == []  # not the one we wait for
+    assert stream.skip_unavailable(14, 15) == []  # not the expected one
     assert stream.skip_unavailable(11, 18) == []
     assert (stream.expected, stream.lost) == (18, 7)
-    assert stream.skip_unavailable(18, 65000) == []  # a nonsense oldest: only this one is skipped
+    assert stream.skip_unavailable(18, 65000) == []  # an implausible oldest number: only the expected event is skipped
     assert stream.take(19, 19) == [19, 20]
 
 

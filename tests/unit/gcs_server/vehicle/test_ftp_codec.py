@@ -1,4 +1,4 @@
-"""FTP packets and pieces as plain values."""
+"""Encoding of FTP packets, and assembly of pieces of a file."""
 
 import json
 
@@ -23,7 +23,7 @@ packets = st.builds(
 
 
 @given(packets)
-def test_a_packet_survives_the_wire(packet):
+def test_a_packet_is_unchanged_after_encoding_and_decoding(packet):
     payload = codec.encode(packet)
     assert len(payload) == codec.PAYLOAD_BYTES
     assert codec.decode(payload) == packet
@@ -38,7 +38,7 @@ def test_any_bytes_are_decoded_or_ignored(payload):
         assert str(codec.refusal(packet, "a", "Reading"))
 
 
-def test_every_error_has_words():
+def test_every_error_code_has_a_text():
     for error in codec.FtpError:
         text = str(codec.refusal(codec.Packet(0, codec.Opcode.NAK, data=bytes((error, 21))), "x", "Opening"))
         assert "error" not in text
@@ -46,7 +46,7 @@ def test_every_error_has_words():
 
 
 @given(st.integers(0, 1000), st.lists(st.tuples(st.integers(-5, 1100), st.integers(0, 300)), max_size=30))
-def test_pieces_in_any_order_make_the_file_they_came_from(size, cuts):
+def test_pieces_in_any_order_are_joined_to_the_file(size, cuts):
     content = bytes(i * 7 % 251 for i in range(size))
     pieces, there = Pieces(size), set()
     for offset, length in cuts:
@@ -96,7 +96,7 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
 
 
 @pytest.mark.parametrize("path", ["x" * 239, "a\0b"])
-def test_a_path_that_no_packet_holds_is_refused(path):
+def test_a_path_that_does_not_fit_into_a_packet_is_refused(path):
     with pytest.raises(codec.FtpFailed, match="not a valid path"):
         codec.request(codec.Opcode.OPEN_FILE_RO, 0, path=path)
 
@@ -111,7 +111,7 @@ def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
     assert many < 5 * few
 
 
-def test_missing_parts_are_limited_and_what_leaves_too_many_counts_as_lost():
+def test_the_number_of_missing_parts_is_limited():
     pieces = Pieces(100_000)
     every_second_byte(pieces)
     assert pieces.holes <= MAX_HOLES

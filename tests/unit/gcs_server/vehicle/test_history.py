@@ -1,4 +1,4 @@
-"""The last minutes as raw frames: what comes back is what was newest at each call."""
+"""The history of the last minutes as raw frames: the newest frame of each message at each time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Metadata of a vehicle that means ill: what is bad is left out with a word, the rest stays usable."""
+"""Hostile metadata of a vehicle: invalid entries are omitted with the reason, the rest is used."""
 
 import contextlib
 import json
@@ -45,14 +45,14 @@ def events(enums=None, **event):
         ({"shortDesc": ["deep"]}, "Expected `str"),
     ],
 )
-def test_a_parameter_that_does_not_fit_is_left_out_with_the_reason(entry, words):
+def test_invalid_metadata_of_a_parameter_is_omitted_with_the_reason(entry, words):
     found = param_document.parse(parameters({"name": "BAD", "type": "Int32", **entry}))
     assert list(found) == ["GOOD"]
     assert any(word in found.left_out for word in words.split("|")), found.left_out
     assert "Left out 1 parameter" in found.left_out
 
 
-def test_a_million_bad_parameters_are_counted_in_a_short_sentence():
+def test_many_invalid_parameters_are_counted_in_a_short_text():
     content = b'{"version":1,"parameters":[' + b"{}," * 100_000 + b"{}]}"
     found = param_document.parse(content)
     assert not found
@@ -76,7 +76,7 @@ def test_long_texts_of_parameters_are_cut():
 @pytest.mark.parametrize(
     "text", ["<a " * 30_000, " " * 100_000, "{1:.99999999}" * 9000, "\\" * 100_001, "{" * 99_999]
 )
-def test_the_work_for_a_message_does_not_grow_with_what_is_beyond_its_limit(text):
+def test_the_work_for_an_event_text_is_limited(text):
     def fill(times):
         return lambda: event_document.template(text * times, 500).filled([])
 
@@ -84,7 +84,7 @@ def test_the_work_for_a_message_does_not_grow_with_what_is_beyond_its_limit(text
     assert len(event_document.template(text, 500).filled([])) <= 500
 
 
-def test_an_event_is_told_in_a_text_of_limited_length():
+def test_the_text_of_an_event_has_a_limited_length():
     labels = {str(1 << bit): {"name": "x" * 500} for bit in range(64)}
     enums = {"e": {"type": "uint64_t", "is_bitfield": True, "entries": labels}}
     words = event_document.parse(events(enums, message="{1}" * 150, arguments=[{"name": "a", "type": "e"}]))
@@ -94,7 +94,7 @@ def test_an_event_is_told_in_a_text_of_limited_length():
     assert lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
 
 
-def test_a_precision_beyond_reason_shows_few_decimals():
+def test_a_too_large_precision_shows_few_decimals():
     words = event_document.parse(
         events(message="{1:.999} {1:.2}", arguments=[{"name": "a", "type": "float"}])
     )
@@ -110,13 +110,13 @@ def test_a_precision_beyond_reason_shows_few_decimals():
         {"name": None},
     ],
 )
-def test_an_event_that_does_not_fit_is_left_out_with_the_reason(bad):
+def test_an_invalid_event_is_omitted_with_the_reason(bad):
     found = event_document.parse(events(**bad))
     assert [d.name for d in found.values()] == ["good"]
     assert "Left out 1 entry: event 7" in found.left_out
 
 
-def test_an_enum_table_without_end_costs_its_labels_only():
+def test_only_the_labels_of_a_too_long_enum_are_omitted():
     enums = {"e": {"type": "uint8_t", "entries": {str(n): {"name": "x"} for n in range(100_000)}}}
     found = event_document.parse(events(enums, message="{1}", arguments=[{"name": "a", "type": "e"}]))
     assert found[1 << 24 | 7].text(b"\1") == "–"
@@ -127,7 +127,7 @@ def test_an_enum_table_without_end_costs_its_labels_only():
     "bad",
     [{"type": "matrix", "entries": {}}, {"type": "uint8_t", "entries": {"x": {}}}, 3, {"type": "uint8_t"}],
 )
-def test_an_enum_that_does_not_fit_is_left_out_with_the_reason(bad):
+def test_an_invalid_enum_is_omitted_with_the_reason(bad):
     assert "enum e" in event_document.parse(events({"e": bad})).left_out
 
 
@@ -147,7 +147,7 @@ def test_an_enum_that_does_not_fit_is_left_out_with_the_reason(bad):
         max_leaves=20,
     )
 )
-def test_any_json_is_a_document_or_a_sentence(value):
+def test_any_json_gives_a_document_or_an_error_with_text(value):
     problems = []
     for content in (json.dumps(value).encode(), json.dumps({"version": 1, "parameters": value}).encode()):
         for kind in (PARAMETERS, EVENTS):
@@ -160,7 +160,7 @@ def test_any_json_is_a_document_or_a_sentence(value):
     assert all(0 < len(problem) <= metadata_files.MAX_PROBLEM_LENGTH for problem in problems)
 
 
-def test_a_damaged_file_is_told_from_a_bad_one():
+def test_a_damaged_file_and_an_invalid_one_have_different_errors():
     packed = lzma.compress(parameters())
     for damaged, crc in ((packed[:-20], 0), (packed, 1234)):
         with pytest.raises(Damaged):
@@ -168,7 +168,7 @@ def test_a_damaged_file_is_told_from_a_bad_one():
     assert metadata_files.unpacked(packed, metadata_files.crc32(packed)) == parameters()
 
 
-def test_a_general_file_of_wrong_types_keeps_its_good_lines():
+def test_valid_entries_of_a_general_file_are_kept():
     lines = [
         3,
         {"type": "1", "uri": "a"},
@@ -182,7 +182,7 @@ def test_a_general_file_of_wrong_types_keeps_its_good_lines():
         metadata_files.read_general(lzma.compress(b" " * 1_000_000), 0)
 
 
-def test_the_cache_keeps_limited_bytes_in_all(monkeypatch, tmp_path):
+def test_the_total_size_of_the_cache_is_limited(monkeypatch, tmp_path):
     monkeypatch.setattr(cache_module, "MAX_TOTAL_BYTES", 1000)
     cache = Cache(tmp_path)
     for n in range(20):
@@ -192,11 +192,11 @@ def test_the_cache_keeps_limited_bytes_in_all(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["uavcan.pubp-pres", "gnss.dyn_model", "COM_OF_LOSS_T"])
-def test_names_as_px4_has_them_are_taken(name):
+def test_parameter_names_like_those_of_px4_are_accepted(name):
     assert name in param_document.parse(parameters({"name": name, "type": "Int32"}))
 
 
-def test_the_files_of_a_real_px4_are_read_whole(shared):
+def test_the_files_of_a_real_px4_are_read_completely(shared):
     for kind, name, count in ((PARAMETERS, "parameters", 1821), (EVENTS, "events", 370)):
         packed = (shared / f"px4/{name}.json.xz").read_bytes()
         found = metadata_files.read_answer(kind, metadata_files.answer(kind, packed, 0))

@@ -1,4 +1,4 @@
-"""When a vehicle counts as lost: nothing is heard of its autopilot, or no heartbeat for too long."""
+"""When a vehicle counts as lost: no message of its autopilot, or no heartbeat, for too long."""
 
 import pytest
 
@@ -19,14 +19,14 @@ class Clock:
         return self.now_s
 
 
-class Listener:
-    """Steps of half a second, in each of which some messages come."""
+class ReceivingState:
+    """A vehicle state that gets messages every half second."""
 
     def __init__(self):
         self.clock = Clock()
         self.state = VehicleState(AUTOPILOT, self.clock)
 
-    def hears(self, message, component_id=AUTOPILOT):
+    def take(self, message, component_id=AUTOPILOT):
         raw = message.pack(d.MAVLink(None, 1, component_id))
         self.state.take(Frame(message.get_msgId(), 1, component_id, 0, raw, self.clock.now_s))
 
@@ -37,14 +37,14 @@ class Listener:
             if self.state.link_lost:
                 return self.clock.now_s - began_s
             for message in messages:
-                self.hears(message, component_id)
+                self.take(message, component_id)
         return None
 
 
 @pytest.fixture
-def listener():
-    one = Listener()
-    one.hears(HEARTBEAT)
+def state_under_test():
+    one = ReceivingState()
+    one.take(HEARTBEAT)
     return one
 
 
@@ -52,27 +52,27 @@ HEARTBEAT = d.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 
-def test_a_silent_vehicle_is_lost_after_three_and_a_half_seconds(listener):
-    assert listener.lost_after_s() == 4.0
-    assert listener.state.silence() == "no messages for 4.0 s"
+def test_a_silent_vehicle_is_lost_after_three_and_a_half_seconds(state_under_test):
+    assert state_under_test.lost_after_s() == 4.0
+    assert state_under_test.state.silence() == "no messages for 4.0 s"
 
 
-def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(listener):
-    assert listener.lost_after_s(ATTITUDE, within_s=9.0) is None
+def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(state_under_test):
+    assert state_under_test.lost_after_s(ATTITUDE, within_s=9.0) is None
 
 
-def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(listener):
-    assert listener.lost_after_s(ATTITUDE) == 10.5
-    assert "no heartbeat for 10 s" in listener.state.silence()
+def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(state_under_test):
+    assert state_under_test.lost_after_s(ATTITUDE) == 10.5
+    assert "no heartbeat for 10 s" in state_under_test.state.silence()
 
 
-def test_messages_of_the_camera_do_not_count_for_the_autopilot(listener):
-    assert listener.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
+def test_messages_of_the_camera_do_not_count_for_the_autopilot(state_under_test):
+    assert state_under_test.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
 
 
-def test_a_lost_vehicle_returns_only_with_a_heartbeat(listener):
-    listener.lost_after_s()
-    listener.hears(ATTITUDE)
-    assert listener.state.link_lost
-    listener.hears(HEARTBEAT)
-    assert not listener.state.link_lost
+def test_a_lost_vehicle_returns_only_with_a_heartbeat(state_under_test):
+    state_under_test.lost_after_s()
+    state_under_test.take(ATTITUDE)
+    assert state_under_test.state.link_lost
+    state_under_test.take(HEARTBEAT)
+    assert not state_under_test.state.link_lost

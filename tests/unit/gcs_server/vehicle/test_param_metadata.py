@@ -1,4 +1,4 @@
-"""Parameters as plain values: what PX4's metadata says of each; exact types on the wire and in the cache."""
+"""Parameters: PX4's metadata, and exact types in messages and in the cache."""
 
 import json
 import lzma
@@ -62,15 +62,15 @@ def table_with_hash(table, value):
 
 
 def test_nearly_all_recorded_values_are_within_their_ranges(facts, live):
-    """What it does not keep to itself shows what the check would forbid: very little."""
-    odd = set()
+    """The exceptions are values that the server's check would refuse without `force`."""
+    out_of_range = set()
     for name, one in live.items():
         try:
             facts[name].check(one["value"])
         except InvalidRequest as error:
-            odd.add((name, name in str(error), "force" in (error.remedy or "")))
-    assert len(odd) < 10, sorted(odd)
-    assert all(named and forced for _, named, forced in odd)
+            out_of_range.add((name, name in str(error), "force" in (error.remedy or "")))
+    assert len(out_of_range) < 10, sorted(out_of_range)
+    assert all(named and forced for _, named, forced in out_of_range)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_the_error_about_a_range_with_one_limit_names_it():
 def test_the_bits_of_a_value_are_unchanged_in_report_and_cache(bits, kind):
     report = read_report(packed("ABCDEFGHIJKLMNOP", bits, kind=kind))
     if kind == 10:
-        assert report is None  # a double does not fit 32 bits
+        assert report is None  # a double has more than 32 bits
         return
     assert report.param.name == "ABCDEFGHIJKLMNOP"
     assert report.param.is_integer == (kind != REAL32)
@@ -134,7 +134,7 @@ def test_a_cache_of_another_state_or_damaged_is_not_used():
 def test_a_parameter_of_a_list_with_another_length_is_not_stored_by_index():
     table = ParamTable()
     assert table.put(ParamReport(Param("A", 1, True), 0, 3))
-    assert table.put(ParamReport(Param("B", 1, True), 65535, 4))  # asked for by name: no place
+    assert table.put(ParamReport(Param("B", 1, True), 65535, 4))  # requested by name, so it has no index
     assert table.missing(9) == [1, 2]
     assert not table.put(ParamReport(Param("C", 1, True), 1, 4))
 

@@ -1,4 +1,4 @@
-"""What PX4 v1.17 says otherwise than v1.16, heard by the server's decoders and tables."""
+"""Messages and modes of PX4 v1.17 that differ from v1.16, in the server's decoders and tables."""
 
 import json
 import math

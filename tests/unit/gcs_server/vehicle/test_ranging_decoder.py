@@ -57,7 +57,7 @@ def test_sectors_are_decoded_with_step_offset_and_frame():
     )
     assert (value.frame, value.first_deg, value.step_deg, boot_s) == ("body", -15.0, 7.5, 5.0)
     assert value.distances_m[:3] == (5.0, 20.01, None)
-    assert len(value.distances_m) == 48, "a full circle, not more"
+    assert len(value.distances_m) == 48, "at most a full circle"
     assert obstacle_distance(around([500]))[0].frame == "north"
     for unusable in (around([500], step=0), around([500], most_cm=0), around([500], angle_offset=math.nan)):
         with pytest.raises(Unusable):
@@ -77,7 +77,7 @@ def test_rays_turn_with_the_vehicle_and_have_their_time_of_measurement():
         pytest.approx((0.0, 0.0, 1.0)), (3.0,), 99.5,
     )  # fmt: skip
     assert ahead.directions_ned[0] == pytest.approx((0.0, 1.0, 0.0))
-    assert ahead.distances_m == (None,), "nothing within its 20 m"
+    assert ahead.distances_m == (None,), "no obstacle within its range of 20 m"
     assert circle.directions_ned[0] == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
     assert circle.distances_m == (5.0, None)
     assert circle.half_angle_rad == pytest.approx(math.radians(2.5))

@@ -1,4 +1,4 @@
-"""Why a vehicle cannot arm or fly a mode: from what a real PX4 said, in its words and in ours."""
+"""Reasons against arming or flying a mode, from recorded reports of a real PX4."""
 
 import gzip
 import json
@@ -33,12 +33,12 @@ GROUND = "this mode cannot take off from the ground"
 
 
 def join(payloads, definitions=None):
-    """The last report in a row of EVENT payloads."""
+    """The last report in a sequence of EVENT payloads."""
     return [None, *joins(payloads, definitions)][-1]
 
 
 def joins(payloads, definitions=None):
-    """All reports in a row of EVENT payloads."""
+    """All reports in a sequence of EVENT payloads."""
     joiner, reports = ReportJoiner(), []
     for payload in payloads:
         event = decode_event(payload, definitions)
@@ -134,13 +134,13 @@ def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_words
                 if report is None:
                     continue
                 reports += 1
-                told = readiness.readiness_of(report, 0.0, "own")
-                assert len({m.mode for m in told.modes}) == len(told.modes) >= 14
-                for mode in told.modes:
-                    # the recorded vehicle had no external mode: they are shown only where they are named
+                view = readiness.readiness_of(report, 0.0, "own")
+                assert len({m.mode for m in view.modes}) == len(view.modes) >= 14
+                for mode in view.modes:
+                    # the recorded vehicle had no external modes, which are shown only if they have a name
                     assert bool(mode.arming) != mode.can_arm, (name, mode.mode)
                     assert bool(mode.running) != mode.can_run, (name, mode.mode)
-                for cause in told.findings:
+                for cause in view.findings:
                     assert cause.cause[0].isupper()
                     assert cause.cause.endswith((".", "!"))
                     assert "{" not in cause.cause + (cause.remedy or "")
@@ -150,7 +150,7 @@ def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_words
     assert reports > 40
 
 
-def test_the_vehicles_own_words_come_first_and_fill_in_its_values(shared, px4_words):
+def test_the_vehicles_texts_are_preferred_and_filled_with_values(shared, px4_words):
     name = "param_arm_two_mags_required"
     by_name = {}
     for dialogue, payloads in recorded(shared, "command"):
@@ -168,10 +168,10 @@ def test_the_vehicles_own_words_come_first_and_fill_in_its_values(shared, px4_wo
 def test_check_names_match_px4(px4_words):
     assert {i: words.name for i, words in CHECKS.items()} == {i: px4_words[i].name for i in CHECKS}
     named = {i for i, e in px4_words.items() if e.is_check and e.name.startswith("check_modes_")}
-    assert named - set(MODE_NEEDS) == {18648929}  # cannot take off: it may be flown
+    assert named - set(MODE_NEEDS) == {18648929}  # take-off is denied, but the mode can be flown
 
 
-def test_metadata_is_filled_in_as_its_format_says():
+def test_event_texts_are_filled_in_by_their_format():
     document = {
         "version": 2,
         "components": {
@@ -227,8 +227,8 @@ def test_restrictions_of_chunks_add_up_and_a_missing_chunk_drops_the_report():
     assert joiner.end(struct.pack("<BIII", 0, 0, 0, 0)) is None
 
 
-def test_recorded_flights_are_told_in_words_from_start_to_end(shared, px4_words):
-    """Every event of every telemetry log has the vehicle's words, and every report explains what is shut."""
+def test_every_event_of_recorded_flights_has_a_text(shared, px4_words):
+    """Every event of every telemetry log has a text, and every report explains the unavailable modes."""
     events = reports = 0
     for path in sorted((shared / "px4/tlogs").glob("*.tlog*")):
         content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
@@ -278,17 +278,17 @@ def hostile_report(chunks, findings):
 def test_a_too_long_report_is_cut_and_counted(chunks, findings):
     report = hostile_report(chunks, findings)
     assert len(report.findings) == MAX_FINDINGS
-    told = readiness.readiness_of(report, 0.0, "vehicle")
-    assert told.left_out == f"The vehicle reported 20,000 findings; {MAX_FINDINGS} of them are shown."
-    assert all(len(m.arming) <= MAX_CAUSES and len(m.running) <= MAX_CAUSES for m in told.modes)
-    assert len(encode(told)) < 500_000
+    view = readiness.readiness_of(report, 0.0, "vehicle")
+    assert view.left_out == f"The vehicle reported 20,000 findings; {MAX_FINDINGS} of them are shown."
+    assert all(len(m.arming) <= MAX_CAUSES and len(m.running) <= MAX_CAUSES for m in view.modes)
+    assert len(encode(view)) < 500_000
     assert lines_run(lambda: readiness.readiness_of(report, 0.0, "vehicle")) < 60_000
 
 
-def test_a_report_of_usual_length_leaves_nothing_out():
-    told = readiness.readiness_of(hostile_report(1, 3), 0.0, "own")
-    assert told.left_out is None
-    assert len(told.findings) == 3
+def test_a_report_of_usual_length_is_complete():
+    view = readiness.readiness_of(hostile_report(1, 3), 0.0, "own")
+    assert view.left_out is None
+    assert len(view.findings) == 3
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The pure parts: decoders, texts, events, modes, and what is not known."""
+"""Pure functions about a vehicle: decoders, texts, events, modes, and unknown values."""
 
 import json
 import lzma
@@ -107,7 +107,7 @@ def test_the_gimbals_yaw_is_converted_to_both_frames(flags, earth):
     assert (alone.yaw_frd_rad if earth else alone.yaw_ned_rad) is None
 
 
-def test_px4s_gimbal_limits_are_degrees_with_garbage_for_roll():
+def test_px4s_gimbal_limits_are_in_degrees_and_its_roll_limit_is_unknown():
     device = d.MAVLink_gimbal_device_attitude_status_message(0, 0, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0, 0, 0, 1)
     px4 = d.MAVLink_gimbal_manager_information_message(1, 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0)
     value, _ = gimbal(payloads(device, px4), 1, 1)
@@ -149,7 +149,7 @@ def test_the_event_ids_are_px4s(shared):
     assert ours - known == set()
 
 
-def test_modes_have_one_number_each():
+def test_each_mode_has_one_number():
     assert len(modes.BY_NAME) == len(modes.MODES) == len(modes.BY_CUSTOM_MODE)
     assert modes.BY_NAME["hold"].custom_mode == 50593792
     assert modes.name_and_label(33816576, 12) == ("takeoff", "Take off")
@@ -167,7 +167,7 @@ def test_the_modes_are_those_that_px4_lists(shared):
     assert listed - set(modes.BY_CUSTOM_MODE) == set()
 
 
-def test_uids(shared):
+def test_a_vehicles_uid_is_read_from_uid2_or_uid(shared):
     def version(uid, uid2=(0,) * 18, vendor=0):
         message = d.MAVLink_autopilot_version_message(
             1, 0x011000FF, 0, 0, 1, [0] * 8, [0] * 8, [0] * 8, vendor, 0, uid, list(uid2)

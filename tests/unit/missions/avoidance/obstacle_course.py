@@ -97,7 +97,7 @@ class Course:
         self.around, self.down, self.blind = around, down, False
         self.scans: tuple[Scan, ...] = ()
         self.nearest_m, self.highest_m = math.inf, -math.inf
-        self.told: list[str] = []
+        self.states: list[str] = []
         self.adjusted = AdjustedMotion("clear")
 
     def _measure(self, directions: Array) -> tuple[float | None, ...]:
@@ -145,8 +145,8 @@ class Course:
         self.yaw += max(-1.0 * STEP_S, min(1.0 * STEP_S, turn))
         self.nearest_m = min([self.nearest_m, *(block.distance_m(self.at) for block in self.blocks)])
         self.highest_m = max(self.highest_m, -float(self.at[2]))
-        if not self.told or self.told[-1] != self.adjusted.state:
-            self.told.append(self.adjusted.state)
+        if not self.states or self.states[-1] != self.adjusted.state:
+            self.states.append(self.adjusted.state)
         self.now_s += STEP_S
         self.steps += 1
 

@@ -21,7 +21,7 @@ START = (0.0, 0.0, -1.0)
 def test_it_climbs_over_the_box_and_descends_behind(around: bool):
     course = Course([BOX], start=START, around=around)
     course.fly(GOAL)
-    assert course.told == ["over", "back", "clear"]
+    assert course.states == ["over", "back", "clear"]
     assert course.reached(GOAL)
     assert course.nearest_m > 0.5
     assert 4.5 < course.highest_m < 6.0, "above the box, and not far above it"
@@ -34,7 +34,7 @@ def test_it_stays_on_its_track_while_its_velocity_estimate_is_wrong(drift_m_s: f
     for _ in range(int(60 / STEP_S)):
         course.step(WantedMotion(GOAL, yaw_ned_rad=0.0))
         farthest_m = max(farthest_m, abs(float(course.at[1])))
-    assert course.told == ["over", "back", "clear"]
+    assert course.states == ["over", "back", "clear"]
     assert farthest_m < 0.7
 
 
@@ -59,13 +59,13 @@ def test_around_it_passes_at_the_same_altitude():
     assert course.reached(GOAL)
     assert course.nearest_m > 0.5
     assert course.highest_m < 1.3
-    assert course.told == ["around", "back", "clear"]
+    assert course.states == ["around", "back", "clear"]
 
 
 def test_an_obstacle_too_high_to_climb_over_is_flown_around():
     course = Course([BoxObstacle((8.0, 9.0), (-6.0, 4.0), 60.0)], start=(0.0, 0.0, -2.0))
     course.fly((20.0, 0.0, -2.0), seconds=90.0)
-    assert course.told[:2] == ["over", "around"]
+    assert course.states[:2] == ["over", "around"]
     assert course.reached((20.0, 0.0, -2.0))
     assert course.highest_m < 2.0 + MAX_CLIMB_M + 1.0
     assert course.nearest_m > 0.5
@@ -168,7 +168,7 @@ def test_a_moving_path_is_rejoined_behind_the_obstacle():
         feed = (speed, 0.0, 0.0) if place[0] < 40.0 else (0.0, 0.0, 0.0)
         ahead = tuple(at(course.now_s + dt) for dt in (0.5, 1.0, 2.0, 3.0))
         course.step(WantedMotion(place, feed, 0.0, ahead))
-    assert course.told == ["over", "back", "clear"]
+    assert course.states == ["over", "back", "clear"]
     assert course.reached((40.0, 0.0, -1.0))
     assert course.nearest_m > 0.5
 
@@ -176,7 +176,7 @@ def test_a_moving_path_is_rejoined_behind_the_obstacle():
 def test_a_flight_past_a_wall_is_not_changed():
     course = Course([BoxObstacle((0.0, 30.0), (2.0, 3.0), 6.0)], start=START)
     course.fly((25.0, 0.0, -1.0))
-    assert course.told == ["clear"]
+    assert course.states == ["clear"]
 
 
 @st.composite
@@ -201,4 +201,4 @@ def test_among_any_boxes_it_keeps_its_distance_and_returns_to_the_path(
     assert course.nearest_m > 0.4
     if course.adjusted.state != "stopped":
         assert course.reached(goal)
-    assert len(course.told) <= 30, "it does not turn back and forth"
+    assert len(course.states) <= 30, "it does not turn back and forth"

@@ -1,4 +1,4 @@
-"""What keeps a group apart, without any vehicle: braking, looking ahead, and the guard's decisions."""
+"""Separation of a group without vehicles: braking distances, prediction, and the guard's decisions."""
 
 import asyncio
 import math
@@ -38,7 +38,7 @@ def origin(east_m=0.0):
 
 
 def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
-    """Of a vehicle whose estimate is exact: wind and braking alone make the margin, 0.8 m for two."""
+    """A snapshot with an exact estimate, so that only wind and braking make the margin: 0.8 m for two."""
     bounds = Bounds(origin=origin(east_m))
     return Snapshot(101.0, "offboard", position, velocity, yaw, bounds=bounds, accuracy_m=0.0)
 
@@ -112,7 +112,7 @@ def test_vehicles_with_low_tilt_or_attitude_setpoints_are_stopped_earlier():
     assert float(weak_m) == pytest.approx(30 - 4 * 0.8 - 16 / (2 * 0.778), abs=0.05)
 
 
-# --- looking ahead --------------------------------------------------------------------------------
+# --- prediction ---------------------------------------------------------------------------------
 
 
 def test_positions_in_two_local_frames_are_compared_in_a_common_frame():
@@ -203,7 +203,7 @@ def test_the_prediction_has_a_time_limit():
 
 
 def far(index, north_m_s):
-    """600 s to the north and back, `index` times 12 m to the east."""
+    """A path of 600 s to the north and back, `index` times 12 m to the east."""
     north_m = 300.0 * north_m_s
     points = (PathPoint(0.0, HERE), PathPoint(300.0, (north_m, 0.0, -10.0)), PathPoint(600.0, HERE))
     return planned(str(index), Path(points), east_m=12.0 * index)
@@ -325,7 +325,7 @@ def test_a_missed_common_start_starts_no_member():
     assert watch.findings[0].code == "late"
 
 
-def test_two_members_that_come_too_near_hold_and_the_finding_has_their_distance():
+def test_two_members_that_come_too_close_hold_and_the_finding_has_their_distance():
     watch = guard()
     watch.check(101.0, seen())
     near = seen(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))
@@ -334,7 +334,7 @@ def test_two_members_that_come_too_near_hold_and_the_finding_has_their_distance(
     assert actions.code == "separation"
     finding = watch.findings[0]
     assert (finding.code, finding.vehicles, finding.held) == ("separation", ("1", "2"), ("1", "2"))
-    assert not watch.check(101.2, near).hold  # told and done once
+    assert not watch.check(101.2, near).hold  # reported and executed once
 
 
 def test_an_accelerating_member_is_stopped_in_time():

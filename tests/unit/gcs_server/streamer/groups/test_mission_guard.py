@@ -1,4 +1,4 @@
-"""The guard of a mission of several vehicles: who counts, and whom it stops."""
+"""The guard of a mission for several vehicles: which vehicles it checks, and which it stops."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NOW_S = 101.0
 
 
 def seen(east_m: float, phase: str = "streaming", **more: object) -> MemberView:
-    """A vehicle that stands still in the air, with an exact estimate."""
+    """A hovering vehicle with an exact estimate."""
     origin = LocalOrigin(47.0, 8.0, 500.0)
     here = Snapshot(
         NOW_S, "offboard", (0.0, east_m, -10.0), (0.0, 0.0, 0.0), 0.0, armed=True,

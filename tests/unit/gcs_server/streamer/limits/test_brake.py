@@ -1,4 +1,4 @@
-"""A setpoint towards something that the vehicle's sensors measure is slowed down, and stopped before it."""
+"""The brake: setpoints towards a measured obstacle are slowed down and stopped in front of it."""
 
 import math
 from random import Random
@@ -171,7 +171,7 @@ def test_setpoints_without_position_control_are_taken_over_before_an_obstacle(wa
     near = seen(5.0, velocity=fast.velocity_ned_m_s)
     assert "hit an obstacle" in limited(wanted, near, fast).stop
     assert limited(wanted, seen(15.0, velocity=fast.velocity_ned_m_s), fast).stop is None
-    assert limited(wanted, seen(0.5)).stop is None, "it stands"
+    assert limited(wanted, seen(0.5)).stop is None, "it has stopped"
     assert limited(wanted, None, fast).stop is None
 
 
@@ -189,7 +189,7 @@ def test_flight_along_a_near_wall_is_allowed():
 @settings(max_examples=25, deadline=None, phases=[Phase.generate])
 @given(st.floats(3.0, 18.0), st.floats(1.0, 12.0), st.floats(-0.6, 0.6), st.booleans())
 def test_it_always_stops_before_a_wall(wall_m, speed, course, by_position):
-    """Followed with the lag that PX4 has, measured five times a second."""
+    """The setpoints are followed with PX4's lag; measurements come at 5 Hz."""
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in (math.radians(5.0 * k) for k in range(72)))
     n, e, vn, ve = 0.0, 0.0, 0.0, 0.0
     wanted = Velocity((speed * math.cos(course), speed * math.sin(course), 0.0))

@@ -1,4 +1,4 @@
-"""Whatever is ordered, what goes out is finite, inside the limits, and stoppable before the fence."""
+"""Limits of setpoints: every sent setpoint is finite, within the limits, and can stop before the fence."""
 
 import math
 
@@ -94,7 +94,7 @@ NEXT_TO = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
 
 
 def ground_ok(place, limits):
-    """Inside, or on the line but for the last digits."""
+    """Whether a position is inside, or on the edge within rounding errors."""
     n, e = place
     return any(limits.region.breach((n + dn, e + de)) is None for dn, de in NEXT_TO)
 
@@ -109,7 +109,7 @@ def speeds_ok(velocity, limits):
 
 
 def stoppable(velocity, here, limits):
-    """Flown for the delay and then braked, it stops inside."""
+    """Checks that a vehicle with this velocity, braked after the delay, stops inside."""
     n, e, d = (axis or 0.0 for axis in velocity)
     at, speed = here.position_ned_m, math.hypot(n, e)
     if speed > 1e-6:
@@ -159,7 +159,7 @@ def test_any_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt
         assert ground_ok(place[:2], limits)
         assert limits.region.clamp_down_m(place[2]) == place[2]
     unchanged = sent == wanted
-    assert unchanged or result.notes or result.stop, "what is taken away is said"
+    assert unchanged or result.notes or result.stop, "each change is reported"
 
 
 @given(orders, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
@@ -187,7 +187,7 @@ def test_without_a_position_no_velocity_is_sent_inside_a_fence(velocity, limits)
 
 
 def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
-    """A vehicle that follows velocity setpoints as PX4 does: a lag, and no more than 5 m/s²."""
+    """A vehicle that follows velocity setpoints as PX4 does: with a lag and at most 5 m/s²."""
     position, velocity = list(here.position_ned_m), list(here.velocity_ned_m_s)
     before = None
     for _ in range(int(seconds / dt_s)):
@@ -201,19 +201,19 @@ def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
         yield now
 
 
-@settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would fly for minutes
+@settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would take minutes
 @given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
-def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, fall):
+def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, velocity_down_m_s):
     limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, sink_m_s=4.0, region=FENCED)
-    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), fall))
+    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
     for now in flight(wanted, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), 50):
         n, e, d = now.position_ned_m
         assert FENCED.breach((n, e)) is None
-        assert -40.0 <= d <= 0.0  # 50 s at this speed are further than the fence is wide
+        assert -40.0 <= d <= 0.0  # in 50 s it would fly farther than the width of the fence
 
 
 def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
-    """Along the fence there would be way enough: but the vehicle still flies towards it."""
+    """The new direction is along the fence, but the vehicle still moves towards it."""
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = VehicleMotion((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
     sent = apply_limits(Velocity((0.0, 5.0, 0.0)), limits, here).setpoint
@@ -234,7 +234,7 @@ def test_from_outside_only_velocities_back_inside_are_sent():
 
 
 def test_near_the_edge_the_vehicle_is_moved_back():
-    """PX4's integrator carries it on for seconds after the setpoint has become zero."""
+    """PX4's integrator moves the vehicle for seconds after the setpoint has become zero."""
     limits = Bounds(region=Region(-20.0, math.inf, (Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = VehicleMotion((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
     sent = apply_limits(Velocity((0.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s
@@ -266,7 +266,7 @@ def test_setpoints_without_position_control_are_taken_over_in_time(wanted):
 
 
 def test_a_far_target_is_approached_at_the_operators_speed():
-    """PX4 would fly there at its own: the place sent is a carrot before the vehicle."""
+    """PX4 would use its own speed, so the sent position is a short distance ahead of the vehicle."""
     limits = Bounds(approach_m_s=3.0, position_gain=0.95)
     here = VehicleMotion((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))
     result = apply_limits(Position((100.0, 0.0, -10.0)), limits, here)

@@ -1,4 +1,4 @@
-"""What the vehicle does when the stream stops, in words."""
+"""The text about the vehicle's failsafe when the stream stops."""
 
 import pytest
 

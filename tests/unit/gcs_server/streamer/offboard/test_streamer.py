@@ -1,4 +1,4 @@
-"""Starting and stopping the stream against a vehicle made of plain objects, on simulated time."""
+"""Start and stop of a setpoint stream with a fake vehicle, on simulated time."""
 
 import asyncio
 import logging
@@ -85,7 +85,7 @@ class Vehicle:
 
 
 def streaming(clock, stalls=()):
-    """A streamer whose rounds the loop runs; but from `stalls[n][0]` to `[1]` [s] they stand still."""
+    """A streamer whose scheduler runs in the loop, except from `stalls[n][0]` to `stalls[n][1]` [s]."""
     supervisor, rounds = Supervisor(clock), LoopStreams(clock)
     began_s = clock.monotonic_s()
 
@@ -100,7 +100,7 @@ def streaming(clock, stalls=()):
     return supervisor, Streamer(clock, rounds)
 
 
-def told(story, stalls=()):
+def run_test(story, stalls=()):
     async def run():
         clock = LoopClock(asyncio.get_running_loop())
         vehicle = Vehicle(clock)
@@ -120,7 +120,7 @@ def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
     async def story(vehicle):
         status = await vehicle.offboard.start(StreamRequest(UP, 60.0, client="me"))
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
-        assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 a second"
+        assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 Hz"
         assert (status.state, status.client) == ("streaming", "me")
         assert "lands at its current position" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
@@ -131,17 +131,17 @@ def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
         assert len(vehicle.sent) == count
         assert vehicle.status.mode == "hold"
 
-    told(story)
+    run_test(story)
 
 
 def test_unsent_setpoints_do_not_count_as_streamed():
-    """A machine that stands still during the start must not ask for Offboard after a single setpoint."""
+    """On a machine that stalls during the start, Offboard must not be requested after a single setpoint."""
 
     async def story(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert vehicle.asked[0][1] >= 60
 
-    told(story, stalls=[(0.01, 1.3)])
+    run_test(story, stalls=[(0.01, 1.3)])
 
 
 def test_offboard_is_not_requested_without_a_steady_stream():
@@ -151,7 +151,7 @@ def test_offboard_is_not_requested_without_a_steady_stream():
         assert vehicle.asked == []
         assert not vehicle.offboard.status().streaming
 
-    told(story, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
+    run_test(story, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
 
 
 def test_a_refusal_stops_the_stream_and_is_raised():
@@ -163,7 +163,7 @@ def test_a_refusal_stops_the_stream_and_is_raised():
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(StreamRequest(UP, 60.0))
 
-    told(story)
+    run_test(story)
 
 
 def test_prerequisites_are_explained():
@@ -179,7 +179,7 @@ def test_prerequisites_are_explained():
             await vehicle.offboard.start(StreamRequest(UP))
         assert vehicle.sent == []
 
-    told(story)
+    run_test(story)
 
 
 def test_leaving_offboard_ends_the_stream_with_an_event():
@@ -190,7 +190,7 @@ def test_leaving_offboard_ends_the_stream_with_an_event():
         assert not vehicle.offboard.status().streaming
         assert [e.data["code"] for e in vehicle.events.since()] == ["left_offboard"]
 
-    told(story)
+    run_test(story)
 
 
 def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
@@ -199,12 +199,12 @@ def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
         vehicle.ours = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
         await asyncio.sleep(0.35)
-        (told,) = vehicle.events.since()
-        assert (told.kind, told.severity, told.data["code"]) == ("command", 6, "commanded")
-        assert "page commanded 'Land'" in told.text
+        (run_test,) = vehicle.events.since()
+        assert (run_test.kind, run_test.severity, run_test.data["code"]) == ("command", 6, "commanded")
+        assert "page commanded 'Land'" in run_test.text
         assert "page" in vehicle.offboard.status().ended
 
-    told(story)
+    run_test(story)
 
 
 def test_shutdown_stops_all_streams_at_once_within_the_deadline(

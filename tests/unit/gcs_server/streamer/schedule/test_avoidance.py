@@ -1,4 +1,4 @@
-"""Avoidance and brake inside a stream: when they act, what they tell, and what they leave alone."""
+"""Avoidance and brake in a setpoint stream: when they act, and what they report."""
 
 import pytest
 
@@ -18,14 +18,14 @@ STILL = (0.0, 0.0, 0.0)
 
 
 class Stream:
-    """A pipeline whose vehicle stands at the origin, 2 m high, with what its sensors measure."""
+    """A setpoint pipeline of a vehicle at the origin, 2 m high, with fake sensors."""
 
     def __init__(self):
         self.pipeline, self.now_s = SetpointPipeline(self), 100.0
         self.ahead_m, self.avoidance, self.bounds, self.silent_s = 3.0, None, Bounds(), 0.0
         self.mission_avoidance = None
         self.position = (0.0, 0.0, -2.0)
-        self.told = []
+        self.report_codes = []
 
     def load(self, setpoint):
         pass
@@ -43,15 +43,15 @@ class Stream:
         )  # fmt: skip
 
     def send(self, setpoint, steps=1):
-        """Orders it, and what goes out after so many sendings."""
+        """Sets a setpoint; returns the one that is sent after this number of steps."""
         self.pipeline.accept(self.now_s, setpoint, self.snapshot())
-        return self.go_on(steps)
+        return self.continue_sending(steps)
 
-    def go_on(self, steps=1):
+    def continue_sending(self, steps=1):
         for _ in range(steps):
             self.now_s += 0.1
             self.pipeline.refresh(self.now_s, self.snapshot(), waiting=False)
-            self.told += [report.code for report in self.pipeline.take_reports()]
+            self.report_codes += [report.code for report in self.pipeline.take_reports()]
         return self.pipeline.sent
 
 
@@ -64,7 +64,7 @@ def test_with_avoidance_off_only_the_brake_acts(stream):
     assert stream.send(GOAL).position_ned_m[0] < 2.0
     assert stream.pipeline.limited == ("position limited to stop before an obstacle",)
     assert stream.pipeline.avoiding is None
-    assert stream.told == ["limited"]
+    assert stream.report_codes == ["limited"]
 
 
 def test_the_operator_switches_the_brake_off_and_avoidance_keeps_it_on(stream):
@@ -91,7 +91,7 @@ def test_with_avoidance_every_position_setpoint_climbs_over_the_obstacle(stream,
     assert isinstance(sent, Velocity)
     assert sent.velocity_ned_m_s[2] < -0.5
     assert stream.pipeline.avoiding.state == "over"
-    assert stream.told == ["avoidance"], "told once"
+    assert stream.report_codes == ["avoidance"], "reported once"
 
 
 def test_avoidance_reports_that_it_ignores_velocities(stream):
@@ -104,9 +104,9 @@ def test_avoidance_reports_that_it_ignores_velocities(stream):
 def test_avoidance_can_be_switched_between_two_setpoints(stream):
     stream.send(GOAL)
     stream.avoidance = "over"
-    assert isinstance(stream.go_on(), Velocity)
+    assert isinstance(stream.continue_sending(), Velocity)
     stream.avoidance = None
-    assert isinstance(stream.go_on(), Position)
+    assert isinstance(stream.continue_sending(), Position)
     assert stream.pipeline.avoiding is None
 
 
@@ -116,28 +116,28 @@ def test_without_a_position_or_with_silent_sensors_the_vehicle_is_stopped(stream
     assert stream.send(GOAL).position_ned_m == (0.0, 0.0, -2.0)
     assert stream.pipeline.avoiding.state == "stopped"
     stream.silent_s, stream.position = 0.0, None
-    assert stream.go_on().velocity_ned_m_s == STILL
+    assert stream.continue_sending().velocity_ned_m_s == STILL
     assert "position estimate" in stream.pipeline.avoiding.text
-    assert stream.told.count("avoidance_stopped") == 1
+    assert stream.report_codes.count("avoidance_stopped") == 1
 
 
 def test_a_silent_sensor_is_reported_once_and_the_stream_continues(stream):
     stream.ahead_m = None
     stream.send(Position((3.0, 0.0, -2.0), 0.0), 2)
     stream.silent_s = 2.5
-    assert stream.go_on(5) == Position((3.0, 0.0, -2.0), 0.0)
-    assert stream.told == ["obstacle_sensor_lost"]
+    assert stream.continue_sending(5) == Position((3.0, 0.0, -2.0), 0.0)
+    assert stream.report_codes == ["obstacle_sensor_lost"]
 
 
 @pytest.mark.parametrize("wanted", [GOAL, Velocity((5.0, 0.0, 0.0))], ids=lambda wanted: wanted.type)
 def test_a_sensor_that_stops_sending_does_not_release_a_braked_vehicle(stream, wanted):
     stream.send(wanted, 2)
     stream.silent_s = 2.5
-    assert stream.go_on(5) == Position((0.0, 0.0, -2.0), 0.0)
-    assert stream.told == ["limited", "obstacle_sensor_lost"]
-    assert stream.send(GOAL) == GOAL, "another setpoint is flown: the sensor is known to be silent"
+    assert stream.continue_sending(5) == Position((0.0, 0.0, -2.0), 0.0)
+    assert stream.report_codes == ["limited", "obstacle_sensor_lost"]
+    assert stream.send(GOAL) == GOAL, "a new setpoint is flown, since the silent sensor was reported"
     stream.silent_s = 0.0
-    assert stream.go_on().position_ned_m[0] < 2.0
+    assert stream.continue_sending().position_ned_m[0] < 2.0
 
 
 def test_a_position_hold_uses_no_avoidance(stream):
@@ -157,7 +157,7 @@ def test_the_fence_limits_a_detour_like_any_other_setpoint(stream):
 
 
 def script(step):
-    """A mission that flies 10 m north through the place of the box."""
+    """A mission that flies 10 m north through the position of the box."""
     return Script("Test", timeline(flown(step)).segments[1:-1])
 
 

@@ -1,4 +1,4 @@
-"""The modes of several vehicles in the process of the setpoint streams, with a clock that is a number."""
+"""External modes of several vehicles in the stream process, with a fake clock."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class Clock:
         return 1_700_000_000.0 + self.now_s
 
     async def sleep(self, seconds: float) -> None:
-        raise AssertionError("nothing waits")
+        raise AssertionError("nothing may wait")
 
 
 class Px4:
-    """PX4's side of one vehicle: answers registrations, asks every 0.3 s."""
+    """A fake PX4: answers registrations, and sends an arming check request every 0.3 s."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
-        self.open, self.answers, self.asks_s = True, True, 0.0
+        self.open, self.answers, self.next_check_s = True, True, 0.0
         self.modes: dict[int, str] = {}
         self._to_server: list[tuple[str, bytes]] = []
 
@@ -74,12 +74,12 @@ class Px4:
     def give_bytes(self, topic: str, data: bytes) -> None:
         self._to_server.append((topic, data))
 
-    def ask(self, now_s: float) -> None:
-        if self.modes and now_s >= self.asks_s:
-            self.asks_s = now_s + 0.312
+    def send_check_request(self, now_s: float) -> None:
+        if self.modes and now_s >= self.next_check_s:
+            self.next_check_s = now_s + 0.312
             self.give(CHECK_REQUEST, {"request_id": int(now_s * 10) % 256})
 
-    def flies(self, nav_state: int, *, armed: bool = True) -> None:
+    def report_status(self, nav_state: int, *, armed: bool = True) -> None:
         mask = sum(1 << each for each in self.modes)
         fields = {"nav_state": nav_state, "arming_state": 2 if armed else 1, "can_set_nav_states_mask": mask}
         self.give(STATUS, fields)
@@ -90,8 +90,8 @@ class Px4:
         return [topic for topic, _ in sent]
 
 
-class Bench:
-    """The modes of one vehicle, run by hand."""
+class ModesSetup:
+    """External modes with a fake PX4, run step by step."""
 
     def __init__(self) -> None:
         self.clock, self.px4 = Clock(), Px4()
@@ -104,7 +104,7 @@ class Bench:
     def run(self, seconds: float) -> None:
         until_s = self.clock.now_s + seconds
         while self.clock.now_s < until_s:
-            self.px4.ask(self.clock.now_s)
+            self.px4.send_check_request(self.clock.now_s)
             self.modes.step(self.clock.now_s, server_alive=self.alive, flown=lambda _: self.flown)
             self.clock.now_s = round(self.clock.now_s + 0.01, 3)
 
@@ -112,13 +112,13 @@ class Bench:
         return [(each.name, each.state) for each in self.modes.states().get("1", ())]
 
     def answers(self) -> list[bool]:
-        """Each answer sent so far: whether the mode can run."""
+        """For each answer sent so far, whether the mode can run."""
         return [values["can_arm_and_run"] for topic, values in self.px4.sent if topic == CHECK_REPLY]
 
 
 @pytest.fixture
-def bench() -> Bench:
-    made = Bench()
+def bench() -> ModesSetup:
+    made = ModesSetup()
     made.register()
     made.run(1.0)
     assert made.states() == [("Line", "registered")]
@@ -127,20 +127,22 @@ def bench() -> Bench:
 
 
 def test_without_modes_no_step_is_due() -> None:
-    assert Bench().modes.step(10.0, server_alive=True, flown=lambda _: False) == float("inf")
+    assert ModesSetup().modes.step(10.0, server_alive=True, flown=lambda _: False) == float("inf")
 
 
-def test_every_request_is_answered_within_a_tenth_of_a_second(bench: Bench) -> None:
+def test_every_request_is_answered_within_a_tenth_of_a_second(bench: ModesSetup) -> None:
     bench.run(5.0)
     assert len(bench.answers()) == pytest.approx(5.0 / 0.312, abs=1.5)
     bench.px4.sent.clear()
-    bench.px4.asks_s = float("inf")
+    bench.px4.next_check_s = float("inf")
     bench.px4.give(CHECK_REQUEST, {"request_id": 3})
     bench.run(0.03)
     assert bench.answers() == [True]
 
 
-def test_while_the_event_loop_is_silent_the_answers_report_that_the_mode_cannot_run(bench: Bench) -> None:
+def test_while_the_event_loop_is_silent_the_answers_report_that_the_mode_cannot_run(
+    bench: ModesSetup,
+) -> None:
     bench.alive = False
     bench.run(1.0)
     assert set(bench.answers()) == {False}
@@ -150,24 +152,28 @@ def test_while_the_event_loop_is_silent_the_answers_report_that_the_mode_cannot_
     assert set(bench.answers()) == {True}
 
 
-def test_without_a_stream_the_vehicle_is_stopped_in_the_mode(bench: Bench) -> None:
-    bench.px4.flies(23)
+def test_without_a_stream_the_vehicle_is_stopped_in_the_mode(bench: ModesSetup) -> None:
+    bench.px4.report_status(23)
     bench.run(0.2)
     assert {CONTROLLERS, TRAJECTORY} <= set(bench.px4.topics())
     bench.flown = True
-    bench.px4.flies(23)
+    bench.px4.report_status(23)
     bench.run(1.0)
     assert set(bench.px4.topics()) == {CHECK_REPLY}
 
 
 @pytest.mark.parametrize(("nav_state", "armed"), [(4, True), (23, False), (24, True)])
-def test_in_other_modes_and_disarmed_no_setpoint_is_sent(bench: Bench, nav_state: int, armed: bool) -> None:
-    bench.px4.flies(nav_state, armed=armed)
+def test_in_other_modes_and_disarmed_no_setpoint_is_sent(
+    bench: ModesSetup, nav_state: int, armed: bool
+) -> None:
+    bench.px4.report_status(nav_state, armed=armed)
     bench.run(1.0)
     assert set(bench.px4.topics()) == {CHECK_REPLY}
 
 
-def test_two_modes_are_registered_one_after_the_other_and_removed_one_after_the_other(bench: Bench) -> None:
+def test_two_modes_are_registered_one_after_the_other_and_removed_one_after_the_other(
+    bench: ModesSetup,
+) -> None:
     bench.register("Square")
     bench.register("Circle")
     bench.run(3.0)
@@ -182,7 +188,7 @@ def test_two_modes_are_registered_one_after_the_other_and_removed_one_after_the_
     assert bench.modes.states() == {}
 
 
-def test_registrations_beyond_the_limits_are_refused(bench: Bench) -> None:
+def test_registrations_beyond_the_limits_are_refused(bench: ModesSetup) -> None:
     with pytest.raises(ValueError, match="already registered"):
         bench.register()
     with pytest.raises(ValueError, match="another ROS 2 link"):
@@ -193,7 +199,7 @@ def test_registrations_beyond_the_limits_are_refused(bench: Bench) -> None:
         bench.register("One more")
 
 
-def test_a_lost_mode_can_be_registered_again(bench: Bench) -> None:
+def test_a_lost_mode_can_be_registered_again(bench: ModesSetup) -> None:
     bench.px4.modes.clear()
     bench.run(2.0)
     assert bench.states() == [("Line", "lost")]
@@ -203,7 +209,7 @@ def test_a_lost_mode_can_be_registered_again(bench: Bench) -> None:
 
 
 def test_a_registration_waits_for_dds_and_is_refused_without_an_answer() -> None:
-    bench = Bench()
+    bench = ModesSetup()
     bench.px4.open = bench.px4.answers = False
     bench.register()
     bench.run(2.0)
@@ -214,7 +220,7 @@ def test_a_registration_waits_for_dds_and_is_refused_without_an_answer() -> None
     assert bench.states() == [("Line", "refused")]
 
 
-def test_the_end_of_the_mode_is_reported_by_its_name_in_the_status(bench: Bench) -> None:
+def test_the_end_of_the_mode_is_reported_by_its_name_in_the_status(bench: ModesSetup) -> None:
     bench.modes.complete("1", "external_2", success=True)
     bench.modes.complete("2", "external_1", success=True)
     assert bench.px4.topics() == []
@@ -222,14 +228,16 @@ def test_the_end_of_the_mode_is_reported_by_its_name_in_the_status(bench: Bench)
     assert [(topic, each["result"]) for topic, each in bench.px4.sent] == [(COMPLETED, 100)]
 
 
-def test_a_malformed_message_is_skipped(bench: Bench) -> None:
+def test_a_malformed_message_is_skipped(bench: ModesSetup) -> None:
     bench.px4.give_bytes(CHECK_REQUEST, b"\0\1")
     bench.px4.give_bytes(STATUS, b"")
     bench.run(1.0)
     assert bench.states() == [("Line", "registered")]
 
 
-def test_a_fault_of_one_vehicle_leaves_the_others(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_fault_of_one_vehicle_leaves_the_others(
+    bench: ModesSetup, caplog: pytest.LogCaptureFixture
+) -> None:
     class Broken(Px4):
         def take(self) -> list[tuple[str, bytes]]:
             raise RuntimeError("broken")
@@ -243,13 +251,13 @@ def test_a_fault_of_one_vehicle_leaves_the_others(bench: Bench, caplog: pytest.L
     assert len(bench.answers()) >= 5
 
 
-def test_at_the_end_all_modes_are_unregistered(bench: Bench) -> None:
+def test_at_the_end_all_modes_are_unregistered(bench: ModesSetup) -> None:
     bench.modes.close()
     assert bench.px4.topics() == [UNREGISTER]
     assert bench.modes.states() == {}
 
 
-def test_a_forgotten_vehicles_modes_are_unregistered(bench: Bench) -> None:
+def test_a_forgotten_vehicles_modes_are_unregistered(bench: ModesSetup) -> None:
     bench.modes.forget("1")
     bench.modes.forget("unknown")
     bench.run(0.5)

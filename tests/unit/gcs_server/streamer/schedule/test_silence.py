@@ -1,4 +1,4 @@
-"""The scheduler run by hand, time is a number: a server that is late, and a vehicle whose stream fails."""
+"""The scheduler with a fake clock: a server that stalls, and vehicles whose streams fail."""
 
 import math
 import struct
@@ -29,8 +29,8 @@ class Clock:
         return self.now_s
 
 
-class Bench:
-    """A stream that is run by hand, with the time of each sending."""
+class SchedulerSetup:
+    """A scheduler with one stream, run step by step, and the time of each sent setpoint."""
 
     def __init__(self):
         self.clock, self.sent = Clock(), []
@@ -56,14 +56,14 @@ class Bench:
             if beats:
                 self.beat()
             if steps:
-                assert self.streams.step() > self.clock.now_s  # else it would never rest
+                assert self.streams.step() > self.clock.now_s  # otherwise it would never wait
 
     def codes(self):
         return [report.code for _, report in self.streams.take_reports()]
 
 
 def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
-    bench = Bench()
+    bench = SchedulerSetup()
     bench.run(1.0, beats=True)
     bench.run(0.4, beats=False)
     bench.run(1.0, beats=True)
@@ -72,7 +72,7 @@ def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
 
 
 def test_a_stall_of_3_s_ends_the_stream_with_an_event():
-    bench = Bench()
+    bench = SchedulerSetup()
     bench.run(1.0, beats=True)
     stalled_s = bench.clock.now_s
     bench.run(3.0, beats=False)
@@ -87,7 +87,7 @@ def test_a_stall_of_3_s_ends_the_stream_with_an_event():
 
 @pytest.mark.parametrize("first", ["beat", "begin of another vehicle"])
 def test_a_resumed_process_sends_no_old_setpoints(first):
-    bench = Bench()
+    bench = SchedulerSetup()
     bench.run(1.0, beats=True)
     bench.clock.now_s += 3.0  # neither loop nor scheduler ran
     count = len(bench.sent)
@@ -108,7 +108,7 @@ class Broken:
 
 
 def test_one_vehicles_fault_does_not_affect_other_streams():
-    bench = Bench()
+    bench = SchedulerSetup()
     bench.streams.attach("bad", Broken(), (2, 1))
     assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
     count = len(bench.sent)
@@ -119,9 +119,9 @@ def test_one_vehicles_fault_does_not_affect_other_streams():
     assert len(bench.sent) - count == pytest.approx(50, abs=2)
 
 
-def two():
-    """A bench with a second vehicle, "bad", that is streamed to."""
-    bench = Bench()
+def setup_with_two():
+    """A scheduler with a second stream, to vehicle "bad"."""
+    bench = SchedulerSetup()
     bench.streams.attach("bad", bench, (2, 1))
     assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
     assert bench.streams.engage("bad", bench.snapshot())
@@ -137,7 +137,7 @@ def two():
     ],
 )
 def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
-    bench = two()
+    bench = setup_with_two()
     bench.streams.beat({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
     bench.run(1.0, beats=True)
     assert bench.streams.active() == ["1"]
@@ -145,8 +145,8 @@ def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
 
 
 def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
-    """What the loop's silence should have ended is ended when it is back: all of it."""
-    bench = two()
+    """After a stall of the loop all streams end, even if one of them has a fault."""
+    bench = setup_with_two()
     bench.run(0.5, beats=True)
     core = bench.streams._streams["bad"].core
 
@@ -162,9 +162,9 @@ def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e38, 1e300])
 def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
-    """Its velocity setpoint expires while its estimate says nonsense: no place can be held, so it is
-    asked for Land, and what goes out meanwhile is finite."""
-    bench = Bench()
+    """The setpoint expires while the estimate is implausible: no position can be held, so Land is
+    requested, and all sent setpoints are finite."""
+    bench = SchedulerSetup()
     frames = []
     bench.send_payload = lambda msg_id, payload: frames.append((msg_id, payload)) or True
     request = StreamRequest(Velocity((1.0, 0.0, 0.0)), 0.5, OnExpiry("hold"))
@@ -184,7 +184,7 @@ def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
 
 
 def in_group(bench, *ids):
-    """All of them in a group, ten metres apart."""
+    """Puts these vehicles into a group, 10 m apart; returns their bounds."""
     now_s = bench.clock.now_s
     requests = dict.fromkeys(ids, StreamRequest(HOVER, 60.0))
     guard = GroupGuard(
@@ -196,7 +196,7 @@ def in_group(bench, *ids):
 
 
 def test_a_member_that_cannot_be_held_does_not_stop_the_others_from_holding(monkeypatch):
-    bench = two()
+    bench = setup_with_two()
     bounds = in_group(bench, "bad", "1")
 
     def beat(**more):
@@ -220,7 +220,7 @@ def test_a_member_that_cannot_be_held_does_not_stop_the_others_from_holding(monk
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
 def test_a_member_with_implausible_numbers_holds_only_its_group(wrong):
-    bench = two()
+    bench = setup_with_two()
     bounds = in_group(bench, "bad")
     for _ in range(3):
         bench.clock.now_s += 0.05
@@ -234,7 +234,7 @@ def test_a_member_with_implausible_numbers_holds_only_its_group(wrong):
 
 
 def test_a_failing_guard_holds_its_group_and_other_streams_continue(monkeypatch):
-    bench = two()
+    bench = setup_with_two()
     bounds = in_group(bench, "bad")
 
     def broken(*_):
@@ -255,7 +255,7 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
     numbers = []
     link = MemoryLink("memory", outgoing=lambda data, _: numbers.append(data[4]))
     link._state = "open"
-    link.now_s = lambda: 0.0  # nothing expires, however busy the machine
+    link.now_s = lambda: 0.0  # time does not pass, so nothing expires on a busy machine
     sender = FrameSender(link, 255, 190, lambda _: None)
     peer = Peer("peer")
     ready = threading.Barrier(4)
@@ -275,12 +275,12 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
 
 @pytest.mark.parametrize(("stall_s", "goes_on"), [(0.4, True), (2.0, False)])
 def test_a_stall_of_0_4_s_does_not_end_the_stream_and_one_of_2_s_does(stall_s, goes_on):
-    bench = Bench()
+    bench = SchedulerSetup()
     bench.run(1.0, beats=True)
     bench.run(stall_s, beats=False)
     bench.run(3.0, beats=True)
     sending = bench.clock.now_s - bench.sent[-1] < 0.05
     assert sending == goes_on
     assert bench.codes() == ([] if goes_on else ["server_silent"])
-    if not goes_on:  # it stopped within the limit, and PX4 fails safe by itself
+    if not goes_on:  # it stopped within the limit, so PX4's own failsafe acts
         assert bench.clock.now_s - bench.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)

@@ -1,4 +1,4 @@
-"""The stream's state machine as flights told from beginning to end; time is a number here."""
+"""The state machine of a setpoint stream in whole flights, with a fake clock."""
 
 import itertools
 import struct
@@ -17,7 +17,7 @@ NORTH = Velocity(velocity_ned_m_s=(3.0, 0.0, 0.0), yaw_ned_rad=0.0)
 
 
 class Flight:
-    """A vehicle, a clock and the stream between them."""
+    """A fake vehicle with its setpoint stream and clock."""
 
     def __init__(self, rate_hz=50.0):
         self.now_s = 100.0
@@ -57,7 +57,7 @@ class Flight:
         assert self.core.engage(self.now_s)
 
     def run(self, seconds):
-        """Ticks whenever the core wants to; returns what went out as (time, id, fields)."""
+        """Runs the stream at its due times; returns the sent messages as (time, id, fields)."""
         out = []
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
@@ -71,7 +71,7 @@ class Flight:
         self.sent += out
         return out
 
-    def told(self):
+    def report_codes(self):
         return [report.code for report in self.core.reports]
 
 
@@ -140,13 +140,15 @@ def test_a_killed_clients_velocity_stream_holds_and_then_requests_hold():
     held = flight.run(1.9)
     assert {sent["mask"] for _, _, sent in held} == {2552}
     assert held[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
-    assert flight.told() == ["expired"]
+    assert flight.report_codes() == ["expired"]
     asked = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
     assert [(a["command"], a["p1"], a["main"], a["sub"]) for a in asked] == [(176, 1.0, 4.0, 3.0)]
-    assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, "streams until the vehicle is in Hold"
+    assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, (
+        "the stream continues until the vehicle is in Hold"
+    )
     flight.mode = "hold"
     assert flight.run(1.0) == []
-    assert flight.told() == ["expired", "held"]
+    assert flight.report_codes() == ["expired", "held"]
     times = [t for t, m, _ in flight.sent if m == SETPOINT]
     assert max(b - a for a, b in itertools.pairwise(times)) < 0.05
 
@@ -165,7 +167,7 @@ def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
     out = flight.run(MAX_MODE_REQUESTS + 2.0)
     asks = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
     assert asks == list(range(MAX_MODE_REQUESTS))
-    assert flight.told()[-1] == "not_confirmed"
+    assert flight.report_codes()[-1] == "not_confirmed"
     assert flight.run(1.0) == []
 
 
@@ -178,7 +180,7 @@ def test_expiry_without_a_position_estimate_lands():
     assert (last["mask"], last["velocity"]) == (1479, (0.0, 0.0, 0.0))
     flight.mode = "land"
     assert flight.run(1.0) == []
-    assert flight.told() == ["expired", "landing"]
+    assert flight.report_codes() == ["expired", "landing"]
 
 
 def test_on_expiry_the_stream_requests_land_or_stops():
@@ -186,7 +188,7 @@ def test_on_expiry_the_stream_requests_land_or_stops():
     assert COMMAND in [m for _, m, _ in flight.run(0.6)]
     flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("stop_stream"))
     assert flight.run(3.0)[-1][0] < 100.0 + 1.2 + 0.52
-    assert flight.told() == ["expired"]
+    assert flight.report_codes() == ["expired"]
 
 
 def test_a_stall_of_the_loop_leaves_no_gap_and_a_silent_loop_ends_the_stream():
@@ -199,7 +201,7 @@ def test_a_stall_of_the_loop_leaves_no_gap_and_a_silent_loop_ends_the_stream():
     flight.loop_alive = False
     out = flight.run(3.0)
     assert 1.4 < out[-1][0] - out[0][0] < 1.52
-    assert flight.told() == ["server_silent"]
+    assert flight.report_codes() == ["server_silent"]
 
 
 def test_expiry_during_a_stall_holds_the_vehicles_current_position():
@@ -219,7 +221,7 @@ def test_leaving_offboard_ends_the_stream(mode):
     flight.run(0.5)
     flight.mode = mode
     assert flight.run(2.0) == []
-    assert flight.told() == ["left_offboard"]
+    assert flight.report_codes() == ["left_offboard"]
     assert not flight.change(HOVER, valid_for_s=1)
 
 
@@ -228,7 +230,7 @@ def test_stop_holds_the_position_and_sends_nothing_afterwards():
     flight.run(0.3)
     flight.core.request_stop(flight.now_s, flight.snapshot())
     assert {sent["mask"] for _, _, sent in flight.run(0.2)} == {2552}
-    assert not flight.change(NORTH, valid_for_s=60), "who stops is not overruled by a late setpoint"
+    assert not flight.change(NORTH, valid_for_s=60), "a late setpoint does not cancel the stop"
     flight.core.end("stopped", "asked")
     assert flight.run(5.0) == []
 
@@ -237,9 +239,9 @@ def test_setpoints_do_not_expire_while_starting_but_the_start_has_a_deadline():
     flight = Flight()
     flight.begin(HOVER, valid_for_s=0.1)
     assert len(flight.run(5.0)) > 200
-    assert flight.told() == []
+    assert flight.report_codes() == []
     flight.run(20.0)
-    assert flight.told() == ["not_confirmed"]
+    assert flight.report_codes() == ["not_confirmed"]
 
 
 def test_a_late_thread_sends_once_and_keeps_the_time_grid():

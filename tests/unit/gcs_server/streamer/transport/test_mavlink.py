@@ -32,7 +32,7 @@ TARGET = (7, 1)
 
 
 def read(setpoint, now_s=12.5):
-    """As the vehicle's parser makes of it."""
+    """Encodes a setpoint and decodes it with pymavlink."""
     msg_id, payload = mavlink.encode(setpoint, TARGET)
     raw = encode_frame(msg_id, mavlink.with_time(payload, now_s), 3, 255, 190)
     (message,) = sim.MAVLink(None).parse_buffer(raw)
@@ -42,7 +42,7 @@ def read(setpoint, now_s=12.5):
 
 
 def ignored(values, bits, mask):
-    """None where the bit says so, else the value."""
+    """The values, with None for those that the mask ignores."""
     return tuple(None if mask & bit else value for value, bit in zip(values, bits, strict=True))
 
 
@@ -80,7 +80,7 @@ def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, ac
     assert ignored((m.x, m.y, m.z), POSITION, m.type_mask) == position
     assert ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
     assert ignored((m.afx, m.afy, m.afz), ACCELERATION, m.type_mask) == acceleration
-    assert not m.type_mask & 512  # never a force
+    assert not m.type_mask & 512  # the force bit is never set
     (turned, turning) = ignored((m.yaw, m.yaw_rate), (1024, 2048), m.type_mask)
     assert (turned is None, turning is None) == (yaw is None, rate is None)
     if yaw is not None:
@@ -92,7 +92,7 @@ def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, ac
 
 @given(vector, angle)
 def test_a_body_velocity_never_has_an_ignore_bit_of_velocity(velocity, yaw):
-    """PX4 would drop it as a whole."""
+    """PX4 would ignore the whole message."""
     m = read(VelocityBody(velocity, yaw_ned_rad=yaw))
     assert m.type_mask & 0b111111111 == 0b111000111
     assert (m.vx, m.vy, m.vz) == velocity
@@ -111,8 +111,8 @@ def test_attitude_and_thrust_arrive(q, rate, thrust):
     m = read(Attitude(q, thrust, yaw_rate_ned_rad_s=rate))
     assert tuple(m.q) == q
     assert m.thrust == thrust
-    assert m.type_mask & 128 == 0  # the attitude counts
-    assert m.type_mask & 64 == 0  # so does the thrust
+    assert m.type_mask & 128 == 0  # the attitude is used
+    assert m.type_mask & 64 == 0  # the thrust is used
     assert ignored((m.body_yaw_rate,), (4,), m.type_mask) == (rate,)
 
 

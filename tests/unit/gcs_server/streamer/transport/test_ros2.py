@@ -83,7 +83,7 @@ KINDS: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
 
 
 class Topics:
-    """The topics of a vehicle; remembers what was sent."""
+    """The topics of a vehicle; records the sent messages."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
@@ -146,7 +146,7 @@ def test_a_kind_of_another_frame_is_refused_by_the_transport(setpoint: DirectSet
 
 
 class Mavlink(NoSender):
-    """A MAVLink link; remembers the ids of what was sent."""
+    """A MAVLink link; records the ids of the sent messages."""
 
     def __init__(self) -> None:
         self.ids: list[int] = []

@@ -1,4 +1,4 @@
-"""Every setpoint kind has its place at each step of its way."""
+"""Every setpoint type is supported by each step from request to message."""
 
 from typing import get_args
 
@@ -13,23 +13,23 @@ from gcs_server.streamer.validation.availability import why_not_carried
 from missions.setpoints import KINDS
 
 
-def test_each_kind_has_a_body() -> None:
+def test_each_setpoint_type_has_a_request_body() -> None:
     union, _ = get_args(AnySetpoint)
     assert {get_args(body.model_fields["type"].annotation)[0] for body in get_args(union)} == set(KINDS)
 
 
-def test_the_answers_name_each_kind() -> None:
+def test_answers_list_each_setpoint_type() -> None:
     assert set(get_args(SetpointType)) == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_ros_2_link_carries_every_kind(kind: str) -> None:
+def test_a_ros_2_link_carries_every_setpoint_type(kind: str) -> None:
     assert why_not_carried(kind, "ROS 2") is None
     assert (kind in ROS2_KINDS) == (kind not in RESOLVED_KINDS | LOCAL_KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_kind_is_encoded_or_resolved_or_refused_with_a_reason(kind: str) -> None:
+def test_each_setpoint_type_is_encoded_resolved_or_refused_with_a_reason(kind: str) -> None:
     why_not = why_not_carried(kind, "MAVLink")
     assert (why_not is None) == (kind in MAVLINK_KINDS | RESOLVED_KINDS)
     assert why_not is None or kind in why_not

@@ -1,4 +1,4 @@
-"""A copied flight flies on as the flight itself does, to the last bit, and touches no other."""
+"""A copy of a simulated flight continues bit for bit like the original, and neither affects the other."""
 
 from typing import Any
 
@@ -10,13 +10,13 @@ from tests.unit.vehicle_sim.sim_station import BOTH, LAND, Station
 GO_THERE = {"coordinate_frame": 1, "type_mask": 0xDF8, "x": 3.0, "y": 1.0, "z": -4.0}
 
 
-def flies_on(station: Station) -> str:
-    """Everything that is heard of a go-to and a landing."""
+def continue_flight(station: Station) -> str:
+    """Flies a go-to and a landing; returns all received messages as text."""
     station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, **GO_THERE)
     station.command(193, 5.0)
     station.run(1.5)
     station.command(21)
-    station.run_until(lambda: station.flown_mode == LAND, 2)
+    station.run_until(lambda: station.active_mode == LAND, 2)
     station.run(1.5)
     return repr([(time_s, link, message.name, message.values) for time_s, link, message in station.log])
 
@@ -25,10 +25,10 @@ def flies_on(station: Station) -> str:
 @pytest.mark.parametrize(
     "fleet", [{"links": BOTH, "camera": True}, pytest.param({}, marks=pytest.mark.broad)], ids=["both", "gcs"]
 )
-def test_copies_fly_on_as_the_original_does(fleet: dict[str, Any]) -> None:
+def test_copies_continue_like_the_original(fleet: dict[str, Any]) -> None:
     original = Station(seed=4, **fleet)
     original.fly_to(3.0)
     first, second = snapshot(original), snapshot(original)
-    as_copied = flies_on(first)
-    assert flies_on(original) == as_copied, "a copy's flight moved the original"
-    assert flies_on(second) == as_copied
+    as_copied = continue_flight(first)
+    assert continue_flight(original) == as_copied, "the flight of a copy changed the original"
+    assert continue_flight(second) == as_copied
