@@ -40,12 +40,12 @@ def without_gps(airframe: Airframe, flight: Recording | Replay) -> dict[str, Flo
     lag = min(1.0, STEP_S / airframe.rotor_time_constant_s)
     gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
     rotors = signals[0]
-    speed = np.array([columns[name][0] for name in _VELOCITY])
-    speeds = []
+    velocity = np.array([columns[name][0] for name in _VELOCITY])
+    velocities = []
     for signal, axis in zip(signals, thrust_axis, strict=True):
-        speeds.append(speed)
+        velocities.append(velocity)
         rotors = rotors + lag * (signal - rotors)
-        drag = airframe.drag_n_per_m_s * speed
-        speed = speed + STEP_S * (gravity - (axis * (rotors @ force_n) + drag) / airframe.mass_kg)
-    table = np.array(speeds)
+        drag = airframe.drag_n_per_m_s * velocity
+        velocity = velocity + STEP_S * (gravity - (axis * (rotors @ force_n) + drag) / airframe.mass_kg)
+    table = np.array(velocities)
     return columns | {name: np.interp(t_s, grid, table[:, k]) for k, name in enumerate(_VELOCITY)}

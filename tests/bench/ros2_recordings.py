@@ -70,12 +70,12 @@ def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
         columns["t_s"],
         columns,
         dataclasses.replace(spread_of(like), comparable=False),
-        _controllers_told_s(raw["messages"]),
+        _control_change_s(raw["messages"]),
     )
 
 
-def _controllers_told_s(messages: list[dict[str, Any]]) -> float:
-    """Time of the first published vehicle_control_mode change that ends or begins position control."""
+def _control_change_s(messages: list[dict[str, Any]]) -> float:
+    """Time at which PX4 first published a change of position control; its controllers then react to it."""
     changes = (m["dt_s"] for m in messages if "flag_control_position_enabled" in m.get("changed", {}))
     return next(changes, math.nan)
 

@@ -27,7 +27,7 @@ class Squad:
         compiled = compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
         self.of = {role: FlownMission(mission, timeline=way) for role, way in compiled.timelines.items()}
         for role in in_air:
-            self.of[role].know(armed=True, landed="in_air")
+            self.of[role].set_reading(armed=True, landed="in_air")
         self.together = Together({role: one.runner for role, one in self.of.items()})
         self.now_s = 100.0
 

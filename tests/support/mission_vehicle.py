@@ -49,28 +49,28 @@ class FlownMission:
 
     # --- disturbances -----------------------------------------------------------------------------
 
-    def know(self, **changes: Any) -> None:
+    def set_reading(self, **changes: Any) -> None:
         """Sets fields of the runner's knowledge of the vehicle."""
         self.reading = replace(self.reading, **changes)
 
     def mode(self, mode: str, source: str, text: str | None = None) -> None:
         """Changes the mode from outside the runner; this ends the stream."""
         self.player = None
-        self.know(mode=mode, mode_source=source, mode_text=text, stream="idle", played=None)
+        self.set_reading(mode=mode, mode_source=source, mode_text=text, stream="idle", played=None)
 
-    def hold_back(self) -> Any:
+    def block(self) -> Any:
         """Blocks the vehicle at its position whatever is sent; returns that position."""
         self._held_at = self.reading.position_ned_m
         return self._held_at
 
-    def let_go(self) -> None:
+    def unblock(self) -> None:
         """Lets the vehicle follow its setpoints again."""
         self._held_at = None
 
     def lose_link(self) -> None:
         """Stops all messages of the vehicle; the stream has ended with a command to hold."""
         self.mode("hold", "command", "The server commanded Hold")
-        self.know(link_active=False)
+        self.set_reading(link_active=False)
 
     # --- operator ---------------------------------------------------------------------------------
 
@@ -157,21 +157,21 @@ class FlownMission:
             elif isinstance(request, TakeOff):
                 self._goal_down_m = self._down_m - request.height_m
                 self._own_mode("takeoff")
-                self.know(armed=True)
+                self.set_reading(armed=True)
             elif isinstance(request, Play):
                 self.player = Player(request.script, self.now_s)
                 self._own_mode("offboard")
-                self.know(stream="flying", played=self.player.played)
+                self.set_reading(stream="flying", played=self.player.played)
             elif isinstance(request, ChangeScript) and self.player is not None:
                 self.player.change_script(request.change)
             elif isinstance(request, SetMode):
                 self.mode(request.mode, "command", "The mission")
             elif isinstance(request, StopStream):
                 self.player = None
-                self.know(stream="idle", played=None)
+                self.set_reading(stream="idle", played=None)
 
     def _own_mode(self, mode: str) -> None:
-        self.know(mode=mode, mode_source="command", mode_text="The mission")
+        self.set_reading(mode=mode, mode_source="command", mode_text="The mission")
 
     @property
     def _down_m(self) -> float:
@@ -183,27 +183,27 @@ class FlownMission:
         if self.player is not None:
             setpoint = self.player.at(self.now_s, self.reading.position_ned_m, self.reading.velocity_ned_m_s)
             self.sent.append((self.now_s, setpoint))
-            self.know(played=self.player.played)
+            self.set_reading(played=self.player.played)
             if isinstance(setpoint, Trajectory | Position):
                 n, e, d = (axis or 0.0 for axis in setpoint.position_ned_m)
                 if isinstance(setpoint, Trajectory):
                     velocity = zeros_for_none(setpoint.velocity_ned_m_s)
                 if setpoint.yaw_ned_rad is not None:
-                    self.know(yaw_ned_rad=setpoint.yaw_ned_rad)
+                    self.set_reading(yaw_ned_rad=setpoint.yaw_ned_rad)
             elif isinstance(setpoint, Velocity):
                 velocity = zeros_for_none(setpoint.velocity_ned_m_s)
                 n, e, d = (x + v * STEP_S for x, v in zip((n, e, d), velocity, strict=True))
         elif self.reading.mode == "takeoff":
             d = max(self._goal_down_m, d - CLIMB_M_S * STEP_S)
-            self.know(landed="in_air" if d < -0.1 else "taking_off")
+            self.set_reading(landed="in_air" if d < -0.1 else "taking_off")
             if d == self._goal_down_m:
-                self.know(mode="hold", mode_source="vehicle", mode_text="its own course")
+                self.set_reading(mode="hold", mode_source="vehicle", mode_text="its own course")
         elif self.reading.mode == "land" and self.reading.armed:
             d = min(0.0, d + CLIMB_M_S * STEP_S)
             if d == 0.0:
-                self.know(landed="on_ground", armed=False)
+                self.set_reading(landed="on_ground", armed=False)
         if self._held_at is not None:
             (n, e, d), velocity = self._held_at, (0.0, 0.0, 0.0)
         self.path.append((n, e, d))
         if self.reading.position_ned_m is not None:
-            self.know(position_ned_m=(n, e, d), velocity_ned_m_s=velocity)
+            self.set_reading(position_ned_m=(n, e, d), velocity_ned_m_s=velocity)

@@ -31,13 +31,13 @@ STEPS = """
   otherwise: [{step: hold, duration_s: 100}]
 - {step: land}
 """
-ELSEWHERE = LocalOrigin(*LocalOrigin(HOME.lat_deg, HOME.lon_deg, 470.0).to_geodetic((30.0, -20.0, 0.0)))
+DISTANT_ORIGIN = LocalOrigin(*LocalOrigin(HOME.lat_deg, HOME.lon_deg, 470.0).to_geodetic((30.0, -20.0, 0.0)))
 
 
 @pytest.fixture(scope="module")
 def flown() -> DryRun:
     """A mission flown with the vehicle 30 m south and 20 m east of its local origin, and 10 m above it."""
-    return dry_run(FlyableMission.of(mission(STEPS), AIRCRAFT, origin=ELSEWHERE), AIRCRAFT)
+    return dry_run(FlyableMission.of(mission(STEPS), AIRCRAFT, origin=DISTANT_ORIGIN), AIRCRAFT)
 
 
 def test_a_mission_is_flown_to_its_end_step_by_step(flown):
@@ -50,7 +50,7 @@ def test_a_mission_is_flown_to_its_end_step_by_step(flown):
     assert flown.duration_s < 40.0, "questions are answered at once, and the battery decides the branch"
 
 
-def test_its_path_is_relative_to_the_start_for_any_local_origin(flown):
+def test_the_path_of_a_dry_run_is_relative_to_the_start_for_any_local_origin(flown):
     assert flown.track is not None
     assert flown.track.position_ned_m[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
     assert flown.track.position_ned_m[-1] == pytest.approx((10.0, 0.0, 0.0), abs=2.0)
@@ -107,13 +107,13 @@ def test_fields_that_a_setpoint_does_not_control_are_nan():
 def test_a_dry_run_task_reports_progress_and_returns_json():
     reports: list[tuple[str, float | None]] = []
 
-    class Enough(Exception):
+    class Cancelled(Exception):
         pass
 
     def progress(text: str, share: float | None) -> None:
         reports.append((text, share))
         if len(reports) == 3:
-            raise Enough
+            raise Cancelled
 
     request = {
         "kind": "offboard_mission", "plan": mission(STEPS).model_dump_json(), "origin": None,
@@ -121,7 +121,7 @@ def test_a_dry_run_task_reports_progress_and_returns_json():
         "conditions": {"wind_ned_m_s": [0, 1, 0]}, "obstacles": [], "seed": 1, "flights": None,
         "spread": None,
     }  # fmt: skip
-    with pytest.raises(Enough):
+    with pytest.raises(Cancelled):
         run(request, progress)
     assert reports[0][0] == "1 s of the flight are simulated."
     shares = [share for _, share in reports]

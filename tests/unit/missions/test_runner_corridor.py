@@ -69,10 +69,10 @@ def test_leaving_and_reentering_the_corridor_are_reported():
     ).start()
     fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
     assert fake.status.outside_corridor_m == 0.0
-    fake.know(position_ned_m=(12.0, 7.0, -10.0))
-    fake.hold_back()
+    fake.set_reading(position_ned_m=(12.0, 7.0, -10.0))
+    fake.block()
     fake.fly(3.0)
-    fake.let_go()
+    fake.unblock()
     fake.fly(2.0)
     assert [text for text in fake.event_texts if "corridor" in text][-2:] == [
         "The vehicle is 4.5 m outside the corridor of the dry run.",

@@ -14,7 +14,7 @@ from tests.support.offboard_missions import flown, mission
 def test_a_low_battery_triggers_its_action_once(kind, action):
     fake = flight(kind, low_battery=action)
     before = fake.modes()
-    fake.know(battery_share=0.1, satellites=14)
+    fake.set_reading(battery_share=0.1, satellites=14)
     fake.fly(0.2)
     if action == "continue" or kind == "land":
         assert fake.modes() == before
@@ -30,7 +30,7 @@ def test_a_low_battery_triggers_its_action_once(kind, action):
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
 def test_a_lost_position_triggers_land(kind):
     fake = flight(kind, failure="continue")
-    fake.know(estimates=frozenset({"heading"}), position_ned_m=None)
+    fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(0.5)
     assert fake.modes() == []
     fake.fly(1.0)
@@ -41,9 +41,9 @@ def test_a_lost_position_triggers_land(kind):
 
 def test_an_estimate_missing_for_a_moment_changes_nothing():
     fake = flight("orbit")
-    fake.know(estimates=frozenset({"heading"}))
+    fake.set_reading(estimates=frozenset({"heading"}))
     fake.fly(0.5)
-    fake.know(estimates=None)
+    fake.set_reading(estimates=None)
     fake.in_state("done")
 
 
@@ -53,7 +53,7 @@ def test_after_a_lost_link_returns_the_documents_action_is_executed(kind, action
     fake = flight(kind, link_loss=action)
     fake.lose_link()
     asks_nothing(fake, 10.0)
-    fake.know(link_active=True)
+    fake.set_reading(link_active=True)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
@@ -63,7 +63,7 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
     fake = flight(kind, link_loss="continue")
     fake.lose_link()
     fake.fly(10.0)
-    fake.know(link_active=True, satellites=14)
+    fake.set_reading(link_active=True, satellites=14)
     fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
     if kind == "person":
         fake.in_state("waiting")
@@ -75,9 +75,9 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
 def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
     fake = flight("orbit", link_loss=action)
     fake.mode("rtl", "failsafe", "its own failsafe")
-    fake.know(link_active=False)
+    fake.set_reading(link_active=False)
     fake.fly(10.0)
-    fake.know(link_active=True)
+    fake.set_reading(link_active=True)
     fake.fly(5.0)
     assert (fake.modes(), fake.status.state) == ([], "suspended")
 
@@ -86,9 +86,9 @@ def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
 def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
     fake = flight(kind, link_loss="return")
     before = fake.modes()
-    fake.know(link_active=False)
+    fake.set_reading(link_active=False)
     fake.fly(1.0)
-    fake.know(link_active=True)
+    fake.set_reading(link_active=True)
     fake.in_state("done")
     assert fake.modes() == [*before, "land"][-1:]
 
@@ -96,7 +96,7 @@ def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 def test_a_stream_that_ends_by_itself_is_a_failure(action, modes):
     fake = flight("orbit", failure=action)
-    fake.know(stream="ending", stream_text="The setpoint leaves the fence.")
+    fake.set_reading(stream="ending", stream_text="The setpoint leaves the fence.")
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
     assert "The setpoint leaves the fence" in str(fake.status.reason)
@@ -122,7 +122,7 @@ def test_a_take_off_that_takes_too_long_is_a_failure():
 def test_a_refused_mode_is_reported_and_the_stream_expires():
     fake = flight("orbit")
     fake.refused[SetMode] = "No reply within 6 s."
-    fake.know(battery_share=0.1)
+    fake.set_reading(battery_share=0.1)
     fake.fly(0.2)
     assert "did not change its mode" in fake.event_texts[-1]
     steers = fake.count(ChangeScript)
@@ -139,7 +139,7 @@ def test_failed_pictures_are_reported_once_and_the_mission_continues():
 
 def test_a_mission_does_not_start_without_the_estimates_it_needs():
     fake = FlownMission(mission(flown(FLY)))
-    fake.know(estimates=frozenset({"heading"}))
+    fake.set_reading(estimates=frozenset({"heading"}))
     with pytest.raises(CannotDo, match="position"):
         fake.start()
 

@@ -16,7 +16,7 @@ from tests.support.offboard_missions import flown, mission
 
 def test_a_whole_flight_takes_off_flies_its_path_and_lands():
     fake = FlownMission(mission(flown(*(step for step in STEPS.values() if step)))).start()
-    fake.know(satellites=14)
+    fake.set_reading(satellites=14)
     fake.in_state("waiting")
     assert fake.status.question == "Sharp?"
     fake.go_on()
@@ -53,10 +53,10 @@ def test_each_photo_step_takes_its_pictures_with_its_camera():
 def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     steps = "- {step: wait, until: {value: satellites, above: 10, for_s: 2}, timeout_s: 60}\n"
     fake = FlownMission(mission(steps + flown(FLY))).start()
-    fake.know(satellites=6)
+    fake.set_reading(satellites=6)
     fake.fly(5)
     assert (fake.status.state, fake.sent, fake.count(TakeOff)) == ("waiting", [], 0)
-    fake.know(satellites=12)
+    fake.set_reading(satellites=12)
     fake.fly(1.5)
     assert fake.count(TakeOff) == 0
     fake.in_state("taking_off").in_state("done")
@@ -89,7 +89,7 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
         "otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
     )
     fake = FlownMission(mission(flown(FLY, branch, "step: hold, duration_s: 1"))).start()
-    fake.know(battery_share=share)
+    fake.set_reading(battery_share=share)
     fake.in_state("done")
     assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
     assert fake.count(Play) == 1
@@ -124,7 +124,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
 def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes):
     wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
     fake = FlownMission(mission(flown(wait, FLY))).start()
-    fake.know(satellites=6)
+    fake.set_reading(satellites=6)
     fake.in_state("done" if on_timeout == "continue" else "suspended")
     assert fake.modes() == modes
 
@@ -133,10 +133,10 @@ def test_a_condition_must_be_true_without_interruption():
     wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
     fake = FlownMission(mission(flown(wait, FLY))).start().in_state("waiting")
     for wind in (4.0, 7.0, 4.0, None):
-        fake.know(wind_speed_m_s=wind)
+        fake.set_reading(wind_speed_m_s=wind)
         fake.fly(2.0)
         assert fake.status.state == "waiting"
-    fake.know(wind_speed_m_s=4.0)
+    fake.set_reading(wind_speed_m_s=4.0)
     fake.in_state("flying")
 
 
@@ -146,7 +146,7 @@ def test_a_condition_must_be_true_without_interruption():
 @pytest.mark.parametrize("kind", [k for k in IN_OFFBOARD if k not in ("velocity", "attitude")])
 def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
     fake = flight(kind)
-    fake.know(satellites=14)
+    fake.set_reading(satellites=14)
     fake.pause()
     fake.in_state("paused").fly(1.0)
     fake.resume()

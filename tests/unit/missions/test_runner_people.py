@@ -16,7 +16,7 @@ from tests.support.offboard_missions import flown, mission
 @pytest.mark.parametrize("kind", STEPS)
 def test_paused_it_stops_and_after_resume_it_ends_as_planned(kind):
     fake = flight(kind)
-    fake.know(satellites=14)
+    fake.set_reading(satellites=14)
     fake.pause()
     state = "suspended" if kind in ("take_off", "land") else "paused"
     fake.in_state(state)
@@ -105,9 +105,9 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     fake.fly(0.2)
     assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Notify"]
     assert (fake.status.state, fake.event_texts[-1]) == ("suspended", text)
-    fake.know(battery_share=0.05, holder=None, estimates=frozenset())
+    fake.set_reading(battery_share=0.05, holder=None, estimates=frozenset())
     asks_nothing(fake, 30.0)
-    fake.know(battery_share=0.9, holder="bob", estimates=None, satellites=14)
+    fake.set_reading(battery_share=0.9, holder="bob", estimates=None, satellites=14)
     fake.resume()
     fake.until(lambda: fake.status.state != "suspended")
     if kind == "person":
@@ -120,7 +120,7 @@ def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
     fake = FlownMission(mission(flown(FLY))).start()
     fake.until(lambda: fake.count(Play) == 1)
     fake.player = None
-    fake.know(mode="position", mode_source="pilot", stream="starting", played=None)
+    fake.set_reading(mode="position", mode_source="pilot", stream="starting", played=None)
     fake.fly(0.2)
     assert fake.count(StopStream) == 1
     assert fake.status.state == "suspended"
@@ -128,7 +128,7 @@ def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
 
 def test_motors_that_stop_in_flight_end_the_mission():
     fake = flight("orbit")
-    fake.know(armed=False)
+    fake.set_reading(armed=False)
     fake.fly(0.2)
     assert (fake.status.state, fake.status.reason) == ("stopped", "The vehicle disarmed")
     asks_nothing(fake)
@@ -146,7 +146,7 @@ def test_a_suspended_mission_ends_once_the_vehicle_has_landed():
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
 def test_a_change_of_control_pauses_the_mission(kind):
     fake = flight(kind)
-    fake.know(holder="bob", holder_name="Bob", satellites=14)
+    fake.set_reading(holder="bob", holder_name="Bob", satellites=14)
     fake.in_state("paused")
     assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
@@ -161,15 +161,15 @@ def test_a_change_of_control_pauses_the_mission(kind):
 @pytest.mark.parametrize("kind", ["take_off", *IN_OFFBOARD])
 def test_expired_control_triggers_the_documents_action(kind, action, modes):
     fake = flight(kind, control_lost=action)
-    fake.know(holder=None)
+    fake.set_reading(holder=None)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
 
 def test_without_control_a_mission_may_continue_until_another_client_takes_control():
     fake = flight("orbit", control_lost="continue")
-    fake.know(holder=None)
+    fake.set_reading(holder=None)
     fake.fly(1.0)
-    fake.know(holder="bob", holder_name="Bob")
+    fake.set_reading(holder="bob", holder_name="Bob")
     fake.in_state("done")
     assert sum("No client has control" in text for text in fake.event_texts) == 1

@@ -59,7 +59,7 @@ def test_both_take_off_at_the_same_time_and_each_flies_its_path():
 
 def test_none_starts_if_one_cannot():
     squad = Squad(LONG)
-    squad.of["left"].know(estimates=frozenset({"velocity"}))
+    squad.of["left"].set_reading(estimates=frozenset({"velocity"}))
     with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
         squad.start()
     squad.fly(2)
@@ -105,8 +105,8 @@ HAPPENS = {
     "pilot": lambda one: one.mode("position", "pilot"),
     "failsafe": lambda one: one.mode("rtl", "failsafe"),
     "operator's Hold": lambda one: one.mode("hold", "command", "Bob commanded Hold"),
-    "stream ended": lambda one: one.know(stream="ending", stream_text="The stream failed"),
-    "low battery": lambda one: one.know(battery_share=0.1),
+    "stream ended": lambda one: one.set_reading(stream="ending", stream_text="The stream failed"),
+    "low battery": lambda one: one.set_reading(battery_share=0.1),
     "abort of its runner": lambda one: one.abort("land"),
 }
 
@@ -149,7 +149,7 @@ def test_a_pause_holds_all_and_resume_continues_all():
 
 def test_a_pause_of_one_by_a_change_of_control_pauses_all():
     squad = in_flight()
-    squad.of["left"].know(holder="bob", holder_name="Bob")
+    squad.of["left"].set_reading(holder="bob", holder_name="Bob")
     squad.reach(lead="paused", left="paused")
     assert not squad.together.over
 

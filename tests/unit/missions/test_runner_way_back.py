@@ -43,7 +43,7 @@ def test_a_way_back_outside_the_missions_geofence_is_not_flown(zones, north_m, f
     fake.in_state("flying").fly(5.0)
     fake.mode("hold", "command", "Bob commanded 'hold'")
     fake.in_state("suspended")
-    fake.know(position_ned_m=(north_m, 0.0, -10.0))
+    fake.set_reading(position_ned_m=(north_m, 0.0, -10.0))
     plays, modes = fake.count(Play), fake.count(SetMode)
     fake.resume()
     assert fake.count(Play) == plays + flown_back
@@ -65,13 +65,13 @@ def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
 def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
     fake = FlownMission(mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
     fake.in_state("flying").fly(3.0)
-    there = fake.hold_back()
+    there = fake.block()
     fake.fly(30.0)
     assert fake.status.state == "flying"
     assert 8.0 < fake.status.deviation_m < 16.0
     assert sum("the mission waits" in text for text in fake.event_texts) == 1
     assert fake.reading.position_ned_m == there
-    fake.let_go()
+    fake.unblock()
     fake.in_state("done")
     assert math.dist(fake.path[-1][:2], (60.0, 0.0)) < 1.0
 
@@ -79,9 +79,9 @@ def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
 def test_a_path_ends_only_after_the_vehicle_has_arrived():
     fake = FlownMission(mission(flown("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
     fake.until(lambda: fake.status.state == "flying" and fake.path[-1][0] > 14.0)
-    fake.hold_back()
+    fake.block()
     fake.fly(20.0)
     assert fake.status.place == "step 2"
     assert fake.modes() == []
-    fake.let_go()
+    fake.unblock()
     fake.in_state("done")

@@ -25,7 +25,12 @@ Script = Mapping[float, Callable[[VehicleSim], object]]
 
 def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: float) -> dict[str, Any]:
     home = VehicleSim(links=()).simulation.home
-    lat, lon = to_global(*(np.array(each) for each in (north_m, east_m, home.lat_deg, home.lon_deg)))
+    lat, lon = to_global(
+        *(
+            np.array(for_each_autopilot)
+            for for_each_autopilot in (north_m, east_m, home.lat_deg, home.lon_deg)
+        )
+    )
     given = (*parameters, *[0.0] * 4)[:4]
     return {
         "frame": RELATIVE, "command": command, "autocontinue": True, "current": False,
@@ -77,7 +82,7 @@ def fly_both_ways(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatc
     return share
 
 
-def each(action: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
+def for_each_autopilot(action: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
     return lambda sim: [action(autopilot) for autopilot in sim.autopilots]
 
 
@@ -113,12 +118,12 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     script: Script = {
-        5.0: each(take_off),
+        5.0: for_each_autopilot(take_off),
         13.0: lambda sim: sim.set_parameter(0, "MPC_Z_V_AUTO_UP", 1.0),
-        15.03: each(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
-        17.55: each(lambda autopilot: autopilot.commander.set_mode(NavState.HOLD)),
-        19.0: each(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
-        21.0: each(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
+        15.03: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
+        17.55: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.HOLD)),
+        19.0: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
+        21.0: for_each_autopilot(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
         22.0: lambda sim: sim.simulation.set_gps_enabled(0, False),
     }
     share = fly_both_ways(script, 32.0, monkeypatch)

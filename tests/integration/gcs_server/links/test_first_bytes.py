@@ -35,7 +35,7 @@ WEB_CLIENTS = {
 
 async def until(good, patience_s=10.0):
     async with asyncio.timeout(patience_s):
-        while not good():  # noqa: ASYNC110 a test watches from outside
+        while not good():  # noqa: ASYNC110 a test polls
             await asyncio.sleep(0.005)
 
 

@@ -35,7 +35,7 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
             link = TcpServerLink("in", "tcpin://x", "127.0.0.1", 0)
         link.start(slowly, lambda peer: None, lambda: None)
         async with asyncio.timeout(5):
-            while link.local_port is None:  # noqa: ASYNC110 a test watches from outside
+            while link.local_port is None:  # noqa: ASYNC110 a test polls
                 await asyncio.sleep(0.005)
         sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
         with sender:

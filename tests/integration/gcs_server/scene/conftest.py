@@ -5,23 +5,23 @@ import threading
 
 import pytest
 
-from tests.integration.gcs_server.scene.scene_running import Running, serving
+from tests.integration.gcs_server.scene.scene_running import SceneServer, serving
 
 
 @pytest.fixture(scope="module")
 def running():
     """One server for the module, in a thread with its own event loop."""
-    it, ready, done = Running(), threading.Event(), threading.Event()
+    server, ready, done = SceneServer(), threading.Event(), threading.Event()
 
-    async def live() -> None:
-        async with serving(it):
+    async def run() -> None:
+        async with serving(server):
             ready.set()
             await asyncio.to_thread(done.wait)
 
-    thread = threading.Thread(target=lambda: asyncio.run(live()))
+    thread = threading.Thread(target=lambda: asyncio.run(run()))
     thread.start()
     assert ready.wait(15)
-    yield it
+    yield server
     done.set()
     thread.join(15)
     assert not thread.is_alive()

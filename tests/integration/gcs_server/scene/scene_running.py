@@ -26,7 +26,7 @@ from gcs_server.supervise import Supervisor
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying
 
 
-class Running:
+class SceneServer:
     """A scene with its own HTTP server on a free port; it draws in the test's process."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class Running:
 
 
 @asynccontextmanager
-async def serving(running: Running):
+async def serving(running: SceneServer):
     clock = SystemClock()
     supervisor = Supervisor(clock)
     app = FastAPI()
@@ -136,6 +136,6 @@ def types_in(data: bytes) -> list[str]:
     return [m["type"] for m in msgspec.msgpack.decode(inner)["messages"]]
 
 
-def open_stream(running: Running, query: str = "", **options):
+def open_stream(running: SceneServer, query: str = "", **options):
     options.setdefault("max_size", None)
     return connect(running.stream + query, subprotocols=[PROTOCOL], **options)

@@ -19,14 +19,14 @@ from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying
 
 
 def test_viser_prints_nothing_and_leaves_no_files(capfd):
-    async def live():
+    async def run():
         host = ViserHost()
         await host.start()
         folder = host.socket_path.parent
         await host.stop()
         return folder
 
-    folder = asyncio.run(live())
+    folder = asyncio.run(run())
     assert not folder.exists()
     assert capfd.readouterr().out == ""
 
@@ -44,12 +44,12 @@ def test_folders_of_killed_servers_are_removed_and_others_kept(monkeypatch, tmp_
             os.utime(folder, (1.0, 1.0))
     listeners[1].listen()
 
-    async def live():
+    async def run():
         host = ViserHost()
         await host.start()
         await host.stop()
 
-    asyncio.run(live())
+    asyncio.run(run())
     for listener in listeners:
         listener.close()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["gcs-scene-living", "gcs-scene-young"]
@@ -75,7 +75,7 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
             made.append((len(steps), index))
             super().__init__(client, index, *rest)
 
-    async def look():
+    async def run():
         for query in ("", "?vehicle=33"):  # in the second round all poses are known
             await eventually(lambda: running.scene.viewers == 0)  # a closed view is removed after a moment
             made.clear()
@@ -86,7 +86,7 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
     monkeypatch.setattr(Scene, "_step", counted)
     monkeypatch.setattr("gcs_server.scene.stage.VehicleNode", Counted)
     monkeypatch.setattr(running.fleet, "vehicles", [*running.fleet.vehicles, *more])
-    asyncio.run(look())
+    asyncio.run(run())
     places = [index for _, index in made]
     assert places[0] == [v.id for v in running.fleet.vehicles].index("33")
     assert sorted(places) == list(range(len(running.fleet.vehicles)))
@@ -96,7 +96,7 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
 def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(running, monkeypatch):
     vehicle = running.fleet.vehicles[0]
 
-    async def look():
+    async def run():
         await eventually(lambda: running.scene.viewers == 0)
         async with open_stream(running) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
@@ -110,7 +110,7 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
             monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: False)
             await eventually(lambda: vehicle.looked_at > before)
 
-    asyncio.run(look())
+    asyncio.run(run())
 
 
 def test_a_browser_counts_as_stalled_once_a_message_has_waited_for_a_second():

@@ -98,7 +98,7 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
                     if message["position"][2] == pytest.approx(height_m, abs=0.01):
                         return
 
-    async def look():
+    async def run():
         async with asyncio.timeout(20), open_stream(running, f"?vehicle={vehicle.id}") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             for height_m in (12.0, 9.0):
@@ -106,7 +106,7 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
                 await rests_at(stream, height_m)
             assert client_ids == set(map(str, running.host.clients())), "viser shows a node only to its owner"
 
-    asyncio.run(look())
+    asyncio.run(run())
 
 
 def test_unchanged_values_are_not_sent():

@@ -85,7 +85,7 @@ async def serving():
 
 
 def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
-    async def look():
+    async def run():
         async with serving() as (site, http):
             assert (await http.get(site.url)).status_code == 503
             assert site.scene.warning() is None, "starting is not a failure"
@@ -117,11 +117,11 @@ def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
                     raise AssertionError("the vehicle does not move")
             await eventually(lambda: site.scene.viewers == 0)
 
-    asyncio.run(look())
+    asyncio.run(run())
 
 
 def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder():
-    async def look():
+    async def run():
         async with serving() as (site, http):
             await site.is_up(http)
             await http.post(site.url + "view/page", json={"mode": "top", "vehicle": "2"})
@@ -142,14 +142,14 @@ def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder()
             answer = await http.post(site.url + "view/page", json={"theme": "light"})
             assert answer.json() == {"mode": "top", "vehicle": "2", "theme": "light"}
 
-    asyncio.run(look())
+    asyncio.run(run())
 
 
 def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeypatch):
     monkeypatch.setattr(scene_process, "HUNG_AFTER_S", 1.0)
     monkeypatch.setattr("gcs_server.scene.handle.END_TIMEOUT_S", 0.2)
 
-    async def look():
+    async def run():
         async with serving() as (site, http):
             await site.is_up(http)
             first = site.scene.pid
@@ -165,18 +165,18 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
             await site.is_up(http, before=first)
             return first, worst_s
 
-    first, worst_s = asyncio.run(look())
+    first, worst_s = asyncio.run(run())
     assert not Path(f"/proc/{first}").exists()
     assert worst_s < 0.5, "the event loop was not blocked"
 
 
 def test_the_process_ends_with_the_server_and_removes_its_folder():
-    async def look():
+    async def run():
         async with serving() as (site, http):
             await site.is_up(http)
             return site.scene.pid, Path(site.scene._run.address.socket_path).parent
 
-    pid, folder = asyncio.run(look())
+    pid, folder = asyncio.run(run())
     assert not Path(f"/proc/{pid}").exists()
     assert not folder.exists()
 
@@ -184,11 +184,11 @@ def test_the_process_ends_with_the_server_and_removes_its_folder():
 def test_a_process_that_cannot_start_is_reported_and_tried_again(monkeypatch):
     monkeypatch.setattr("sys.executable", "/bin/false")
 
-    async def look():
+    async def run():
         scene = SceneProcess(FakeFleet(), SystemClock())
         with pytest.raises(SceneError, match="3D view has ended"):
             await scene.run()
         assert scene.pid is None
         return scene.warning()
 
-    assert "started again" in asyncio.run(look())
+    assert "started again" in asyncio.run(run())

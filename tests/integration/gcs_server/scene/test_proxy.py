@@ -24,7 +24,7 @@ from gcs_server.scene.view_request import MAX_VIEWS
 from tests.integration.gcs_server.scene.scene_running import (
     CAMERA,
     PROTOCOL,
-    Running,
+    SceneServer,
     eventually,
     open_stream,
     types_in,
@@ -219,7 +219,7 @@ def test_a_hostile_host_header_adds_nothing_to_the_policy(running):
 
 
 def test_a_browser_gets_its_scene_which_is_removed_afterwards(running):
-    async def look():
+    async def run():
         async with open_stream(running, "?theme=light", origin=running.url.removesuffix("/scene/")) as stream:
             assert stream.subprotocol == PROTOCOL
             await stream.send(msgspec.msgpack.encode(CAMERA))
@@ -232,12 +232,12 @@ def test_a_browser_gets_its_scene_which_is_removed_afterwards(running):
                     kinds |= set(types_in(await stream.recv()))
             await eventually(lambda: running.scene.viewers == 1)
 
-    asyncio.run(look())
+    asyncio.run(run())
     asyncio.run(eventually(lambda: running.scene.viewers == 0))
 
 
 def test_an_unchanged_scene_is_not_sent_again(running):
-    async def look():
+    async def run():
         async with open_stream(running) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             received: list[str] = []
@@ -251,13 +251,13 @@ def test_an_unchanged_scene_is_not_sent_again(running):
 
     for vehicle in running.fleet.vehicles:
         vehicle.values.pop("motors")
-    received = asyncio.run(look())
+    received = asyncio.run(run())
     assert received.count("MeshMessage") < 20
     assert received.count("SetPositionMessage") < 30  # two vehicles at 30 Hz would be 90 for the bodies alone
 
 
 @contextmanager
-def following(running: Running, token: str):
+def following(running: SceneServer, token: str):
     yield lambda: running.scene._views[token]
 
 
@@ -270,7 +270,7 @@ def test_a_page_changes_its_view(running):
 
 
 def test_a_new_theme_rebuilds_the_scene(running):
-    async def look():
+    async def run():
         async with open_stream(running, "?view=page2&theme=dark") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             await eventually(lambda: running.scene.viewers == 1)
@@ -282,7 +282,7 @@ def test_a_new_theme_rebuilds_the_scene(running):
             await eventually(lambda: all(s.theme == "light" for _, s in stages.values()) and stages)
             assert tuple(camera.position) == was
 
-    asyncio.run(look())
+    asyncio.run(run())
 
 
 @pytest.mark.parametrize(
