@@ -170,9 +170,9 @@ def stream(end_s: float) -> Script:
         elif t < 18.0:
             offboard.trajectory(trajectory_setpoint((-5.0, 0.0, -7.0), nan3, nan3, 1.0, math.nan))
 
-    script: dict[float, Callable[[VehicleSim], object]] = {5.0: each(take_off)}
-    script |= {15.0 + k * 0.02: each(send) for k in range(round((end_s - 15.0) / 0.02))}
-    script[15.5] = each(lambda autopilot: autopilot.commander.set_mode(NavState.OFFBOARD))
+    script: dict[float, Callable[[VehicleSim], object]] = {5.0: for_each_autopilot(take_off)}
+    script |= {15.0 + k * 0.02: for_each_autopilot(send) for k in range(round((end_s - 15.0) / 0.02))}
+    script[15.5] = for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.OFFBOARD))
     script[25.21] = lambda sim: sim.set_parameter(0, "MPC_XY_P", 0.8)
     return script
 
@@ -180,5 +180,5 @@ def stream(end_s: float) -> Script:
 def test_a_stream_of_setpoints_is_flown_the_same_by_steady_and_by_full_ticks_until_it_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    share = both(stream(36.0), 38.0, monkeypatch, count=2)
+    share = fly_both_ways(stream(36.0), 38.0, monkeypatch, count=2)
     assert share > 0.5

@@ -74,7 +74,7 @@ def test_events_that_the_vehicle_no_longer_has_are_skipped():
     assert stream.skip_unavailable(14, 15) == []  # not the expected one
     assert stream.skip_unavailable(11, 18) == []
     assert (stream.expected, stream.lost) == (18, 7)
-    assert stream.skip_unavailable(18, 65000) == []  # an implausible oldest number: only the expected event is skipped
+    assert stream.skip_unavailable(18, 65000) == []  # implausible: only the expected event is skipped
     assert stream.take(19, 19) == [19, 20]
 
 
