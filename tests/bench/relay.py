@@ -64,6 +64,22 @@ class Relay:
                 by_vehicle.setdefault(frame[LOCAL_TARGET_AT], []).append(arrival_s)
         return by_vehicle
 
+    def streams_s(self) -> list[list[float]]:
+        """Arrival times of the setpoints of each vehicle."""
+        return list(self.arrivals_s().values())
+
+    def sent_at_s(self, north_m: float, since: int) -> float | None:
+        """Arrival time of a local setpoint with this position, of those after the first `since`."""
+        wanted = struct.pack("<f", north_m)
+        for arrival_s, frame in self.setpoints[since:]:
+            if int.from_bytes(frame[7:10], "little") == LOCAL_NED and frame[14:18] == wanted:
+                return arrival_s
+        return None
+
+    def clear(self) -> None:
+        """Deletes the recorded setpoints."""
+        self.setpoints.clear()
+
     def _run(self) -> None:
         while self._running:
             for key, _ in self._selector.select(0.1):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Protocol
 
 import httpx
 from websockets.sync.client import connect
@@ -14,7 +16,7 @@ from gcs_server.client import SyncGcs
 from tests.station import free_port, server, vehicle
 
 from .process import load_average, quantiles_ms
-from .relay import LOCAL_NED, Relay
+from .relay import Relay
 
 ROUNDS = 400
 PERIOD_S = 0.02
@@ -28,30 +30,65 @@ def request(north_m: float) -> dict[str, object]:
     return {"setpoint": place, "valid_for_s": 60}
 
 
-def wait_for_setpoint(relay: Relay, since: int, north_m: float) -> float | None:
-    """Arrival time of the datagram with that position; None: there was none in time."""
+class Wire(Protocol):
+    """Records the setpoints on their way to a vehicle."""
+
+    @property
+    def setpoints(self) -> Sequence[object]:
+        """The setpoints recorded so far."""
+        ...
+
+    def sent_at_s(self, north_m: float, since: int) -> float | None:
+        """Time of a setpoint with this position, of those after the first `since`; None: there is none."""
+        ...
+
+
+Send = Callable[[dict[str, object]], None]
+
+
+def wait_for_setpoint(wire: Wire, since: int, north_m: float) -> float | None:
+    """Time of a setpoint with that position; None: there was none in time."""
     end_s = time.monotonic() + LOST_AFTER_S
-    wanted = struct.pack("<f", north_m)
     while time.monotonic() < end_s:
-        for arrival_s, frame in relay.setpoints[since:]:
-            if int.from_bytes(frame[7:10], "little") == LOCAL_NED and frame[14:18] == wanted:
-                return arrival_s
+        at_s = wire.sent_at_s(north_m, since)
+        if at_s is not None:
+            return at_s
         time.sleep(0.0005)
     return None
 
 
-def latencies_s(relay: Relay, send: Callable[[dict[str, object]], None], first: int) -> list[float]:
+def latencies_s(wire: Wire, send: Send, first: int) -> list[float]:
     """Latencies of `ROUNDS` setpoints, 50 per second."""
     latencies: list[float] = []
     for index in range(first, first + ROUNDS):
         north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]
-        since, sent_s = len(relay.setpoints), time.monotonic()
+        since, sent_s = len(wire.setpoints), time.monotonic()
         send(request(north_m))
-        passed_s = wait_for_setpoint(relay, since, north_m)
+        passed_s = wait_for_setpoint(wire, since, north_m)
         if passed_s is not None:
             latencies.append(passed_s - sent_s)
         time.sleep(max(0.0, sent_s + PERIOD_S - time.monotonic()))
     return latencies
+
+
+@contextlib.contextmanager
+def rest_and_websocket(url: str) -> Generator[dict[str, Send]]:
+    """Functions that send a setpoint over REST and over a WebSocket, to a stream of vehicle 101."""
+    path = "/api/v1/vehicles/101/offboard"
+    with (
+        httpx.Client(base_url=url, headers=CLIENT, timeout=10) as http,
+        connect(url.replace("http", "ws") + path + "/stream", additional_headers=CLIENT) as socket,
+    ):
+
+        def post(body: dict[str, object]) -> None:
+            http.post(f"{path}/setpoint", json=body).raise_for_status()
+
+        def send(body: dict[str, object]) -> None:
+            socket.send(json.dumps(body))
+            assert "applied" in json.loads(socket.recv(timeout=LOST_AFTER_S))
+
+        post(request(0.0))
+        yield {"REST": post, "WebSocket": send}
 
 
 def measure() -> dict[str, list[float]]:
@@ -64,24 +101,13 @@ def measure() -> dict[str, list[float]]:
         SyncGcs(url, client="bench", client_id="bench") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True)
-        path = "/api/v1/vehicles/101/offboard"
         with (
             drone.offboard(position_ned_m=(0.0, 0.0, -5.0), valid_for_s=60),
-            httpx.Client(base_url=url, headers=CLIENT, timeout=10) as http,
-            connect(url.replace("http", "ws") + path + "/stream", additional_headers=CLIENT) as socket,
+            rest_and_websocket(url) as ways,
         ):
-
-            def post(body: dict[str, object]) -> None:
-                http.post(f"{path}/setpoint", json=body).raise_for_status()
-
-            def send(body: dict[str, object]) -> None:
-                socket.send(json.dumps(body))
-                assert "applied" in json.loads(socket.recv(timeout=LOST_AFTER_S))
-
-            post(request(0.0))
             return {
-                "REST": latencies_s(relay, post, 1),
-                "WebSocket": latencies_s(relay, send, 10_000),
+                way: latencies_s(relay, send, 1 + 10_000 * number)
+                for number, (way, send) in enumerate(ways.items())
             }
 
 

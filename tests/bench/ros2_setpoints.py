@@ -1,0 +1,171 @@
+"""A stream of 100 Hz over ROS 2 and over MAVLink: latency, lateness, and the CPU time of both sides."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gcs_server.client import SyncGcs
+from tests.station import FIRST_TEST_INSTANCE, free_port, server, vehicle
+
+from .process import family_cpu_s, load_average, quantiles_ms
+from .relay import Relay
+from .ros2_tap import Ros2Tap
+from .setpoints import ROUNDS, Wire, latencies_s, rest_and_websocket
+from .stream import lateness_s
+
+RATE_HZ = 100.0
+WINDOW_S = 12.0
+FLEETS = (1, 10)
+DOMAIN = 80 + os.getpid() % 20
+"""A DDS domain that no other process uses."""
+
+
+class Tap(Wire, Protocol):
+    """Records the setpoints of all vehicles."""
+
+    def streams_s(self) -> list[list[float]]:
+        """Times of the setpoints of each vehicle."""
+        ...
+
+    def clear(self) -> None:
+        """Deletes the recorded setpoints."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Cpu:
+    """Share of one core of a server and its simulator (1 = one core)."""
+
+    server: float
+    simulator: float
+
+
+@dataclass(slots=True)
+class Measured:
+    """One protocol with a number of vehicles."""
+
+    alone: Cpu
+    """Telemetry without streams."""
+    streaming: Cpu
+    load: str
+    streams_s: list[list[float]]
+    latency_s: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
+    """From the client's call, by its way in; of one vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A server, its vehicles, and a tap between them."""
+
+    url: str
+    processes: tuple[int, int]
+    """Of the server and of the simulator."""
+    tap: Callable[[], contextlib.AbstractContextManager[Tap]]
+
+
+@contextlib.contextmanager
+def over_mavlink(vehicles: int) -> Generator[Station]:
+    """Vehicles on a UDP link. The relay between them and the server, in this process, is the tap."""
+    port = free_port()
+    with (
+        Relay(port) as relay,
+        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        vehicle(relay.vehicle_port, instances=vehicles) as simulator,
+    ):
+        yield Station(url, (process.pid, simulator.pid), lambda: contextlib.nullcontext(relay))
+
+
+@contextlib.contextmanager
+def over_ros2(vehicles: int) -> Generator[Station]:
+    """Vehicles on ROS 2 topics alone. The tap is one more subscriber, so it exists only while it is used."""
+    instances = range(FIRST_TEST_INSTANCE, FIRST_TEST_INSTANCE + vehicles)
+    tcp_port = free_port(socket.SOCK_STREAM)  # unused, but a simulator without any port does not start
+    with (
+        server([f"ros2://{DOMAIN}"]) as (url, process),
+        vehicle(0, instances=vehicles, tcp_port=tcp_port, more=["--ros2", str(DOMAIN)]) as simulator,
+    ):
+        names = [f"px4_{each}" for each in instances]
+        yield Station(url, (process.pid, simulator.pid), lambda: Ros2Tap(DOMAIN, names))
+
+
+WAYS = {"MAVLink": over_mavlink, "ROS 2": over_ros2}
+
+
+def cpu(station: Station) -> Cpu:
+    """CPU shares over a window that begins now."""
+    before, began_s = [family_cpu_s(pid) for pid in station.processes], time.monotonic()
+    time.sleep(WINDOW_S)
+    passed_s = time.monotonic() - began_s
+    used_s = [family_cpu_s(pid) - at for pid, at in zip(station.processes, before, strict=True)]
+    return Cpu(*(each / passed_s for each in used_s))
+
+
+def measure(station: Station, vehicles: int) -> Measured:
+    """Measures with vehicles that stand on the ground, disarmed, in Offboard while they receive setpoints."""
+    names = [str(FIRST_TEST_INSTANCE + number) for number in range(1, vehicles + 1)]
+    with SyncGcs(station.url, client="bench", client_id="bench") as gcs, contextlib.ExitStack() as running:
+        drones = [gcs.wait_for_vehicle(name, ready=True) for name in names]
+        time.sleep(2)
+        alone = cpu(station)
+        for drone in drones:
+            stream = drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
+            running.enter_context(stream)
+            drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
+        time.sleep(2)
+        streaming = cpu(station)
+        tap = running.enter_context(station.tap())
+        time.sleep(2)
+        tap.clear()
+        time.sleep(WINDOW_S)
+        found = Measured(alone, streaming, load_average(), [list(each) for each in tap.streams_s()])
+        if vehicles == 1:
+            with rest_and_websocket(station.url) as ways:
+                for number, (way, send) in enumerate(ways.items()):
+                    found.latency_s[way] = latencies_s(tap, send, 1 + 10_000 * number)
+        return found
+
+
+def percent(before: float, after: float, vehicles: int) -> str:
+    """Share of one core per vehicle, without and with streams."""
+    return f"{before / vehicles:.1%} → {after / vehicles:.1%}"
+
+
+def rows(results: dict[tuple[str, int], Measured]) -> Iterator[str]:
+    """The three tables."""
+    yield "| protocol | load average | way in | setpoints | ms from the call: p50 / p99 / max |"
+    yield "|---|---|---|---|---|"
+    for (protocol, _), found in results.items():
+        for way, taken in found.latency_s.items():
+            words = f"{len(taken)} of {ROUNDS} | {quantiles_ms(taken)}"
+            yield f"| {protocol} | {found.load} | {way} | {words} |"
+    yield "\n| protocol | vehicles | load average | setpoints | skipped | lateness ms: p50 / p99 / max |"
+    yield "|---|---|---|---|---|---|"
+    for (protocol, vehicles), found in results.items():
+        measured = [lateness_s(each, RATE_HZ) for each in found.streams_s]
+        late = [one for each, _ in measured for one in each]
+        left_out = sum(missed for _, missed in measured)
+        words = f"{len(late)} | {left_out} | {quantiles_ms(late)}"
+        yield f"| {protocol} | {vehicles} | {found.load} | {words} |"
+    yield "\n| protocol | vehicles | load average | server, a vehicle | simulator, a vehicle |"
+    yield "|---|---|---|---|---|"
+    for (protocol, vehicles), found in results.items():
+        alone, streaming = found.alone, found.streaming
+        sides = [(alone.server, streaming.server), (alone.simulator, streaming.simulator)]
+        shares = " | ".join(percent(*each, vehicles) for each in sides)
+        yield f"| {protocol} | {vehicles} | {found.load} | {shares} |"
+
+
+def table() -> Iterator[str]:
+    """Rows of Markdown; the protocols take turns."""
+    results: dict[tuple[str, int], Measured] = {}
+    for vehicles in FLEETS:
+        for protocol, way in WAYS.items():
+            with way(vehicles) as station:
+                results[protocol, vehicles] = measure(station, vehicles)
+    yield from rows(results)
