@@ -1,0 +1,117 @@
+"""A flight past an obstacle from the page alone: setpoints over ROS 2, the lidar's distances over MAVLink."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import opened, scene, slide
+from tests.e2e.fast_station import Station
+from tests.station import free_port, server, vehicle, wait_until
+
+pytest.importorskip("cyclonedds")
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+DOMAIN = 56
+NAMESPACE = f"box_{os.getpid()}"
+BOX_NORTH_M, BOX_HEIGHT_M = (4.25, 5.75), 4.0
+"""Of vehicle_sim/worlds/obstacle-box.yaml."""
+UP_M, GOAL_NORTH_M = 1.0, 10.0
+RETURNS = """
+() => {
+  const nodes = window.__viserMutable.nodeRefFromName;
+  const found = Object.keys(nodes).filter((name) => name.endsWith('/returns') && nodes[name]?.visible);
+  return found.length;
+}
+"""
+"""Number of vehicles whose lidar points are drawn."""
+
+
+@pytest.fixture
+def landed() -> Iterator[Station]:
+    """A vehicle in front of the box, joined from both links."""
+    port = free_port()
+    ros2 = ["--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
+    with (
+        server([f"udpin://127.0.0.1:{port}", f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+        vehicle(port, more=["--no-log", "--world", "obstacle-box", *ros2]),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        drone.until(lambda v: v["reach"]["setpoints"] == "ROS 2", what="both links")
+        yield Station(url, gcs, drone)
+
+
+class Watch:
+    """What the vehicle does, by its own estimates."""
+
+    def __init__(self, drone: Any) -> None:
+        self._drone = drone
+        self.highest_m = 0.0
+
+    def place(self) -> tuple[float, float]:
+        """North and up [m]."""
+        north, _, down = self._drone.topic("local_position")["position_ned_m"]
+        self.highest_m = max(self.highest_m, -down)
+        return north, -down
+
+    def until(self, reached: Callable[[float, float], bool], what: str, deadline_s: float = 60.0) -> None:
+        """Waits for a place."""
+        wait_until(lambda: reached(*self.place()), what, deadline_s)
+
+
+def fly_to(page: Page, room: Locator, north_m: float, button: str) -> None:
+    """Sends a position by the form."""
+    for field, value in (("North", north_m), ("East", 0.0), ("Up", UP_M)):
+        room.get_by_label(f"Position, {field}").fill(f"{value:g}")
+    room.get_by_role("button", name=button).click()
+
+
+def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance(
+    browser: Browser, landed: Station
+) -> None:
+    drone, at = landed.drone, Watch(landed.drone)
+    with opened(browser, landed.url, size=(1280, 720)) as page:
+        expect(page.locator(".pill b")).to_have_text("Ready")
+        page.keyboard.press("p")
+        room = page.get_by_role("region", name="Offboard room")
+        expect(room.get_by_text("If the stream stops")).to_be_visible()
+        fly_to(page, room, 0.0, "Start…")
+        slide(page)
+        drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
+        page.get_by_role("button", name="Arm", exact=True).click()
+        slide(page)
+        at.until(lambda _, up_m: up_m > 0.7 * UP_M, "the take-off to one metre")
+
+        fly_to(page, room, GOAL_NORTH_M, "Send")
+        page.keyboard.press("p")
+        card = page.get_by_label("Offboard", exact=True)
+        avoid = card.get_by_label("Avoid obstacles")
+        expect(avoid).not_to_be_checked()
+        at.until(lambda north_m, _: north_m > 1.5, "the way to the box")
+        wait_until(
+            lambda: drone.request("GET", "/offboard")["avoidance"]["text"] or stands(drone), "the stop"
+        )
+        time.sleep(3)
+        assert at.place()[0] < BOX_NORTH_M[0] - 0.5
+        assert at.highest_m < 2.0
+        wait_until(lambda: scene(page).evaluate(RETURNS) == 1, "the box as the lidar sees it", 40)
+
+        avoid.check()
+        at.until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the way over the box", 90)
+        assert at.highest_m > BOX_HEIGHT_M
+        expect(avoid).to_be_checked()
+        page.get_by_role("button", name="Land", exact=True).click()
+        slide(page)
+        drone.until_disarmed()
+
+
+def stands(drone: Any) -> bool:
+    """Whether the vehicle is slower than 0.2 m/s."""
+    return max(map(abs, drone.topic("local_position")["velocity_ned_m_s"][:2])) < 0.2
