@@ -9,6 +9,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer.missions.modes import MissionModeStatus
 
+MAX_DEFERRAL_S = 120
 PRINTABLE = r"^[!-~]([ -~]{0,22}[!-~])?$"
 
 
@@ -20,6 +21,13 @@ class RegisterMode(WhichMission):
         max_length=24,
         description="Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, "
         "without a space at either end.",
+    )
+    defer_failsafes_s: int = Field(
+        default=0,
+        ge=0,
+        le=MAX_DEFERRAL_S,
+        description="How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never. It "
+        "defers its reaction to a lost ground station connection, lost manual control or a low battery.",
     )
 
 

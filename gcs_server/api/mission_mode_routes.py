@@ -41,7 +41,8 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
         name, text = await chosen_mission(station, body)
         start = await prepared_start(station, v, name, text, body.despite, principal.name, begins_in_air=True)
         needs = start.timeline.needs
-        mode = MissionMode(body.name, name, text, tuple(body.despite), needs, principal.name)
+        deferral_s = body.defer_failsafes_s
+        mode = MissionMode(body.name, name, text, tuple(body.despite), needs, principal.name, deferral_s)
         await station.mission_modes.register(v, mode)
         return _view(station, v)
 

@@ -119,16 +119,27 @@ class SyncMissionModes:
         plan_id: str | None = None,
         version: int | None = None,
         despite: Sequence[str] = (),
+        defer_failsafes_s: int = 0,
     ) -> dict[str, Any]:
         """Registers a mission (a document, or one stored on the server) under this name; returns the mode
         once PX4 can select it.
+
+        With `defer_failsafes_s` PX4 defers its reaction to a lost ground station connection, lost manual
+        control or a low battery by up to this time, while the vehicle flies in the mode.
 
         Raises:
             Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode, the mission has errors that
                 `despite` does not list, or the vehicle has a mode of this name.
         """
         return self._portal.call(
-            lambda: self._inner.register(name, mission, plan_id=plan_id, version=version, despite=despite)
+            lambda: self._inner.register(
+                name,
+                mission,
+                plan_id=plan_id,
+                version=version,
+                despite=despite,
+                defer_failsafes_s=defer_failsafes_s,
+            )
         )
 
     def unregister(self, name: str) -> list[dict[str, Any]]:

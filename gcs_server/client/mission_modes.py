@@ -33,15 +33,20 @@ class MissionModes:
         plan_id: str | None = None,
         version: int | None = None,
         despite: Sequence[str] = (),
+        defer_failsafes_s: int = 0,
     ) -> dict[str, Any]:
         """Registers a mission (a document, or one stored on the server) under this name; returns the mode
         once PX4 can select it.
+
+        With `defer_failsafes_s` PX4 defers its reaction to a lost ground station connection, lost manual
+        control or a low battery by up to this time, while the vehicle flies in the mode.
 
         Raises:
             Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode, the mission has errors that
                 `despite` does not list, or the vehicle has a mode of this name.
         """
-        body = start_body(mission, plan_id, version, despite, name=name)
+        more = {"defer_failsafes_s": defer_failsafes_s} if defer_failsafes_s else {}
+        body = start_body(mission, plan_id, version, despite, name=name, **more)
         modes = (await self._vehicle.request("POST", "/mission_modes/register", body))["modes"]
         return next(mode for mode in modes if mode["name"] == name)
 

@@ -19,6 +19,7 @@ UNREGISTER: Final = "/fmu/in/unregister_ext_component"
 CHECK_REPLY: Final = "/fmu/in/arming_check_reply"
 COMPLETED: Final = "/fmu/in/mode_completed"
 CONTROLLERS: Final = "/fmu/in/config_control_setpoints"
+OVERRIDES: Final = "/fmu/in/config_overrides_request"
 REPLY: Final = "/fmu/out/register_ext_component_reply"
 CHECK_REQUEST: Final = "/fmu/out/arming_check_request"
 SENT_TYPES: Final = {
@@ -27,6 +28,7 @@ SENT_TYPES: Final = {
     CHECK_REPLY: "ArmingCheckReply",
     COMPLETED: "ModeCompleted",
     CONTROLLERS: "VehicleControlMode",
+    OVERRIDES: "ConfigOverrides",
 }
 """Type of every topic that a mode sends, besides its setpoints."""
 API_VERSION: Final = 1
@@ -44,6 +46,8 @@ LOST_S: Final = 1.5
 ANSWERS_ENDED: Final = "the process of the server that answers PX4 ended"
 IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more answers for its mode."
 """The vehicle's action in one of these modes when its component ends, as text."""
+NOT_DEFERRED, WOULD_FAILSAFE = 0, 2
+"""VehicleStatus.failsafe_defer_state: PX4 may not defer a failsafe; it defers one now."""
 FAILED: Final = 100
 """ModeCompleted.RESULT_FAILURE_OTHER."""
 REQUIREMENTS: Final = frozenset(
@@ -64,6 +68,10 @@ class ModeDeclaration:
     requires: frozenset[str]
     """Some of `REQUIREMENTS`. PX4 checks them when the mode is selected, and executes a failsafe if one is
     missing."""
+    defer_failsafes_s: int = 0
+    """How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its
+    reaction to a lost ground station connection, lost manual control or a low battery, but never to a missing
+    requirement or a geofence breach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +84,8 @@ class Registration:
     """Navigation state in PX4; None: the mode never had one."""
     why: str = ""
     """Why it was refused or lost."""
+    failsafe_deferred: bool = False
+    """Whether PX4 defers a failsafe now, because the vehicle flies in this mode."""
 
     @property
     def mode(self) -> str | None:
@@ -101,6 +111,7 @@ class ExternalMode:
         self._checked_s, self._checks = now_s, 0
         """Time of PX4's last arming check request, and number of these requests."""
         self._was_settable = False
+        self._failsafe_deferred = False
 
     @property
     def registration(self) -> Registration:
@@ -108,7 +119,7 @@ class ExternalMode:
         nav_state = None if self._mode_id == NO_ID else self._mode_id
         selectable = self._state != "registered" or self._checks >= CHECKS
         state = self._state if selectable else "registering"
-        return Registration(self.declaration.name, state, nav_state, self._why)
+        return Registration(self.declaration.name, state, nav_state, self._why, self._failsafe_deferred)
 
     def step(self, now_s: float) -> list[Message]:
         """The requests that are due now; call this at `due_s`."""
@@ -151,7 +162,7 @@ class ExternalMode:
             return []
         self._state, self._checked_s, self.due_s = "registered", now_s, now_s + LOST_S
         self._check_id, self._mode_id = values["arming_check_id"], values["mode_id"]
-        return [controllers_message(self._mode_id, "position")]
+        return [controllers_message(self._mode_id, "position"), *self._overrides()]
 
     def on_check_request(self, values: Values, now_s: float, *, can_run: bool) -> list[Message]:
         """Answers an ArmingCheckRequest.
@@ -174,14 +185,18 @@ class ExternalMode:
         }
         return [_message(CHECK_REPLY, fields)]
 
-    def on_status(self, values: Values) -> None:
-        """Handles a VehicleStatus, which shows whether PX4 has removed the mode."""
+    def on_status(self, values: Values) -> list[Message]:
+        """Handles a VehicleStatus, which shows whether PX4 has removed the mode; repeats the overrides if PX4
+        does not have them."""
+        active = self._state == "registered" and values["nav_state"] == self._mode_id
+        self._failsafe_deferred = active and values["failsafe_defer_state"] == WOULD_FAILSAFE
         if self._state != "registered":
-            return
+            return []
         settable = bool(values["can_set_nav_states_mask"] >> self._mode_id & 1)
         if self._was_settable and not settable:
             self._lost("PX4 removed the mode, because it received no answers in time")
         self._was_settable = settable
+        return self._overrides() if active and values["failsafe_defer_state"] == NOT_DEFERRED else []
 
     def completed(self, *, success: bool) -> list[Message]:
         """Reports that the mode is complete, or that it has failed."""
@@ -196,6 +211,18 @@ class ExternalMode:
 
     def _lost(self, why: str) -> None:
         self._state, self._why = "lost", why
+        self._failsafe_deferred = False
+
+    def _overrides(self) -> list[Message]:
+        """What PX4 does differently while the mode is active; nothing by default."""
+        if not self.declaration.defer_failsafes_s:
+            return []
+        fields = {
+            "defer_failsafes": True,
+            "defer_failsafes_timeout_s": self.declaration.defer_failsafes_s,
+            "source_id": self._mode_id,
+        }
+        return [_message(OVERRIDES, fields)]
 
     def _removal(self, check_id: int, mode_id: int) -> Message:
         fields = {

@@ -32,6 +32,10 @@ MISSION: dict[str, Any] = {
 OF_MODES = (CHECK_REPLY, CONTROLLERS, COMPLETED, "/fmu/in/trajectory_setpoint")
 
 
+DEFERRAL_S = 6
+LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60}]}
+
+
 class OtherStation:
     """Another ground station or a transmitter: it commands the vehicle over a MAVLink link of its own."""
 
@@ -43,6 +47,13 @@ class OtherStation:
         filled = (*params, *(0.0,) * (7 - len(params)))
         message = sim.MAVLink_command_long_message(1, 1, command, 0, *filled)
         self._sim.feed(0, "gcs", message.pack(self._pack))
+
+    async def heartbeats(self, seconds_: float) -> None:
+        """The heartbeats of a ground station, which PX4 misses when they end."""
+        beat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+        for _ in range(round(seconds_)):
+            self._sim.feed(0, "gcs", beat.pack(self._pack))
+            await seconds(1.0)
 
     def choose(self, mode: str) -> None:
         number = int(mode.removeprefix("external_"))
@@ -356,3 +367,29 @@ def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None
         assert labels["hold"] == "Hold"
 
     fly(jump, story, in_air=False)
+
+
+@pytest.mark.parametrize("deferral_s", [0, DEFERRAL_S])
+def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed(
+    jump: Any, deferral_s: int
+) -> None:
+    async def story(at: Modes) -> None:
+        for name, value in (("NAV_DLL_ACT", 3), ("COM_DL_LOSS_T", 5)):
+            at.world.sim.simulation.parameters[0].set(name, value)
+        mode = (await at.register(mission=LOITER, defer_failsafes_s=deferral_s))["mode"]
+        at.other.choose(mode)
+        await at.other.heartbeats(4)
+        assert at.vehicle.status.mode == mode
+        told = "defers a failsafe for up to 6 s"
+        if deferral_s:
+            await until(lambda: at.station.mission_modes.all("1")[0].failsafe_deferred, 12)
+            assert at.vehicle.status.mode == mode
+        began_s = at.world.loop.time()
+        await until(lambda: at.vehicle.status.mode == "hold", 12)
+        assert not deferral_s or at.world.loop.time() - began_s == pytest.approx(deferral_s, abs=1)
+        await at.mode("land", 12)
+        assert any(told in text for text in at.warnings()) == bool(deferral_s)
+        assert not at.station.mission_modes.all("1")[0].failsafe_deferred
+        assert at.mission == "suspended"
+
+    fly(jump, story)

@@ -139,8 +139,8 @@ def battery_demands(c: Conditions) -> list[Demand]:
         return [Demand("battery", Action.WARN, Cause.BATTERY_LOW)]
     critical, emergency = _BATTERY.get(c.low_battery_action, (Action.WARN, Action.WARN))
     if c.battery_warning == 2:
-        return [Demand("battery", critical, Cause.BATTERY_CRITICAL)]
-    return [Demand("battery", emergency, Cause.BATTERY_EMERGENCY)]
+        return [Demand("battery", critical, Cause.BATTERY_CRITICAL, deferrable=True)]
+    return [Demand("battery", emergency, Cause.BATTERY_EMERGENCY, deferrable=True)]
 
 
 def _failures(c: Conditions) -> list[Demand]:

@@ -63,7 +63,8 @@ class Demand:
     clear: Clear = Clear.WHEN_GONE
     takeover: Takeover = Takeover.AUTO
     deferrable: bool = False
-    """An external mode or executor may defer it (recorded on PX4 for the loss of the ground station)."""
+    """An external mode or executor may defer it. Recorded on PX4 for the loss of the ground station; in PX4's
+    source also lost sticks and a low battery, but no geofence, wind, flight time or attitude failure."""
 
 
 ACTION_MODES: dict[Action, NavState] = {

@@ -57,6 +57,8 @@ class MissionMode:
     """Codes of the mission's error findings that the client accepts."""
     needs: tuple[Estimate, ...]
     client: str
+    defer_failsafes_s: int = 0
+    """See `ModeDeclaration`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +80,17 @@ class MissionModeStatus:
     """Version of the stored plan that is flown, also if newer versions were saved since."""
     client: str
     """Client that registered it."""
+    defer_failsafes_s: int
+    """How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never."""
+    failsafe_deferred: bool
+    """Whether PX4 defers a failsafe now, because the vehicle flies in the mode."""
 
 
 @dataclass(slots=True)
 class _ModeEntry:
     mode: MissionMode
     state: RegistrationState = "registering"
+    failsafe_deferred: bool = False
 
 
 @dataclass(slots=True)
@@ -146,7 +153,8 @@ class MissionModes:
             )
         requires = ALWAYS_REQUIRED | {REQUIREMENT_OF[need] for need in mode.needs if need in REQUIREMENT_OF}
         try:
-            await self._streams.register_mode(vehicle_id, address, ModeDeclaration(mode.name, requires))
+            declaration = ModeDeclaration(mode.name, requires, mode.defer_failsafes_s)
+            await self._streams.register_mode(vehicle_id, address, declaration)
         except ValueError as error:
             raise Refused(
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
@@ -218,6 +226,9 @@ class MissionModes:
             if registration.state != each.state:
                 each.state = registration.state
                 self._report(vehicle, name, registration)
+            if registration.failsafe_deferred != each.failsafe_deferred:
+                each.failsafe_deferred = registration.failsafe_deferred
+                self._report_deferral(vehicle, each)
         self._forget_names(vehicle, by_mode)
         status = vehicle.status
         if status.link_lost:
@@ -245,6 +256,19 @@ class MissionModes:
             if vehicle.status.armed and vehicle.mode_names.external.get(vehicle.status.mode) == name:
                 text = f"{text} PX4 returns (RTL) unless another mode is commanded within about 1 s."
             self._add_event(vehicle, name, "lost", f"{text} Register it again to use it.", WARNING)
+
+    def _report_deferral(self, vehicle: Vehicle, entry: _ModeEntry) -> None:
+        """Reports that PX4 began or stopped to defer a failsafe."""
+        name = entry.mode.name
+        if entry.failsafe_deferred:
+            text = (
+                f"PX4 defers a failsafe for up to {entry.mode.defer_failsafes_s} s, because the vehicle "
+                f"flies in the mode {name!r}. It acts then, or when the vehicle leaves the mode."
+            )
+            self._add_event(vehicle, name, "failsafe_deferred", text, WARNING)
+        else:
+            text = f"PX4 no longer defers a failsafe for the mode {name!r}."
+            self._add_event(vehicle, name, "failsafe_not_deferred", text, NOTICE)
 
     async def _begin(self, vehicle: Vehicle, mode: str, entry: MissionMode) -> None:
         """Starts or resumes the mission; if that is not possible, the vehicle holds."""
@@ -291,6 +315,8 @@ class MissionModes:
             plan_id=mode.mission.plan_id,
             version=mode.mission.version,
             client=mode.client,
+            defer_failsafes_s=mode.defer_failsafes_s,
+            failsafe_deferred=registration.failsafe_deferred,
         )
 
     def _add_event(self, vehicle: Vehicle, name: str, code: str, text: str, severity: int) -> None:

@@ -187,7 +187,7 @@ class ExternalModes:
                 vehicle.active_nav_state = values["nav_state"] if values["arming_state"] == ARMED else None
             for mode in vehicle.modes:
                 if topic == STATUS:
-                    mode.on_status(values)
+                    self._send(vehicle, mode.on_status(values))
                 elif topic == REPLY:
                     self._send(vehicle, mode.on_reply(values, now_s))
                 else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from vehicle_sim.autopilot.demands import Conditions, demands
 from vehicle_sim.autopilot.failsafe import Action, Clear, Demand, Failsafe
 from vehicle_sim.autopilot.modes import NavState
 
@@ -51,3 +52,30 @@ def test_a_mode_that_cannot_run_is_not_deferred():
     machine = Failsafe()
     machine.defer(True, -1)
     assert decide(machine, 0.0, GCS, MODE) is Action.RTL
+
+
+EVERYTHING = Conditions(
+    mode=NavState.EXTERNAL1,
+    manual_lost=True,
+    manual_loss_action=2,
+    gcs_lost=True,
+    gcs_loss_action=2,
+    battery_warning=3,
+    low_battery_action=3,
+    fence_breached=True,
+    fence_action=3,
+    wind_too_high=True,
+    wind_action=3,
+    flight_time_over=True,
+    attitude_failure=True,
+    may_terminate=True,
+    external_cannot_run=True,
+)
+
+
+def test_only_lost_links_and_a_low_battery_are_deferred():
+    found = {each.name: each.deferrable for each in demands(EVERYTHING) if each.action > Action.WARN}
+    assert {name for name, deferrable in found.items() if deferrable} == {"manual", "gcs", "battery"}
+    assert {name for name, deferrable in found.items() if not deferrable} == {
+        "fence", "wind", "flight time", "attitude", "mode",
+    }  # fmt: skip

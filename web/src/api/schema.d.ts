@@ -7604,6 +7604,16 @@ export interface components {
              * @description Client that registered it.
              */
             readonly client: string;
+            /**
+             * Defer Failsafes S
+             * @description How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never.
+             */
+            readonly defer_failsafes_s: number;
+            /**
+             * Failsafe Deferred
+             * @description Whether PX4 defers a failsafe now, because the vehicle flies in the mode.
+             */
+            readonly failsafe_deferred: boolean;
         };
         /**
          * MissionModesView
@@ -10558,6 +10568,11 @@ export interface components {
              * @description Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, without a space at either end.
              */
             readonly name: string;
+            /**
+             * Defer Failsafes S
+             * @description How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never. It defers its reaction to a lost ground station connection, lost manual control or a low battery.
+             */
+            readonly defer_failsafes_s?: number;
         };
         /**
          * Repeat

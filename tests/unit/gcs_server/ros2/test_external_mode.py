@@ -13,6 +13,7 @@ from gcs_server.ros2.external_mode import (
     COMPLETED,
     CONTROLLERS,
     LOST_S,
+    OVERRIDES,
     REGISTER,
     REPLY,
     SENT_TYPES,
@@ -155,12 +156,12 @@ def test_without_arming_check_requests_the_mode_is_lost() -> None:
 
 def test_a_mode_that_px4_has_removed_is_lost() -> None:
     made = registered()
-    made.on_status({"can_set_nav_states_mask": 0})
+    made.on_status({"can_set_nav_states_mask": 0, "nav_state": 4})
     assert made.registration.state == "registered", "the status is older than the registration"
-    made.on_status({"can_set_nav_states_mask": MASK})
-    made.on_status({"can_set_nav_states_mask": MASK})
+    made.on_status({"can_set_nav_states_mask": MASK, "nav_state": 4})
+    made.on_status({"can_set_nav_states_mask": MASK, "nav_state": 4})
     assert made.registration.state == "registered"
-    made.on_status({"can_set_nav_states_mask": 0})
+    made.on_status({"can_set_nav_states_mask": 0, "nav_state": 4})
     assert made.registration.state == "lost"
     assert "no answers in time" in made.registration.why
 
@@ -197,3 +198,52 @@ def test_each_level_enables_its_controller_and_all_below(level: str, enabled: st
     values = fields([controllers_message(23, level)], CONTROLLERS)
     flags = {name for name, value in values.items() if name.startswith("flag_") and value}
     assert flags == {f"flag_control_{each}_enabled" for each in enabled.split()}
+
+
+def deferring() -> ExternalMode:
+    """Registered as mode 23; PX4 may defer failsafes for 6 s."""
+    made = ExternalMode(ModeDeclaration(NAME, frozenset(), 6), REQUEST_ID, 0.0)
+    made.step(0.0)
+    return made
+
+
+def test_a_registered_mode_sends_px4_the_time_for_deferred_failsafes() -> None:
+    _, overrides = deferring().on_reply(REGISTERED, 0.02)
+    values = fields([overrides], OVERRIDES)
+    assert (values["defer_failsafes"], values["defer_failsafes_timeout_s"]) == (True, 6)
+    assert (values["source_type"], values["source_id"]) == (0, 23)
+    assert not values["disable_auto_disarm"]
+    plain = mode()
+    plain.step(0.0)
+    assert {topic for topic, _ in plain.on_reply(REGISTERED, 0.02)} == {CONTROLLERS}
+
+
+def status_of(nav_state: int, defer_state: int) -> dict[str, int]:
+    return {"can_set_nav_states_mask": 1 << 23, "nav_state": nav_state, "failsafe_defer_state": defer_state}
+
+
+def test_the_overrides_are_repeated_if_px4_flies_the_mode_without_them() -> None:
+    made = deferring()
+    made.on_reply(REGISTERED, 0.02)
+    assert made.on_status(status_of(4, 0)) == []
+    assert fields(made.on_status(status_of(23, 0)), OVERRIDES)["defer_failsafes"]
+    assert made.on_status(status_of(23, 1)) == []
+    assert registered().on_status(status_of(23, 0)) == []
+
+
+def test_a_deferred_failsafe_is_reported_only_for_the_mode_that_flies() -> None:
+    made = deferring()
+    made.on_reply(REGISTERED, 0.02)
+    seen: list[bool] = []
+    for nav_state, defer_state in ((23, 1), (23, 2), (24, 2), (23, 2), (4, 0)):
+        made.on_status(status_of(nav_state, defer_state))
+        seen.append(made.registration.failsafe_deferred)
+    assert seen == [False, True, False, True, False]
+
+
+def test_a_lost_mode_defers_nothing() -> None:
+    made = deferring()
+    made.on_reply(REGISTERED, 0.02)
+    made.on_status(status_of(23, 2))
+    made.step(10.0)
+    assert (made.registration.state, made.registration.failsafe_deferred) == ("lost", False)

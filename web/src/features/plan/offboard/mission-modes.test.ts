@@ -12,6 +12,8 @@ const MODE: MissionMode = {
   plan_id: 'p1',
   version: 3,
   client: 'Anna',
+  defer_failsafes_s: 0,
+  failsafe_deferred: false,
 };
 const as = (more: Partial<MissionMode>): MissionMode => ({ ...MODE, ...more });
 const FLIES = { steps: [{ step: 'fly' }] } as unknown as Mission;
@@ -52,6 +54,10 @@ describe('a mode', () => {
   it('has its state as a text', () => {
     expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected in the air', tone: 'ok' });
     expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
+    expect(modeText(as({ defer_failsafes_s: 20, failsafe_deferred: true }), 'external_1')).toEqual({
+      text: 'selected. PX4 defers a failsafe for up to 20 s',
+      tone: 'caution',
+    });
     expect(modeText(as({ state: 'registering', mode: null }), null).tone).toBe('dim');
     expect(modeText(as({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({ text: 'not registered: PX4 restarted', tone: 'caution' });
   });
@@ -76,5 +82,7 @@ describe('a mode', () => {
     expect(asks.title).toBe('Start “Short line” with Quad 1');
     expect(asks.effect).toContain('“Line” (version 3)');
     expect(asks.effect).toContain('(RTL)');
+    expect(asks.effect).not.toContain('defers');
+    expect(selectQuestion(as({ defer_failsafes_s: 20 }), 'Quad 1').effect).toContain('defers failsafes for up to 20 s');
   });
 });

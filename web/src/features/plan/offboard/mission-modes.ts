@@ -38,6 +38,7 @@ export function modeText(mode: MissionMode, present: string | null): { text: str
     case 'registering':
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
+      if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
       return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: 'ready to be selected in the air', tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
@@ -56,11 +57,16 @@ export function canRemove(mode: MissionMode, present: string | null, inAir: bool
 
 export function selectQuestion(mode: MissionMode, vehicleName: string): Question {
   const version = mode.version === null ? '' : ` (version ${mode.version})`;
+  const deferral =
+    mode.defer_failsafes_s > 0
+      ? ` While it flies, PX4 defers failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
+      : '';
   return {
     title: `Start “${mode.name}” with ${vehicleName}`,
     effect:
       `Switches to the flight mode “${mode.name}”, and flies the mission “${mode.mission}”${version} from its current position. ` +
-      'If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.',
+      'If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.' +
+      deferral,
     verb: 'Start',
     danger: false,
   };
