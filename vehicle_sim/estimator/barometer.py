@@ -49,6 +49,9 @@ class Barometer:
         self.below_ratio = np.zeros(count)
         """(N,) how far the estimate is below the barometer's height, divided by the innovation's standard
         deviation."""
+        self._sum_m = np.zeros(count)
+        self._samples = np.zeros(count, dtype=np.int64)
+        """(N,) samples in `_sum_m`."""
         self._smooth_m = np.zeros(count)
         self._variance = np.ones(count)
         self._gate = np.ones(count)
@@ -65,7 +68,8 @@ class Barometer:
     def align(self, i: int, now_s: float, alt_m: float) -> None:
         """Initializes vehicle `i` at height zero with this pressure altitude."""
         self.bias_m[i] = self._smooth_m[i] = alt_m
-        self.ratio[i] = self.below_ratio[i] = 0.0
+        self.ratio[i] = self.below_ratio[i] = self._sum_m[i] = 0.0
+        self._samples[i] = 0
         self._fused_at_s[i] = now_s
         self._fusion.baro_hgt[i] = self._used[i]
         self._fusion.height_fused_at_s[i] = now_s
@@ -74,12 +78,19 @@ class Barometer:
         """Stops the fusion of barometers without recent samples."""
         self._fusion.baro_hgt &= (now_s - self._received_at_s <= SAMPLE_TIMEOUT_S) & self._used
 
-    def fuse(self, now_s: float, interval_s: float, sensors: SensorState, ready: BoolArray) -> None:
-        """Fuses the newest samples of the vehicles whose `baro_fresh` is set."""
+    def add(self, sensors: SensorState) -> None:
+        """Adds the newest samples, of the vehicles whose `baro_fresh` is set, to the next mean."""
+        self._sum_m += np.where(sensors.baro_fresh, sensors.baro_alt_amsl_m, 0.0)
+        self._samples += sensors.baro_fresh
+
+    def fuse(self, now_s: float, interval_s: float, ready: BoolArray) -> None:
+        """Fuses the means of the samples since the last call."""
         kalman, fusion = self._kalman, self._fusion
-        fresh = sensors.baro_fresh & ready
+        fresh = (self._samples > 0) & ready
         self._received_at_s[fresh] = now_s
-        alt_m = np.where(fresh, sensors.baro_alt_amsl_m, self._smooth_m)
+        alt_m = np.where(fresh, self._sum_m / np.maximum(self._samples, 1), self._smooth_m)
+        self._sum_m.fill(0.0)
+        self._samples.fill(0)
         self._smooth_m += SMOOTHING * (alt_m - self._smooth_m)
         self.bias_m += fusion.height_shift_m
         fusion.height_shift_m.fill(0.0)

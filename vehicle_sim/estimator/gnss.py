@@ -30,7 +30,7 @@ POSITION_BIT, HEIGHT_BIT, VELOCITY_BIT = 1, 2, 4
 GOOD_AGAIN_S = 1.0 + HORIZON_S
 FIX_TIMEOUT_S = 1.0
 """The GNSS height is not used after this time without a fix."""
-YAW_RESET_AFTER_S = 1.0
+YAW_RESET_AFTER_S = 1.0 + HORIZON_S
 YAW_OFF_RAD = math.radians(25.0)
 """After rejected velocities for the time above, a heading that differs this much from the yaw estimator's is
 reset."""

@@ -70,6 +70,9 @@ class Kalman:
         self.horizontal_accel_m_s2 = np.zeros((count, 2))
         """(N, 2) horizontal acceleration over the last second; GNSS shows the heading only while it is large.
         """
+        self.shift = np.zeros((count, 2, 3))
+        """(N, 2, 3) how far resets have moved velocity and position, until its reader clears it."""
+        self._shift = self.shift.reshape(count, 6)
         self._impulse = np.zeros((count, 3))
         self._pending_s = 0.0
         self._noise = np.zeros((count, SIZE))
@@ -127,17 +130,25 @@ class Kalman:
             self.covariance[rows, first + k, first + k] = new_variance
 
     def reset_one(self, mask: BoolArray, index: int, value: FloatArray | float, variance: FloatArray) -> None:
-        """Sets state `index` to this value (N,) with this variance (N,), where `mask` is set."""
+        """Sets velocity or position `index` to a value (N,) with a variance (N,), where `mask` is set."""
         rows = np.flatnonzero(mask)
-        self.vector[rows, index - VELOCITY] = np.broadcast_to(value, mask.shape)[rows]
+        new_value = np.broadcast_to(value, mask.shape)[rows]
+        self._shift[rows, index - VELOCITY] += new_value - self.vector[rows, index - VELOCITY]
+        self.vector[rows, index - VELOCITY] = new_value
         self.covariance[rows, index, :] = 0.0
         self.covariance[rows, :, index] = 0.0
         self.covariance[rows, index, index] = np.broadcast_to(variance, mask.shape)[rows]
 
-    def reset_field_covariance(self, mask: BoolArray) -> None:
-        """Resets the covariance of field and magnetometer bias to its initial value, where `mask` is set."""
-        for first in (FIELD, MAG_BIAS):
-            self.reset_covariance(mask, first, self._initial_variance[:, FIELD : FIELD + 3])
+    def reset_field_covariance(self, field: BoolArray, bias: BoolArray | None = None) -> None:
+        """Resets the covariances of field and magnetometer bias to their initial values, where a mask is set.
+
+        Args:
+            field: (N,) for the field.
+            bias: (N,) for the bias; None: the same vehicles.
+        """
+        initial = self._initial_variance[:, FIELD : FIELD + 3]
+        self.reset_covariance(field, FIELD, initial)
+        self.reset_covariance(field if bias is None else bias, MAG_BIAS, initial)
 
     def variances(self, first: int, last: int) -> FloatArray:
         """(N, m) variances of adjacent states, a view; `last` is exclusive."""

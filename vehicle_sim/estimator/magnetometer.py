@@ -2,8 +2,8 @@
 
 On the ground it corrects only the heading. At 1.5 m above ground, field, bias and heading are reset; from
 then on the magnetometer may correct every state. With a disturbed or inconsistent field the magnetometer no
-longer corrects the attitude. After 7 s of rejections its fusion stops, and starts again when the field's
-inclination is right.
+longer corrects the attitude. After 7 s of rejections its fusion stops and the variances of field and bias are
+reset, which widens the gate: it starts again with the first sample inside it.
 """
 
 from __future__ import annotations
@@ -25,22 +25,23 @@ BoolArray = NDArray[np.bool_]
 
 SAMPLE_TIMEOUT_S = 1.0
 ABOVE_ANOMALIES_M = 1.5
-CONSISTENCY_S = 0.85
-"""Time constant of the smoothed heading innovation; the recorded flag falls after 0.4 s."""
+CONSISTENCY_S = 0.66 + HORIZON_S
+"""Time constant of the smoothed heading innovation: PX4 gives a new sample, every 0.07 s, a weight of 0.1."""
+UNDISTURBED_S = 1.0
+"""A stopped magnetometer starts again only when the field has not been disturbed for this time."""
+FIELD_CHANGE_GAUSS = 0.01
+"""A reset leaves the field as it is when it is this close to the known one."""
 SMOOTHING = 0.1
 """Weight of a new sample in the smoothed field; a reset uses the smoothed field."""
 LARGEST_RATIO = 2.0
 NEVER_TYPE = 5
 """EKF2_MAG_TYPE: the magnetometer is not used."""
 HEADING_TYPE = 1
-STRENGTH_CHECK = 1
-"""Bit of EKF2_MAG_CHECK."""
+STRENGTH_CHECK, INCLINATION_CHECK = 1, 2
+"""Bits of EKF2_MAG_CHECK."""
 CONTROL_AFTER_S = 1.0
 """A magnetometer heading is good for control this long after its alignment in flight."""
 DECLINATION_NOISE_RAD = 0.5
-START_SHARE = 0.9
-"""Factor on EKF2_MAG_CHK_INC for a stopped magnetometer to start again: in recordings an inclination error of
-17 degrees allows it, 19.6 degrees never."""
 
 
 class Magnetometer:
@@ -63,6 +64,7 @@ class Magnetometer:
         self._heading_noise_rad = np.ones(count)
         self._strength_gauss = np.full(count, np.inf)
         self._inclination_rad = np.full(count, np.inf)
+        self._disturbed_at_s = np.full(count, -math.inf)
         self._type = np.zeros(count, dtype=np.int64)
         self._accel_limit_m_s2 = np.full(count, np.inf)
         self._smooth = np.zeros((count, 3))
@@ -85,8 +87,9 @@ class Magnetometer:
         self._gate[i] = max(value("EKF2_MAG_GATE"), 1.0)
         self._heading_noise_rad[i] = max(value("EKF2_HEAD_NOISE"), 0.01)
         checks = int(parameters.get("EKF2_MAG_CHECK"))
-        self._inclination_rad[i] = START_SHARE * math.radians(value("EKF2_MAG_CHK_INC"))
         self._strength_gauss[i] = value("EKF2_MAG_CHK_STR") if checks & STRENGTH_CHECK else math.inf
+        inclined = math.radians(value("EKF2_MAG_CHK_INC"))
+        self._inclination_rad[i] = inclined if checks & INCLINATION_CHECK else math.inf
         self._type[i] = int(parameters.get("EKF2_MAG_TYPE"))
         self._accel_limit_m_s2[i] = value("EKF2_MAG_ACCLIM")
 
@@ -117,6 +120,7 @@ class Magnetometer:
     def _stop(self, mask: BoolArray) -> None:
         fusion = self._fusion
         if mask.any():
+            self._kalman.reset_field_covariance(mask)
             for flag in (
                 fusion.mag,
                 fusion.mag_3d,
@@ -140,37 +144,36 @@ class Magnetometer:
         self._received_at_s[fresh] = now_s
         measured = np.where(fresh[:, None], measured_frd, self._smooth)
         self._smooth += SMOOTHING * (measured - self._smooth)
-        disturbed = np.abs(np.sqrt((measured**2).sum(axis=1)) - STRENGTH_GAUSS) > self._strength_gauss
+        disturbed = self._disturbed(measured)
         np.copyto(fusion.mag_field_disturbed, disturbed, where=fresh)
         self._check_heading(interval_s, measured, fresh)
         self._choose_states(fresh)
         align = fresh & fusion.mag & above_anomalies & fusion.in_air & ~fusion.mag_aligned_in_flight
         if align.any():
             self._reset_field(align, now_s)
-        accepted = self._fuse_axes(measured, fresh & fusion.mag & ~align)
+        self._disturbed_at_s[fresh & disturbed] = now_s
+        starting = fresh & ~fusion.mag & (now_s - self._disturbed_at_s > UNDISTURBED_S)
+        starting &= self._type != NEVER_TYPE
+        accepted = self._fuse_axes(measured, (fresh & fusion.mag & ~align) | starting)
         self._fused_at_s[accepted] = now_s
-        self._restart(now_s, fresh & ~fusion.mag & ~disturbed, measured)
-        self._stop(fusion.mag & fresh & (now_s - self._fused_at_s > RESET_TIMEOUT_S + HORIZON_S))
+        fusion.mag |= accepted
+        failing = fresh & fusion.mag & (now_s - self._fused_at_s > RESET_TIMEOUT_S + HORIZON_S)
+        if failing.any():
+            alone = ~(fusion.gnss_pos | fusion.gnss_vel) | fusion.vehicle_at_rest
+            self._reset_field(failing & alone, now_s)
+            self._stop(failing & ~alone)
         settled = fusion.mag_aligned_in_flight & (now_s - self._aligned_at_s > CONTROL_AFTER_S)
         corrects_heading = fusion.mag_hdg | fusion.mag_3d
         np.copyto(fusion.heading_good_for_control, settled | ~corrects_heading, where=fresh)
 
-    def _restart(self, now_s: float, idle: BoolArray, measured: FloatArray) -> None:
-        """Starts the fusion again where the field's inclination is right; resets field and bias, not the
-        heading."""
-        kalman, fusion = self._kalman, self._fusion
-        if not idle.any():
-            return
-        field_ned = rotate(kalman.matrix, measured)
-        inclination = np.arctan2(field_ned[:, 2], np.hypot(field_ned[:, 0], field_ned[:, 1]))
-        mask = idle & (np.abs(inclination - INCLINATION_RAD) < self._inclination_rad)
-        mask &= self._type != NEVER_TYPE
-        if mask.any():
-            kalman.reset_field_covariance(mask)
-            kalman.field[mask] = self._field_ned[mask]
-            kalman.mag_bias[mask] = (measured - rotate_back(kalman.matrix, self._field_ned))[mask]
-            self._fused_at_s[mask] = now_s
-            fusion.mag |= mask
+    def _disturbed(self, measured: FloatArray) -> BoolArray:
+        """(N,) vehicles whose field has a wrong strength or inclination (EKF2_MAG_CHECK)."""
+        disturbed = np.abs(np.sqrt((measured**2).sum(axis=1)) - STRENGTH_GAUSS) > self._strength_gauss
+        if np.isfinite(self._inclination_rad).any():
+            field_ned = rotate(self._kalman.matrix, measured)
+            inclination = np.arctan2(field_ned[:, 2], np.hypot(field_ned[:, 0], field_ned[:, 1]))
+            disturbed |= np.abs(inclination - INCLINATION_RAD) > self._inclination_rad
+        return disturbed
 
     def _check_heading(self, interval_s: float, measured: FloatArray, fresh: BoolArray) -> None:
         """Updates whether the field's heading, without the estimated bias, stays consistent with the
@@ -200,23 +203,28 @@ class Magnetometer:
         np.copyto(fusion.mag_dec, fusion.mag & ~gnss_aided, where=fresh)
 
     def _reset_field(self, mask: BoolArray, now_s: float) -> None:
-        """Resets field and bias, and the heading where the field may correct it."""
+        """Resets the field if it has changed, and the heading, or else the bias, where the field may correct
+        the heading."""
         kalman, fusion = self._kalman, self._fusion
         heading_reset = mask & (fusion.mag_hdg | fusion.mag_3d)
-        kalman.reset_field_covariance(mask)
-        kalman.field[mask] = self._field_ned[mask]
-        kalman.mag_bias[heading_reset] = 0.0
+        changed = mask & (((kalman.field - self._field_ned) ** 2).sum(axis=1) > FIELD_CHANGE_GAUSS**2)
+        kalman.field[changed] = self._field_ned[changed]
         offset = self._smooth - rotate_back(kalman.matrix, self._field_ned)
-        kalman.mag_bias[mask & ~heading_reset] = offset[mask & ~heading_reset]
+        offset[heading_reset] = 0.0
+        new_bias = heading_reset | changed
+        kalman.mag_bias[new_bias] = offset[new_bias]
+        kalman.reset_field_covariance(changed, new_bias)
         if heading_reset.any():
             field_ned = rotate(kalman.matrix, self._smooth)
             heading_error = wrap_pi(self._declination_rad - np.arctan2(field_ned[:, 1], field_ned[:, 0]))
             kalman.reset_heading(heading_reset, heading_error, self._heading_noise_rad**2)
             fusion.heading_reset_counter += heading_reset
-        self._heading_off_rad[mask] = 0.0
+            fusion.mag_heading_consistent |= heading_reset
+        self._heading_off_rad[heading_reset] = 0.0
         self._fused_at_s[mask] = now_s
-        fusion.mag_aligned_in_flight |= mask
-        self._aligned_at_s[mask] = now_s
+        aligned = mask & fusion.in_air
+        fusion.mag_aligned_in_flight |= aligned
+        self._aligned_at_s[aligned] = now_s
 
     def _fuse_axes(self, measured: FloatArray, used: BoolArray) -> BoolArray:
         """Fuses all three axes or none; returns the vehicles whose sample was accepted."""

@@ -10,6 +10,8 @@ from tests.bench import fault_recordings, faults
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.sensor_watch import SensorWatch
 from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.estimator.barometer import Barometer
+from vehicle_sim.estimator.fusion import blank_fusion
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 from vehicle_sim.simulation import Simulation
@@ -117,6 +119,62 @@ def test_offset_gps_is_rejected_for_14_s_offset_accelerometer_resets_height_stuc
     assert sim.estimate.horizontal_accuracy_m[0] > 0.5
     run(sim, 2.0)
     assert sim.fusion.xy_reset_counter[0] == before[2, 0] + 1
+
+
+def test_a_reset_moves_the_outputs_by_its_step_and_leaves_what_they_lag_behind():
+    """PX4's outputs were 0.9 to 1.5 m/s off just after the recorded resets of a shifted accelerometer."""
+    sim = hovering(3)
+    sim.sensor_faults.imu_offset[:, 5] = 2.0
+    filtered = sim._estimator.kalman.velocity
+    before, lags = sim.fusion.vz_reset_counter.copy(), []
+    for _ in range(round(5.0 / sim.dt_s)):
+        sim.step()
+        reset = sim.fusion.vz_reset_counter > before
+        if reset.any():
+            run(sim, 2.0 * sim.dt_s)
+            lags += (sim.estimate.velocity_ned_m_s - filtered)[reset, 2].tolist()
+        before = sim.fusion.vz_reset_counter.copy()
+    assert len(lags) >= 3
+    assert min(lags) > 0.9
+    run(sim, 1.0)
+    now = np.abs(sim.estimate.velocity_ned_m_s - filtered)[:, 2]
+    assert now.max() < 0.7 * min(lags), "the output follows the filter smoothly"
+
+
+@pytest.mark.parametrize(
+    ("axis", "gauss", "starts", "turns"),
+    [("X", 0.2, True, True), ("Y", 0.2, True, False), ("X", 0.4, False, False), ("Y", 0.4, False, False)],
+)
+def test_a_refused_compass_stops_and_starts_again_inside_the_gate_of_reset_variances(
+    axis, gauss, starts, turns
+):
+    sim = hovering(3)
+    for row in range(3):
+        set_parameter(sim, row, f"SIM_MAG_OFFSET_{axis}", gauss)
+    run(sim, 7.0)
+    assert sim.fusion.mag.all()
+    headings = sim.fusion.heading_reset_counter.copy()
+    run(sim, 0.3)
+    assert (sim.fusion.mag == starts).all()
+    run(sim, 0.2)
+    assert (sim.fusion.mag_aligned_in_flight == starts).all()
+    assert (sim.fusion.heading_reset_counter - headings == turns).all()
+    run(sim, 15.0)
+    assert (sim.fusion.mag == starts).all(), "for good"
+
+
+def test_a_barometer_is_fused_as_the_mean_of_its_samples():
+    kalman = SimpleNamespace(
+        position=np.zeros((1, 3)), variance=lambda _: np.zeros(1), fuse=lambda *fused: seen.append(fused)
+    )
+    seen, barometer = [], Barometer(1, kalman, blank_fusion(1))
+    barometer.configure(0, Parameters())
+    barometer.align(0, 0.0, 100.0)
+    for alt_m in (101.0, 104.0):
+        barometer.add(SimpleNamespace(baro_fresh=np.array([True]), baro_alt_amsl_m=np.array([alt_m])))
+    barometer.fuse(0.1, 0.1, np.array([True]))
+    ((_, innovation, _),) = seen
+    assert innovation == -2.5
 
 
 @pytest.mark.parametrize("name", ["baro", "mag"])
