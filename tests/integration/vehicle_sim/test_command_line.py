@@ -19,7 +19,7 @@ def run(*arguments: str) -> subprocess.Popen[str]:
 def test_the_process_streams_and_ends_on_sigterm() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
-        station.settimeout(10)
+        station.settimeout(30)
         port = station.getsockname()[1]
         process = run("--gcs-local-port", "0", "--gcs-remote-port", str(port), "--no-api", "--tcp-port", "0")
         try:
@@ -29,7 +29,7 @@ def test_the_process_streams_and_ends_on_sigterm() -> None:
                 names |= {m.name for m in parser.feed(station.recv(65536))}
         finally:
             process.terminate()
-            out, _ = process.communicate(timeout=10)
+            out, _ = process.communicate(timeout=30)
         assert process.returncode == 0
         assert out.startswith("vehicle 1 ready (instance 0): gcs UDP ")
 
@@ -40,6 +40,6 @@ def test_a_port_in_use_is_named_and_ends_the_process_if_no_other_is_open() -> No
         taken.listen(1)
         port = taken.getsockname()[1]
         process = run("--gcs-remote-port", "0", "--no-api", "--tcp-port", str(port))
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=30)
     assert process.returncode == 1
     assert f"TCP port {port} on 127.0.0.1" in err
