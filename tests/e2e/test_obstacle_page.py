@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -20,8 +21,8 @@ pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 DOMAIN = 56
 NAMESPACE = f"box_{os.getpid()}"
-BOX_NORTH_M, BOX_HEIGHT_M = (4.25, 5.75), 4.0
-"""Of vehicle_sim/worlds/obstacle-box.yaml."""
+BOX_HEIGHT_M = 4.0
+"""Height of the box in vehicle_sim/worlds/obstacle-box.yaml."""
 UP_M, GOAL_NORTH_M = 1.0, 10.0
 RETURNS = """
 () => {
@@ -49,7 +50,7 @@ def landed() -> Iterator[Station]:
 
 
 class Watch:
-    """What the vehicle does, by its own estimates."""
+    """The vehicle's estimated position, and its greatest height so far."""
 
     def __init__(self, drone: Any) -> None:
         self._drone = drone
@@ -62,7 +63,7 @@ class Watch:
         return north, -down
 
     def until(self, reached: Callable[[float, float], bool], what: str, deadline_s: float = 60.0) -> None:
-        """Waits for a place."""
+        """Waits until `reached` is true of the position north and the height [m]."""
         wait_until(lambda: reached(*self.place()), what, deadline_s)
 
 
@@ -95,11 +96,9 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance
         avoid = card.get_by_label("Avoid obstacles")
         expect(avoid).not_to_be_checked()
         at.until(lambda north_m, _: north_m > 1.5, "the way to the box")
-        wait_until(
-            lambda: drone.request("GET", "/offboard")["avoidance"]["text"] or stands(drone), "the stop"
-        )
-        time.sleep(3)
-        assert at.place()[0] < BOX_NORTH_M[0] - 0.5
+        wait_until(lambda: ahead_m(drone) < 1.5 and is_slow(drone), "the stop")
+        time.sleep(3)  # the brake keeps the vehicle there
+        assert ahead_m(drone) > 0.7, "it stops 1 m before the box"
         assert at.highest_m < 2.0
         wait_until(lambda: scene(page).evaluate(RETURNS) == 1, "the box as the lidar sees it", 40)
 
@@ -112,6 +111,14 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance
         drone.until_disarmed()
 
 
-def stands(drone: Any) -> bool:
+def is_slow(drone: Any) -> bool:
     """Whether the vehicle is slower than 0.2 m/s."""
     return max(map(abs, drone.topic("local_position")["velocity_ned_m_s"][:2])) < 0.2
+
+
+def ahead_m(drone: Any) -> float:
+    """Distance that the lidar measures forward [m]; infinite without a measurement. Unlike the estimated
+    position it has no GPS error."""
+    sensors = drone.topic("distance_sensors")["sensors"]
+    measured = [each["distance_m"] for each in sensors if each["direction_frd"][0] > 0.9]
+    return min((each for each in measured if each is not None), default=math.inf)
