@@ -64,6 +64,7 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
     assert [share for _, share in reports] == sorted(share for _, share in reports)
 
 
+@pytest.mark.story
 def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     """A plan 8 m above the start, into a hill to the north."""
     south = {"lat_deg": LAT_DEG - 0.006, "lon_deg": LON_DEG}
