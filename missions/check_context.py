@@ -36,12 +36,12 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "items_never_reached": ("warning", "items after an item that ends the mission"),
     "speed_invalid": ("error", "an invalid speed"),
     "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX, which PX4 limits"),
-    "altitude_too_high": ("warning", "above the operator's altitude limit"),
+    "altitude_too_high": ("warning", "more than 120 m above home"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
     "altitude_below_home": ("warning", "an item at or below the altitude of home"),
     "altitude_unknown": ("warning", "an altitude that cannot be compared with home"),
     "first_waypoint_far": ("warning", "the first item is farther from home than MIS_DIST_1WP"),
-    "leg_too_long": ("warning", "farther from the previous item than the operator's limit"),
+    "leg_too_long": ("warning", "more than 2 km from the previous item"),
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
     "fence_violation": ("error", "an item outside the geofence"),
     "fence_crossed": ("error", "the straight path between two items leaves the geofence"),
@@ -50,7 +50,6 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "rally_outside_fence": ("warning", "a rally point outside the geofence"),
     "rally_terrain": ("error", "a rally point with a terrain altitude that is not resolved"),
     "too_many_items": ("error", "more fence or rally items than PX4 has room for"),
-    "length_exceeded": ("warning", "longer than the operator's limit"),
     "endurance_exceeded": ("warning", "more energy than the battery provides"),
     "endurance_endless": ("warning", "endless: no battery is large enough"),
     "check_failed": ("warning", "a check that could not be carried out"),
@@ -85,12 +84,11 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class CheckLimits:
-    """The operator's limits; None: no limit."""
+    """Limits of the checks; None: no limit."""
 
     altitude_home_max_m: float | None = 120.0
     """Above home; 120 m is the limit of the open category in the EU (Regulation 2019/947)."""
     leg_max_m: float | None = 2000.0
-    length_max_m: float | None = None
     vehicle: VehicleModel = field(default_factory=VehicleModel)
     power: PowerModel | None = None
 

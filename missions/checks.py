@@ -39,12 +39,9 @@ def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
 
 
 def _totals(context: Context) -> Iterator[Finding]:
-    """Length and endurance of the whole flight."""
+    """Endurance of the whole flight."""
     limits = context.limits
     total = estimate(context.plan, limits.vehicle, limits.power)
-    if limits.length_max_m is not None and total.length_m > limits.length_max_m:
-        message = f"The flight is {total.length_m:.0f} m long, the limit is {limits.length_max_m:.0f} m."
-        yield Finding("length_exceeded", message, fix="Split the plan into several flights.")
     if total.energy_wh is None or limits.power is None:
         return
     if total.endless:

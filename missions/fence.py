@@ -7,7 +7,9 @@ because a vehicle brakes for each separately.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,10 @@ class PolygonFence:
         corners = [origin.to_ned(lat, lon, 0.0) for lat, lon in self.points_deg]
         return Polygon(tuple((n, e) for n, e, _ in corners), name)
 
+    def region(self, origin: LocalOrigin, name: str) -> Region:
+        """The region inside, in a local frame."""
+        return Region(polygons=(self.to_local(origin, name),))
+
 
 @dataclass(frozen=True, slots=True)
 class CircleFence:
@@ -50,8 +56,19 @@ class CircleFence:
         n, e, _ = origin.to_ned(self.lat_deg, self.lon_deg, 0.0)
         return Circle((n, e), self.radius_m, name)
 
+    def region(self, origin: LocalOrigin, name: str) -> Region:
+        """The region inside, in a local frame."""
+        return Region(circles=(self.to_local(origin, name),))
+
 
 Fence = PolygonFence | CircleFence
+
+
+def fence_from_json(values: Mapping[str, Any]) -> Fence:
+    """A fence from its fields as a JSON object."""
+    if values["kind"] == "circle":
+        return CircleFence(**values)
+    return PolygonFence(tuple((lat, lon) for lat, lon in values["points_deg"]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,10 @@ async def start_joint_mission(
             await station.offboard(vehicle.id).ensure_parameters()
         compiled = await station.plan_work.run(
             "compile_roles",
-            {"plan": text, "vehicles": {role: _known(vehicle) for role, vehicle in vehicles.items()}},
+            {
+                "plan": text,
+                "vehicles": {role: _known(station, vehicle) for role, vehicle in vehicles.items()},
+            },
             small=False,
             field="mission",
         )
@@ -121,6 +124,11 @@ def _require_ready(vehicle: Vehicle) -> None:
         )
 
 
-def _known(vehicle: Vehicle) -> dict[str, Any]:
-    known = plan_context_of(vehicle)
-    return {"parameters": known.parameters, "reported": known.reported, "start": start_of(vehicle)}
+def _known(station: Station, vehicle: Vehicle) -> dict[str, Any]:
+    known = plan_context_of(station, vehicle)
+    return {
+        "parameters": known.parameters,
+        "reported": known.reported,
+        "operator": known.operator.to_json(),
+        "start": start_of(vehicle),
+    }

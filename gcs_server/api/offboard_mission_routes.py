@@ -168,13 +168,14 @@ async def prepared_start(
     """
     vehicle, offboard = station.fleet.get(vehicle_id), station.offboard(vehicle_id)
     await offboard.ensure_parameters()
-    known = plan_context_of(vehicle)
+    known = plan_context_of(station, vehicle)
     compiled = await station.plan_work.run(
         "compile",
         {
             "plan": text,
             "parameters": known.parameters,
             "reported": known.reported,
+            "operator": known.operator.to_json(),
             "start": start_of(vehicle) | ({"in_air": True} if begins_in_air else {}),
         },
         small=False,

@@ -13,6 +13,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions import documents
 from missions.documents import Document
 from missions.offboard.document import OffboardMission
+from missions.offboard.state import OperatorArea
 from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
 from missions.vehicle import PARAMETERS
 
@@ -37,19 +38,22 @@ class PlanContext:
     """Sentences about unknown values."""
     reported: tuple[str, ...] | None = None
     """Names of the condition values that the vehicle reports; None without a vehicle."""
+    operator: OperatorArea = field(default_factory=OperatorArea)
+    """The operator's limits of this vehicle."""
 
 
 async def check_document(
     station: Station, document: Document, vehicle: Vehicle | None, power: dict[str, float] | None = None
 ) -> dict[str, Any]:
     """Findings and estimates of a plan for a vehicle; as `PlanCheck`."""
-    known = plan_context_of(vehicle)
+    known = plan_context_of(station, vehicle)
     arguments = {
         "plan": text_of(document),
         "parameters": known.parameters,
         "home": known.home,
         "origin": known.origin,
         "reported": known.reported,
+        "operator": known.operator.to_json(),
         "power": power,
     }
     small = not isinstance(document, OffboardMission) and is_small(document)
@@ -72,7 +76,7 @@ def is_small(document: Document) -> bool:
     return weight <= SMALL_ITEMS
 
 
-def plan_context_of(vehicle: Vehicle | None) -> PlanContext:
+def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
     """The data that the server has about a vehicle."""
     if vehicle is None:
         return PlanContext()
@@ -87,10 +91,14 @@ def plan_context_of(vehicle: Vehicle | None) -> PlanContext:
         )
     elif missing := sorted(name for name in result if name not in parameters):
         not_known.append(f"Unknown parameters, PX4's defaults are used: {', '.join(missing)}.")
+    limits = station.offboard(vehicle.id).operator.limits
+    operator = OperatorArea(limits.height_max_m, limits.distance_max_m, limits.fence)
     sample = vehicle.topic("home")
     if sample is None:
         not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's home is used.")
-        return PlanContext(parameters, not_known=tuple(not_known), reported=reported_values(vehicle))
+        return PlanContext(
+            parameters, not_known=tuple(not_known), reported=reported_values(vehicle), operator=operator
+        )
     assert isinstance(sample.value, Home)
     home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
     origin = VehicleEstimates(vehicle).origin()
@@ -100,4 +108,5 @@ def plan_context_of(vehicle: Vehicle | None) -> PlanContext:
         None if origin is None else asdict(origin),
         tuple(not_known),
         reported_values(vehicle),
+        operator,
     )

@@ -78,7 +78,7 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     With `vehicle`, its parameters are used, and its home if the plan has none.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    known = plan_context_of(vehicle)
+    known = plan_context_of(station, vehicle)
     home = known.home if body.plan.planned_home is None else None
     arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": known.parameters, "home": home}
     result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))

@@ -28,7 +28,7 @@ from missions.vehicle import PowerModel, VehicleModel
 if TYPE_CHECKING:
     from missions.offboard.positions import Start
     from missions.offboard.samples import Leg
-    from missions.offboard.state import MissionVehicle
+    from missions.offboard.state import MissionVehicle, OperatorArea
     from missions.offboard.timeline import Timeline
     from missions.trajectory.limits import MotionLimits
 
@@ -46,7 +46,8 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 def _check(arguments: Mapping[str, Any]) -> Values:
     """Checks a plan. Arguments: `plan` (JSON text); `parameters`; `home`, `origin` and `reported` of the
-    vehicle, and `power`, each may be null; `elevation`: paths of elevation files."""
+    vehicle, and `power`, each may be null; `operator` (as `OperatorArea`); `elevation`: paths of elevation
+    files."""
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
     if isinstance(document, OffboardMission):
@@ -104,7 +105,7 @@ def _check_mission(
         frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
         start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
     vehicle = MissionVehicle.from_parameters(
-        arguments["parameters"], CheckLimits(power=power), arguments["reported"]
+        arguments["parameters"], CheckLimits(power=power), arguments["reported"], _area_of(arguments)
     )
     if mission.roles:
         return _check_roles(mission, vehicle, arguments["elevation"])
@@ -254,8 +255,9 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
 
 
 def _compile(arguments: Mapping[str, Any]) -> Values:
-    """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `start` (as
-    `Start`, `origin` as a mapping or null), `elevation`: paths of elevation files.
+    """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `operator` (as
+    `OperatorArea`), `start` (as `Start`, `origin` as a mapping or null), `elevation`: paths of elevation
+    files.
 
     `flown` in the answer is the pickled timeline with its motion limits; only this server and its processes
     write and read it.
@@ -310,7 +312,15 @@ def _mission_of(text: str) -> OffboardMission:
 def _vehicle_of(arguments: Mapping[str, Any]) -> MissionVehicle:
     from missions.offboard.state import MissionVehicle
 
-    return MissionVehicle.from_parameters(arguments["parameters"], reported=arguments["reported"])
+    return MissionVehicle.from_parameters(
+        arguments["parameters"], reported=arguments["reported"], operator=_area_of(arguments)
+    )
+
+
+def _area_of(arguments: Mapping[str, Any]) -> OperatorArea:
+    from missions.offboard.state import OperatorArea
+
+    return OperatorArea.from_json(arguments["operator"])
 
 
 def _start_of(start: Values) -> Start:

@@ -20,10 +20,11 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "tilt_exceeded": ("error", "an attitude with more tilt than the vehicle's limit"),
     "duration_too_short": ("error", "a velocity that is not reached in its time"),
     "position_not_held": ("warning", "the position is not controlled during this step"),
-    "altitude_too_high": ("warning", "above the operator's altitude limit"),
+    "altitude_too_high": ("warning", "more than 120 m above home"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
     "altitude_below_home": ("warning", "at or below the height of home or of the start"),
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
+    "limit_exceeded": ("error", "beyond the operator's limits of this vehicle, which hold the vehicle back"),
     "fence_crossed": ("error", "the path leaves the geofence"),
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
     "terrain_hit": ("error", "the path goes below the ground"),
@@ -36,7 +37,6 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
         "warning",
         "the positions of the vehicles are unknown, so their separation cannot be checked",
     ),
-    "length_exceeded": ("warning", "longer than the operator's limit"),
     "endurance_exceeded": ("warning", "more energy than the battery provides"),
 }
 """Severity and meaning of each code."""

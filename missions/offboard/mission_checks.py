@@ -81,6 +81,22 @@ def _positions(segment: Segment, path: Array, work: Work) -> Iterator[MissionFin
             f"{segment.title} is up to {away_m:.0f} m from the start; the fence limit is {radius_m:.0f} m."
         )
         yield MissionFinding("radius_exceeded", message, segment.place, "Move it nearer to the start.")
+    for beyond in _beyond_operator_limits(path, highest_m, away_m, work):
+        message = f"{segment.title} {beyond}. The server would hold the vehicle back there."
+        yield MissionFinding("limit_exceeded", message, segment.place, "Change the step, or your limits.")
+
+
+def _beyond_operator_limits(path: Array, highest_m: float, away_m: float, work: Work) -> Iterator[str]:
+    operator, start = work.vehicle.operator, work.start
+    if operator.height_max_m is not None and highest_m > operator.height_max_m + 0.01:
+        yield f"climbs to {highest_m:.0f} m above home, your limit is {operator.height_max_m:g} m"
+    if operator.distance_max_m is not None and away_m > operator.distance_max_m + 0.01:
+        yield f"is up to {away_m:.0f} m from the start, your limit is {operator.distance_max_m:g} m from home"
+    if operator.fence is not None and start.origin is not None:
+        outside = operator.fence.region(start.origin, "your fence").are_outside(path[:, :2])
+        if outside.any():
+            north, east, _ = path[int(outside.argmax())]
+            yield f"leaves your fence near north {north:.0f} m, east {east:.0f} m"
 
 
 def _fence(
@@ -127,9 +143,6 @@ def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFindi
 
 def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
     limits = work.vehicle.limits
-    if limits.length_max_m is not None and timeline.length_m > limits.length_max_m:
-        message = f"The flight is {timeline.length_m:.0f} m long, the limit is {limits.length_max_m:.0f} m."
-        yield MissionFinding("length_exceeded", message, None, "Split the mission.")
     power, needed_wh = limits.power, energy_wh(timeline, work)
     if power is not None and needed_wh is not None and needed_wh > power.usable_wh:
         message = (

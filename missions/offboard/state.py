@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 from missions.check_context import CheckLimits
 from missions.errors import PlanError
+from missions.fence import Fence, fence_from_json
 from missions.frames import Vector3
 from missions.offboard.document import Bounds, OffboardMission
 from missions.offboard.findings import MissionFinding
@@ -27,6 +29,31 @@ MAX_POINTS = 50_000
 
 
 @dataclass(frozen=True, slots=True)
+class OperatorArea:
+    """Where the operator's limits of a vehicle allow the stream to fly; None: no limit."""
+
+    height_max_m: float | None = None
+    """Above home."""
+    distance_max_m: float | None = None
+    """Horizontal distance from home."""
+    fence: Fence | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The area as a JSON object."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> OperatorArea:
+        """The area of `to_json`."""
+        fence = values["fence"]
+        return cls(
+            values["height_max_m"],
+            values["distance_max_m"],
+            None if fence is None else fence_from_json(fence),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class MissionVehicle:
     """The limits that a mission is compiled for: the vehicle's and the operator's."""
 
@@ -34,6 +61,7 @@ class MissionVehicle:
     limits: CheckLimits = field(default_factory=CheckLimits)
     reported: frozenset[str] | None = None
     """Names of the condition values that the vehicle reports; None: unknown."""
+    operator: OperatorArea = field(default_factory=OperatorArea)
 
     @classmethod
     def from_parameters(
@@ -41,12 +69,13 @@ class MissionVehicle:
         parameters: Mapping[str, float],
         limits: CheckLimits | None = None,
         reported: Iterable[str] | None = None,
+        operator: OperatorArea | None = None,
     ) -> MissionVehicle:
         """Creates the limits from the vehicle's parameters and the operator's limits."""
         model = VehicleModel.from_parameters(parameters)
         return cls(
             MotionLimits.from_parameters(parameters), replace(limits or CheckLimits(), vehicle=model),
-            None if reported is None else frozenset(reported),
+            None if reported is None else frozenset(reported), operator or OperatorArea(),
         )  # fmt: skip
 
     def within(self, bounds: Bounds) -> MotionLimits:

@@ -9,6 +9,7 @@ from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.streamer.missions.readings import reported_values
+from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import ANNA, WorkHere, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
@@ -332,6 +333,20 @@ def test_the_client_in_control_starts_controls_and_aborts_a_mission_and_the_jour
         assert shown["state"] == "aborted"
         commands = [line[1] for line in lines(at.station) if line[3] == "ok"]
         assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
+
+    routed(jump, story)
+
+
+def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
+    far = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
+
+    async def story(at):
+        await at.station.offboard("1").operator.set(OperatorLimits(distance_max_m=30.0), by="anna")
+        with pytest.raises(PlanFindings, match="your limit is 30 m from home") as refused:
+            await started(at, far)
+        assert refused.value.codes == ("limit_exceeded",)
+        await at.station.offboard("1").operator.set(OperatorLimits(distance_max_m=50.0), by="anna")
+        await started(at, far)
 
     routed(jump, story)
 

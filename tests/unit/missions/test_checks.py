@@ -127,7 +127,6 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
         RallyPoint(**at(50), altitude=up(20)),)), DEFAULTS, None),
     ("rally_terrain", a_plan(TAKEOFF, rally_points=(RallyPoint(**at(5), altitude=TERRAIN),)), DEFAULTS, None),
     ("too_many_items", a_plan(TAKEOFF, fence=(square(300),) * 17), DEFAULTS, None),
-    ("length_exceeded", a_plan(TAKEOFF, to(100)), CheckLimits(length_max_m=119.0), None),
     ("endurance_exceeded", a_plan(TAKEOFF, to(100), to(0), to(100)), ENDURANCE, None),
     ("endurance_endless", a_plan(TAKEOFF, to(9), Jump(target_index=1, repeat=-1)), ENDURANCE, None),
 ]  # fmt: skip
@@ -176,7 +175,7 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
 @settings(deadline=None, max_examples=40)
 @given(plan=plans(altitudes=RESOLVED))
 def test_all_checks_of_any_plan_are_completed(plan: Plan) -> None:
-    limits = CheckLimits(length_max_m=1000.0, power=POWER)
+    limits = CheckLimits(power=POWER)
     assert "check_failed" not in {finding.code for finding in check(plan, limits)}
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from missions.check_context import CheckLimits
+from missions.fence import CircleFence, PolygonFence
+from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
 from missions.offboard.findings import CODES
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
-from missions.offboard.state import MissionVehicle
+from missions.offboard.state import MissionVehicle, OperatorArea
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import PowerModel, VehicleModel
 from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, mission
@@ -33,7 +37,6 @@ ROOT = Path(__file__).resolve().parents[3]
         (flown("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
         (flown("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
         (flown("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
-        (flown("step: fly, points: [{offset_ned_m: [900000, 0, -9]}]"), "length_exceeded"),
         (flown("step: hold, duration_s: 86400"), "endurance_exceeded"),
         (flown("step: wait, until: {value: battery_share, above: 1}, timeout_s: 9"), "condition_never"),
         (flown("step: branch, condition: {value: satellites, below: 0}, then: []"), "condition_never"),
@@ -44,7 +47,6 @@ ROOT = Path(__file__).resolve().parents[3]
 )  # fmt: skip
 def test_each_fault_is_a_finding_with_its_step(steps: str, code: str) -> None:
     limits = CheckLimits(
-        length_max_m=50_000.0,
         power=PowerModel(200.0, 100.0, 2.0),
         vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
     )
@@ -66,6 +68,33 @@ def test_a_path_outside_the_geofence_is_a_finding_with_its_position() -> None:
     assert "north" in found.findings[0].message
     inside = text.replace("60, 0", "40, 0")
     assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
+
+
+CORNERS = ((-4e-4, -4e-4), (4e-4, -4e-4), (4e-4, 4e-4), (-4e-4, 4e-4))
+"""North, east [deg]: a square of 44 m north and 30 m east to each side."""
+HERE = (HOME.lat_deg, HOME.lon_deg)
+SQUARE = PolygonFence(tuple((HERE[0] + north, HERE[1] + east) for north, east in CORNERS))
+
+
+@pytest.mark.parametrize(
+    ("area", "words"),
+    [
+        (OperatorArea(height_max_m=9.0), "climbs to 10 m above home, your limit is 9 m"),
+        (OperatorArea(distance_max_m=59.0), "up to 60 m from the start, your limit is 59 m from home"),
+        (OperatorArea(fence=CircleFence(*HERE, 50.0)), "leaves your fence near north 5"),
+        (OperatorArea(fence=SQUARE), "leaves your fence near north 4"),
+    ],
+)
+def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, words: str) -> None:
+    plan = mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))
+    start = Start(origin=LocalOrigin(*HERE, HOME.alt_amsl_m), home_alt_amsl_m=HOME.alt_amsl_m)
+    assert OperatorArea.from_json(json.loads(json.dumps(area.to_json()))) == area
+    found = compile_mission(plan, MissionVehicle(operator=area), start)
+    (finding, *_) = [each for each in found.findings if each.code == "limit_exceeded"]
+    assert finding.severity == "error"
+    assert words in finding.message
+    wide = OperatorArea(11.0, 61.0, CircleFence(*HERE, 70.0))
+    assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=wide), start))
 
 
 def test_a_reported_and_satisfiable_condition_gives_no_finding() -> None:
