@@ -94,7 +94,7 @@ def _number(text: str, what: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{what} {text!r} is no number") from None
+        raise argparse.ArgumentTypeError(f"{what} {text!r} is not a number") from None
 
 
 @dataclass(frozen=True, slots=True)

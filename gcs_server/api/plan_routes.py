@@ -27,8 +27,9 @@ from missions.values import Altitude, Reference
 router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
 
 SMALL_FILE_BYTES = 32_768
+"""Files up to this size are read in a thread, larger ones in a process."""
 SMALL_YAML_BYTES = 8_192
-"""Limit for YAML, which is read more slowly."""
+"""The same limit for YAML, which takes longer to parse."""
 MAX_NOTES_LENGTH = 4000
 """Maximum length of the header with the notes of an export."""
 NOTES_HEADER = "X-Plan-Notes"

@@ -74,7 +74,7 @@ def api_router() -> APIRouter:
 
 
 class _DocumentedApp(FastAPI):
-    """Adds to each operation the required permission, and the errors of access control and of the limits."""
+    """Adds the required permission to each operation, and the errors of access control and limits."""
 
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:

@@ -67,7 +67,7 @@ class SerialLink(Link):
             )
         if error.errno in (errno.EACCES, errno.EPERM):
             return (
-                f"This user may not open {self._device}. Run: sudo usermod -aG dialout $USER, "
+                f"No permission to open {self._device} for this user. Run: sudo usermod -aG dialout $USER, "
                 "then log out and in again."
             )
         if error.errno in (errno.EBUSY, errno.EAGAIN):

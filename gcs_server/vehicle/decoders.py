@@ -3,7 +3,7 @@
 Every decoder gets full payloads (padded with zeros; several instances of a message: `instances.py`) and
 returns the value and, if the message has it, the vehicle's boot time. Returned numbers are finite and
 plausible (`numbers.py`); other values become None. If the sample is useless without a value, the decoder
-raises Unusable. Formats are those of the dialect, which a test compares.
+raises Unusable. `FORMATS` repeats the layouts of the MAVLink dialect; a test compares them.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ FORMATS: dict[int, struct.Struct] = {
 }
 
 MAX_CELL_MV = 6000
-"""Larger values mean unused cells."""
+"""No cell has more: a larger value is the total voltage of a battery, or marks an unused cell."""
 UNKNOWN_CURRENTS = (-1, -100)
-"""[cA] MAVLink's -1, and PX4's -1 A."""
+"""[cA] Values that mean unknown: -1 in MAVLink, -100 (-1 A) from PX4."""
 IGNORE_AXES = (
     (
         d.POSITION_TARGET_TYPEMASK_X_IGNORE,
@@ -128,7 +128,7 @@ def global_position(payloads: Payloads) -> Decoded:
 
 
 def gps(payloads: Payloads) -> Decoded:
-    """GPS_RAW_INT; unknown satellites are 255, unknown dilution and accuracy 0xFFFF and 0."""
+    """GPS_RAW_INT. Unknown: satellites 255, HDOP 0xFFFF, accuracy 0."""
     fields = _gps.unpack_from(payloads[d.MAVLINK_MSG_ID_GPS_RAW_INT])
     hdop, fix_type, satellites, accuracy_mm = fields[4], fields[8], fields[9], fields[11]
     value = samples.Gps(
@@ -283,7 +283,7 @@ def estimator(payloads: Payloads) -> Decoded:
 def wind(payloads: Payloads) -> Decoded:
     """WIND_COV."""
     time_us, north, east, down, *_ = _wind.unpack_from(payloads[d.MAVLINK_MSG_ID_WIND_COV])
-    required("WIND_COV: a speed over the ground", north, east)
+    required("WIND_COV: wind speed north or east", north, east)
     return samples.Wind((north, east, number(down) or 0.0), math.hypot(north, east)), time_us / 1e6
 
 

@@ -169,10 +169,11 @@ def fly_together(
     Raises:
         PlanError: A role has no vehicle, or the mission cannot be compiled.
     """
+    if not mission.roles:
+        raise PlanError("roles", "the mission has no roles", "Fly it with one vehicle.")
     missing = [role for role in mission.roles if role not in aircraft]
-    if missing or not mission.roles:
-        name = missing[0] if missing else ""
-        raise PlanError("vehicles", f"role {name!r} has no vehicle", "Assign a vehicle to each role.")
+    if missing:
+        raise PlanError("vehicles", f"role {missing[0]!r} has no vehicle", "Assign a vehicle to each role.")
     origins, roles = origins or {}, list(mission.roles)
     flyable = {
         role: FlyableMission.of(mission, aircraft[role], origin=origins.get(role), role=role)
@@ -249,14 +250,13 @@ def _too_near(
     one, other = (tracks[role] for role in roles)
     t_s = float(one.t_s[first])
     steps = [
-        track.steps[at].place if (at := int(track.step[first])) >= 0 else "its start"
-        for track in (one, other)
+        track.steps[at].place if (at := int(track.step[first])) >= 0 else "start" for track in (one, other)
     ]
     north, east, down = one.position_ned_m[first].tolist()
     message = (
         f"After {t_s:.0f} s the vehicles of {roles[0]} ({steps[0]}) and {roles[1]} ({steps[1]}) come within "
-        f"{separation_m[first]:.1f} m of each other, braking included; in flight the guard holds both at "
-        f"{least_m:.1f} m."
+        f"{separation_m[first]:.1f} m of each other, including the distance to brake. In a real flight the "
+        f"guard stops both below {least_m:.1f} m."
     )
     step = steps[0] if int(one.step[first]) >= 0 else None
     return DryRunFinding("separation", message, step, round(t_s, 2), (north, east, down))

@@ -132,8 +132,11 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
 
 def _check_counts(items: Sequence[Any], fence: Sequence[Any], rally: Sequence[Any]) -> None:
     if len(items) > MAX_ITEMS or len(fence) > MAX_FENCE_ZONES or len(rally) > MAX_RALLY_POINTS:
-        most = f"{MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, {MAX_RALLY_POINTS} rally points at most"
-        raise PlanError("the file", most, "Split the plan into smaller ones.")
+        reason = (
+            f"it has more than {MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones or "
+            f"{MAX_RALLY_POINTS} rally points"
+        )
+        raise PlanError("the file", reason, "Split the plan into smaller ones.")
 
 
 def _document(feature: Feature) -> str:

@@ -150,14 +150,18 @@ def _placemark(placemark: Element) -> Iterator[Feature]:
                 kind = "point" if _name(geometry) == "Point" else "line"
                 ring = _coordinates(geometry, name)
                 if kind == "point" and len(ring) != 1:
-                    raise PlanError(f"placemark {name!r}", "its point has no position", "Correct it.")
+                    raise PlanError(
+                        f"placemark {name!r}", "its point must have one coordinate", "Correct it."
+                    )
                 yield Feature(kind, (ring,), properties, name, _altitude(geometry))
             case "Polygon":
                 has_geometry = True
                 outer = [_coordinates(each, name) for each in _all(geometry, "outerBoundaryIs")]
                 holes = [_coordinates(each, name) for each in _all(geometry, "innerBoundaryIs")]
                 if len(outer) != 1:
-                    raise PlanError(f"placemark {name!r}", "its area has no corners", "Correct it.")
+                    raise PlanError(
+                        f"placemark {name!r}", "its polygon must have one outer boundary", "Correct it."
+                    )
                 yield Feature("area", tuple(open_ring(ring) for ring in (*outer, *holes)), properties, name)
             case _:
                 pass

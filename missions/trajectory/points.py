@@ -26,8 +26,8 @@ class PassPoint:
     stop: bool = False
     """Whether the vehicle stops exactly at the point."""
     corner_m: float = 1.0
-    """Largest distance of a bend from the point; 0: stop at the point. If a stop is faster than the bend, the
-    vehicle stops."""
+    """Largest distance of the rounded corner from the point; 0: stop at the point. The vehicle also stops if
+    this takes less time than the rounded corner."""
 
 
 def check_points(points: Sequence[PassPoint]) -> None:
@@ -45,15 +45,16 @@ def check_points(points: Sequence[PassPoint]) -> None:
     for number, point in enumerate(points, 1):
         if not all(abs(axis) <= MAX_COORDINATE_M for axis in point.position_ned_m):
             reason = (
-                f"position {point.position_ned_m} is not finite, or farther than {MAX_COORDINATE_M:.0f} m"
+                f"position {point.position_ned_m} is not finite, or a coordinate exceeds "
+                f"{MAX_COORDINATE_M:.0f} m"
             )
-            raise PlanError(f"point {number}", reason, "Give finite metres from the local origin.")
+            raise PlanError(f"point {number}", reason, "Give metres from the local origin.")
         if point.yaw_ned_rad is not None and not abs(point.yaw_ned_rad) <= 1e3:
             reason = f"yaw {point.yaw_ned_rad} is not a finite angle"
             raise PlanError(f"point {number}", reason, "Give an angle in radians, or leave it out.")
         if not 0.0 <= point.corner_m <= MAX_COORDINATE_M:
-            reason = f"corner {point.corner_m} is not a distance"
-            raise PlanError(f"point {number}", reason, "Give metres of at least 0.")
+            reason = f"corner {point.corner_m} m is not from 0 to {MAX_COORDINATE_M:.0f} m"
+            raise PlanError(f"point {number}", reason, "Give metres, 0 or more.")
 
 
 def merge_same(points: Sequence[PassPoint]) -> tuple[list[PassPoint], list[int]]:

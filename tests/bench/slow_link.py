@@ -36,7 +36,7 @@ RATE_HZ = 50.0
 STOPS = 60
 STALL_S, STALLS = 5.0, 3
 WAITING = 40
-"""Number of frames that always wait, by sending parameter requests."""
+"""Parameter requests are sent so that this many frames are always queued."""
 MSG_PARAM_REQUEST_READ, MSG_COMMAND_LONG, MSG_SETPOINT = 20, 76, 84
 MAV_CMD_COMPONENT_ARM_DISARM, FORCE = 400, 21196.0
 
@@ -182,14 +182,14 @@ def table() -> Iterator[str]:
     yield ""
     yield "| what | figure |"
     yield "|---|---|"
-    yield f"| stop motors has left after, {STOPS} times: p50 / p99 / max | {stop} ms (goal: 50) |"
+    yield f"| delay of stop motors, {STOPS} commands: p50 / p99 / max | {stop} ms (goal: 50) |"
     stall = ", ".join(f"{s * 1e3:.1f}" for s in result.stop_after_stall_s)
     yield f"| … after the end of a stall of {STALL_S:g} s, {STALLS} times | {stall} ms |"
-    yield f"| setpoints that left, a second | {len(result.ages_s) / result.seconds:.1f} of {RATE_HZ:g} |"
-    yield f"| their age when their last byte left: p50 / p99 / max | {quantiles_ms(in_time)} ms (goal: 100) |"
-    yield f"| … in the driver when the line stalled | {late} in {STALLS} stalls |"
-    yield f"| parameter requests beside them, a second | {result.parameters / result.seconds:.0f} |"
-    yield f"| frames lost by the numbers | {result.lost} |"
+    yield f"| setpoints sent per second | {len(result.ages_s) / result.seconds:.1f} of {RATE_HZ:g} |"
+    yield f"| age of a setpoint at its last byte: p50 / p99 / max | {quantiles_ms(in_time)} ms (goal: 100) |"
+    yield f"| setpoints in the driver's buffer when the line stalled | {late} in {STALLS} stalls |"
+    yield f"| parameter requests sent per second | {result.parameters / result.seconds:.0f} |"
+    yield f"| frames lost (by sequence number) | {result.lost} |"
     yield (
         f"| replaced / expired / dropped, with the stalls | {info.frames_replaced} / {info.frames_expired} / "
         f"{info.frames_dropped} |"

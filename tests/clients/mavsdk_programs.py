@@ -86,8 +86,8 @@ async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
 
 
 async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
-    """Height has priority over horizontal motion, and even a target height of zero does not reach the
-    ground."""
+    """Height has priority over horizontal motion, and the vehicle stays above the ground even if its target
+    height is zero."""
     types = drone.types("follow_me")
     home = await first(drone.stream("home"))
     await drone.telemetry.set_rate_ground_truth(10.0)

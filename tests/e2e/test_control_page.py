@@ -55,7 +55,7 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
             expect(bob.get_by_text("Request control first: Anna is connected.")).to_be_visible()
             expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
             assert in_both_themes(bob) == []
-            bob.get_by_label("Why (shown to Anna)").fill("I see it better")
+            bob.get_by_label("Reason for the request (shown to Anna)").fill("I see it better")
             bob.get_by_role("button", name="Request control").click()
             prompt = anna.get_by_role("region", name="Control requested")
             expect(prompt).to_contain_text("Bob requests control")

@@ -105,12 +105,12 @@ def distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_d
 
 
 def _in_polygon(corners: Sequence[tuple[float, float]], lat_deg: float, lon_deg: float) -> bool:
-    crossings = False
+    inside = False
     lat_b, lon_b = corners[-1]
     for lat_a, lon_a in corners:
         if (lon_a >= lon_deg) != (lon_b >= lon_deg) and lat_deg <= (lat_b - lat_a) * (lon_deg - lon_a) / (
             lon_b - lon_a
         ) + lat_a:
-            crossings = not crossings
+            inside = not inside
         lat_b, lon_b = lat_a, lon_a
-    return crossings
+    return inside

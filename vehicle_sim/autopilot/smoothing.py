@@ -88,8 +88,8 @@ class Smoothing:
         self._way_numbers = way
 
     def begin(self) -> None:
-        """Clears the speed before a turn: a vehicle that does not move towards the target then brakes
-        first."""
+        """Sets the stored speed before a turn to 0, so that a vehicle that does not move towards the target
+        brakes first."""
         self._before_turn_m_s[0] = 0.0
 
     def fly(self, dt_s: float, way: Way, limits: SpeedLimits) -> None:
@@ -112,7 +112,7 @@ class Smoothing:
         )
 
     def fly_level(self, dt_s: float, way: Way | None, limits: SpeedLimits) -> float:
-        """Advances north and east by one tick; without a way towards a stop.
+        """Advances north and east by one tick; without waypoints the trajectory brakes to a stop.
 
         Returns:
             Tick length of the trajectory [s]; it is shorter while the vehicle lags.
@@ -306,10 +306,10 @@ def _velocity_towards(
     if length < 1e-6:
         return 0.0, 0.0, 0.0
     speed = math.hypot(horizontal, vertical)
-    across, slower = _clamped(speed * flat / length, horizontal)
-    rising, horizontal_part = _clamped(slower * speed * abs(dd) / length, vertical)
-    scale = across * horizontal_part / max(flat, 1e-9)
-    return scale * dn, scale * de, math.copysign(rising, dd)
+    horizontal_m_s, vertical_factor = _clamped(speed * flat / length, horizontal)
+    vertical_m_s, horizontal_factor = _clamped(vertical_factor * speed * abs(dd) / length, vertical)
+    scale = horizontal_m_s * horizontal_factor / max(flat, 1e-9)
+    return scale * dn, scale * de, math.copysign(vertical_m_s, dd)
 
 
 @kernel

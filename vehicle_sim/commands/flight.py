@@ -214,7 +214,7 @@ class FlightCommands:
         return result
 
     def _change_altitude(self, c: Command) -> int:
-        """Holds at another altitude AMSL [m], above the position where the vehicle stops."""
+        """Holds at the altitude AMSL in param1 [m], at the horizontal position where the vehicle stops."""
         outside = self._is_outside_fence(math.nan, math.nan, c.p1)
         result = self._switch(NavState.HOLD)
         if result != ACCEPTED or not self._commander.armed:
@@ -319,7 +319,7 @@ class FlightCommands:
 
     def _external_wind(self, c: Command) -> int:
         self._host.acknowledge(c, ACCEPTED)
-        return UNSUPPORTED
+        return UNSUPPORTED  # PX4 answers twice, as recorded
 
 
 def _rounded(value: float) -> int:

@@ -91,7 +91,7 @@ def test_a_changed_item_keeps_unknown_fields() -> None:
     assert json.dumps(after) == json.dumps(before)
 
 
-def test_a_moved_fence_zone_and_rally_point_keep_their_neighbours_and_unknown_keys() -> None:
+def test_changing_a_fence_zone_or_rally_point_leaves_the_others_and_unknown_keys_unchanged() -> None:
     plan = qgc_plan.read(a_file("fence_rally_unknown")).plan
     circle = next(zone for zone in plan.fence if zone.shape == "circle")
     zones = tuple(
@@ -107,7 +107,7 @@ def test_a_moved_fence_zone_and_rally_point_keep_their_neighbours_and_unknown_ke
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED, homes=HOMES))
-def test_any_plan_is_unchanged_after_a_plan_file(plan: Plan) -> None:
+def test_any_plan_is_unchanged_after_writing_and_reading_a_plan_file(plan: Plan) -> None:
     rally = tuple(
         point.model_copy(update={"altitude": Altitude(value_m=point.altitude.value_m, reference="home")})
         for point in plan.rally_points

@@ -211,11 +211,11 @@ def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
     ("given", "place", "fix"),
     [
         ([], "the trajectory", "Add at least one point"),
-        (points((0, 0, 0), (math.nan, 0, 0)), "point 2", "finite metres"),
-        (points((0, 0, 0), (0, 0, math.inf)), "point 2", "finite metres"),
-        (points((0, 0, 2e6)), "point 1", "finite metres"),
+        (points((0, 0, 0), (math.nan, 0, 0)), "point 2", "metres from the local origin"),
+        (points((0, 0, 0), (0, 0, math.inf)), "point 2", "metres from the local origin"),
+        (points((0, 0, 2e6)), "point 1", "metres from the local origin"),
         ([PassPoint((0, 0, 0), math.nan)], "point 1", "radians"),
-        (points((0, 0, 0), (1, 0, 0), corner_m=-1.0), "point 1", "at least 0"),
+        (points((0, 0, 0), (1, 0, 0), corner_m=-1.0), "point 1", "0 or more"),
         ([PassPoint((0, 0, 0))] * 10_001, "the trajectory", "Split it"),
     ],
 )

@@ -27,7 +27,7 @@ class Descent:
         self._path.write()
 
     def steady_task(self) -> SteadyTask | None:
-        """The descent until the ground; None: the vehicle stops first."""
+        """The descent until ground contact; None while the vehicle brakes first."""
         return self._path.steady_task(Motion.DESCENT)
 
     def _land_speed(self) -> float:

@@ -1,5 +1,5 @@
-"""Orbit: flies to the nearest point of a circle, then around it by velocity, with the yaw of
-ORBIT_YAW_BEHAVIOUR."""
+"""Orbit: flies to the nearest point of a circle, then around the circle with velocity setpoints. The yaw
+follows ORBIT_YAW_BEHAVIOUR."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ export function covered(): Record<Edge, number> {
   return widest(panels.values());
 }
 
-/** For a panel at an edge of the stage (`use:covers`). */
+/** Svelte action: counts the panel's size as covered at this edge of the stage. */
 export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } {
   const setCovered = (px: number): void => {
     if (px === (panels.get(panel)?.px ?? 0)) return;
@@ -20,7 +20,7 @@ export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } 
     panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
   };
   const sizes = new ResizeObserver(() => {
-    const box = panel.getBoundingClientRect(); // on a large screen panels are magnified
+    const box = panel.getBoundingClientRect(); // includes the panels' magnification on large screens
     setCovered(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
   });
   sizes.observe(panel);

@@ -228,7 +228,7 @@ def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatc
         heard = LinkRecorder(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
         info = heard.link.info()
         assert info.state == "waiting"
-        assert "may not open /dev/ttyFORBIDDEN" in info.detail
+        assert "No permission to open /dev/ttyFORBIDDEN" in info.detail
         assert "sudo usermod -aG dialout $USER" in info.detail
         await heard.link.close()
 

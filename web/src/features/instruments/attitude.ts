@@ -6,7 +6,7 @@ import type { VehicleFacts } from '../../vehicle/facts';
 /** Pixels of the instrument per degree of pitch. */
 export const PX_PER_DEG = 1.7;
 
-/** Transform of the earth behind the wings: rotated against roll, moved down by pitch. */
+/** SVG transform of the horizon behind the fixed aircraft symbol: rotated by -roll, moved down by pitch. */
 export function horizonTransform(roll_rad: number, pitch_rad: number, cx: number, cy: number): string {
   const roll = toDeg(roll_rad) ?? 0;
   const pitch = Math.min(90, Math.max(-90, toDeg(pitch_rad) ?? 0));
