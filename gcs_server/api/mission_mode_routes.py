@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 from fastapi import APIRouter, Response
@@ -30,19 +31,24 @@ async def show_modes(vehicle: VehicleDep, station: StationDep) -> Response:
 async def register(v: str, body: m.RegisterMode, station: StationDep, principal: PrincipalDep) -> Response:
     """Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
 
-    The mode begins in the air, so the mission must not begin with a take-off. It is compiled and checked from
-    the vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list.
-    It is compiled again from the position at which the mode is selected.
+    A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
+    when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
+    position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
+    from the position at which it begins.
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "mission_modes/register", v, arguments):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         name, text = await chosen_mission(station, body)
-        start = await prepared_start(station, v, name, text, body.despite, principal.name, begins_in_air=True)
+        takes_off = _begins_with_take_off(text)
+        start = await prepared_start(
+            station, v, name, text, body.despite, principal.name, begins_in_air=not takes_off
+        )
         needs = start.timeline.needs
         deferral_s = body.defer_failsafes_s
-        mode = MissionMode(body.name, name, text, tuple(body.despite), needs, principal.name, deferral_s)
+        despite = tuple(body.despite)
+        mode = MissionMode(body.name, name, text, despite, needs, principal.name, deferral_s, takes_off)
         await station.mission_modes.register(v, mode)
         return _view(station, v)
 
@@ -58,18 +64,31 @@ async def unregister(
 
 
 async def start_in_mode(station: Station, vehicle_id: str, entry: MissionMode) -> Start:
-    """The mission of a mode that has become active, from the vehicle's present position.
+    """The mission of a mode that is to begin, from the vehicle's present position.
 
     Raises:
         GcsError: it cannot be flown from there.
     """
+    begins_in_air = not entry.takes_off
     prepared = await prepared_start(
-        station, vehicle_id, entry.mission, entry.text, entry.despite, entry.client, begins_in_air=True
+        station,
+        vehicle_id,
+        entry.mission,
+        entry.text,
+        entry.despite,
+        entry.client,
+        begins_in_air=begins_in_air,
     )
     mode = station.fleet.get(vehicle_id).status.mode
     if not mode.startswith("external_"):
         raise Refused("The vehicle has left the mode.")
     return replace(prepared, mode=mode)
+
+
+def _begins_with_take_off(text: str) -> bool:
+    """Whether the first step of a mission, as JSON, is a take-off."""
+    steps = json.loads(text).get("steps") or [{}]
+    return steps[0].get("step") == "take_off"
 
 
 def _view(station: Station, vehicle_id: str) -> Response:

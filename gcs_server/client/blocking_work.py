@@ -98,9 +98,10 @@ class SyncDryRuns:
 class SyncMissionModes:
     """The offboard missions that this server has registered as flight modes of a vehicle.
 
-    The vehicle must be reached over ROS 2. The mission starts when the mode is selected in the air: by
-    `vehicle.set_mode(mode["mode"])`, another ground station, or a transmitter. A mode is unregistered when
-    the server ends.
+    The vehicle must be reached over ROS 2. The mode is selected by `vehicle.set_mode(mode["mode"])`, another
+    ground station, or a transmitter. The mission starts when the mode is selected in the air, or, if it
+    begins with a take-off, when the vehicle is armed in the mode. A mode is unregistered when the server
+    ends.
     """
 
     def __init__(self, inner: mission_modes.MissionModes, portal: BlockingPortal) -> None:

@@ -13,6 +13,7 @@ from functools import cache
 from typing import Final, Literal
 
 from gcs_server.ros2.message_types import MESSAGES, Values
+from gcs_server.ros2.mode_executor import COMMAND, ExecutorState, Message, ModeExecutor
 
 REGISTER: Final = "/fmu/in/register_ext_component_request"
 UNREGISTER: Final = "/fmu/in/unregister_ext_component"
@@ -29,6 +30,7 @@ SENT_TYPES: Final = {
     COMPLETED: "ModeCompleted",
     CONTROLLERS: "VehicleControlMode",
     OVERRIDES: "ConfigOverrides",
+    COMMAND: "VehicleCommand",
 }
 """Type of every topic that a mode sends, besides its setpoints."""
 API_VERSION: Final = 1
@@ -55,8 +57,6 @@ REQUIREMENTS: Final = frozenset(
 )
 """Requirements that a mode may have: fields `mode_req_*` of ArmingCheckReply."""
 RegistrationState = Literal["registering", "registered", "refused", "lost"]
-Message = tuple[str, bytes]
-"""Topic and message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +72,8 @@ class ModeDeclaration:
     """How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its
     reaction to a lost ground station connection, lost manual control or a low battery, but never to a missing
     requirement or a geofence breach."""
+    executor: bool = False
+    """Whether the mode has an executor. Then the vehicle can be armed in the mode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,8 @@ class Registration:
     """Why it was refused or lost."""
     failsafe_deferred: bool = False
     """Whether PX4 defers a failsafe now, because the vehicle flies in this mode."""
+    executor: ExecutorState | None = None
+    """State of the mode's executor; None: it has none, or is not registered."""
 
     @property
     def mode(self) -> str | None:
@@ -107,6 +111,8 @@ class ExternalMode:
         self._state: RegistrationState = "registering"
         self._why = ""
         self._check_id = self._mode_id = NO_ID
+        self.executor: ModeExecutor | None = None
+        """The mode's executor, once PX4 has registered it."""
         self._attempts, self.due_s = 0, now_s
         self._checked_s, self._checks = now_s, 0
         """Time of PX4's last arming check request, and number of these requests."""
@@ -119,7 +125,9 @@ class ExternalMode:
         nav_state = None if self._mode_id == NO_ID else self._mode_id
         selectable = self._state != "registered" or self._checks >= CHECKS
         state = self._state if selectable else "registering"
-        return Registration(self.declaration.name, state, nav_state, self._why, self._failsafe_deferred)
+        executor = self.executor.state if self.executor is not None and state == "registered" else None
+        name = self.declaration.name
+        return Registration(name, state, nav_state, self._why, self._failsafe_deferred, executor)
 
     def step(self, now_s: float) -> list[Message]:
         """The requests that are due now; call this at `due_s`."""
@@ -142,6 +150,7 @@ class ExternalMode:
             "px4_ros2_api_version": API_VERSION,
             "register_arming_check": True,
             "register_mode": True,
+            "register_mode_executor": self.declaration.executor,
         }
         return [_message(REGISTER, fields)]
 
@@ -149,19 +158,24 @@ class ExternalMode:
         """Handles a RegisterExtComponentReply; ignores a reply to another program."""
         if values["request_id"] != self._request_id or _name(values["name"]) != self.declaration.name:
             return []
+        executor_id = values["mode_executor_id"]
         valid = values["success"] and FIRST_STATE <= values["mode_id"] <= LAST_STATE
+        valid = valid and (executor_id > 0 or not self.declaration.executor)
         if self._state != "registering":
             # a late answer to an earlier request: PX4 has registered the mode twice
-            return [self._removal(values["arming_check_id"], values["mode_id"])] if valid else []
+            ids = (values["arming_check_id"], values["mode_id"], executor_id)
+            return [self._removal(*ids)] if valid else []
         if not valid:
             self._state, self.due_s = "refused", float("inf")
             self._why = (
-                "PX4 refused the registration: all eight of its mode slots are used, or it is armed and "
-                "COM_MODE_ARM_CHK is 0"
+                "PX4 refused the registration: all eight of its mode slots or all five of its executor slots "
+                "are used, or it is armed and COM_MODE_ARM_CHK is 0"
             )
             return []
         self._state, self._checked_s, self.due_s = "registered", now_s, now_s + LOST_S
         self._check_id, self._mode_id = values["arming_check_id"], values["mode_id"]
+        if self.declaration.executor:
+            self.executor = ModeExecutor(executor_id)
         return [controllers_message(self._mode_id, "position"), *self._overrides()]
 
     def on_check_request(self, values: Values, now_s: float, *, can_run: bool) -> list[Message]:
@@ -179,8 +193,8 @@ class ExternalMode:
             "request_id": values["request_id"],
             "registration_id": self._check_id,
             "can_arm_and_run": can_run,
-            # missions begin in the air: a vehicle armed in this mode would fly to the path at once
-            "mode_req_prevent_arming": True,
+            # without an executor the mission begins in the air: an armed vehicle would fly to the path
+            "mode_req_prevent_arming": not self.declaration.executor,
             **{f"mode_req_{name}": True for name in self.declaration.requires},
         }
         return [_message(CHECK_REPLY, fields)]
@@ -192,6 +206,8 @@ class ExternalMode:
         self._failsafe_deferred = active and values["failsafe_defer_state"] == WOULD_FAILSAFE
         if self._state != "registered":
             return []
+        if self.executor is not None:
+            self.executor.on_status(values)
         settable = bool(values["can_set_nav_states_mask"] >> self._mode_id & 1)
         if self._was_settable and not settable:
             self._lost("PX4 removed the mode, because it received no answers in time")
@@ -207,7 +223,8 @@ class ExternalMode:
     def remove(self) -> list[Message]:
         """Unregisters the mode. If this message is lost, PX4 removes the mode because the answers stop."""
         registered, self._state, self.due_s = self._state == "registered", "lost", float("inf")
-        return [self._removal(self._check_id, self._mode_id)] if registered else []
+        executor_id = NO_ID if self.executor is None else self.executor.id
+        return [self._removal(self._check_id, self._mode_id, executor_id)] if registered else []
 
     def _lost(self, why: str) -> None:
         self._state, self._why = "lost", why
@@ -224,12 +241,12 @@ class ExternalMode:
         }
         return [_message(OVERRIDES, fields)]
 
-    def _removal(self, check_id: int, mode_id: int) -> Message:
+    def _removal(self, check_id: int, mode_id: int, executor_id: int) -> Message:
         fields = {
             "name": _text(self.declaration.name),
             "arming_check_id": check_id,
             "mode_id": mode_id,
-            "mode_executor_id": NO_ID,
+            "mode_executor_id": executor_id,
         }
         return _message(UNREGISTER, fields)
 

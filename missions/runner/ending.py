@@ -1,8 +1,9 @@
-"""The end and the suspension of a mission, with their reasons and messages."""
+"""The end and the suspension of a mission, and failures of its payload, with their reasons and messages."""
 
 from __future__ import annotations
 
-from missions.runner.requests import Notify, Request
+from missions.runner.requests import Notify, Photo, Request
+from missions.runner.status import CannotDo
 
 
 class Ending:
@@ -15,6 +16,7 @@ class Ending:
         self._paused_in_hold = False
         """Suspended because the operator paused it during take-off or landing."""
         self._requests: list[Request] = []
+        self._reported_payload_failures: set[str] = set()
 
     @property
     def over(self) -> bool:
@@ -43,3 +45,13 @@ class Ending:
 
     def _notify(self, code: str, text: str, *, warning: bool = False) -> None:
         self._requests.append(Notify(code, text, warning))
+
+    def _payload_failed(self, request: Request, text: str) -> None:
+        what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
+        if what not in self._reported_payload_failures:
+            self._reported_payload_failures.add(what)
+            self._notify("payload", f"{what}: {text}. The mission continues.", warning=True)
+
+    def _require_not_over(self, what: str) -> None:
+        if self._final_state is not None:
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it again.")

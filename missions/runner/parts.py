@@ -17,6 +17,9 @@ from missions.runner.requests import Notify, Request, SetMode, TakeOff
 LANDED_AFTER_S = 10.0
 """Time on the ground after which the vehicle counts as landed, even if it is still armed [s]."""
 NEAR_HEIGHT_M = 1.0
+HOVERS_AFTER_S = 5.0
+"""Time near the take-off height after which a take-off by an executor counts as complete, because PX4 reports
+this only once, and the report may be lost [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,10 @@ class Part(ABC):
 
 
 class TakeOffPart(Part):
-    """PX4's own take-off; done when the vehicle holds at the take-off height."""
+    """PX4's own take-off; done when the vehicle holds at the take-off height.
+
+    PX4 switches to Hold by itself, except under an executor, to which it reports the end of the take-off.
+    """
 
     state = "taking_off"
 
@@ -68,6 +74,7 @@ class TakeOffPart(Part):
         self._initial_mode: str | None = None
         self._mode_reached = False
         self._began_s = 0.0
+        self._near_height_since_s: float | None = None
 
     def begin(self, now_s: float, reading: Reading) -> list[Request]:
         self._initial_mode, self._began_s = reading.mode, now_s
@@ -75,7 +82,8 @@ class TakeOffPart(Part):
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         self._mode_reached |= reading.mode == "takeoff"
-        if self._mode_reached and reading.mode == "hold" and reading.armed:
+        holds = reading.mode == "hold" or self._complete_under_executor(now_s, reading)
+        if self._mode_reached and holds and reading.armed:
             self.done = True
         elif now_s - self._began_s > self._segment.timeout_s:
             text = f"The take-off did not end within {self._segment.timeout_s:g} s"
@@ -86,6 +94,18 @@ class TakeOffPart(Part):
         if reading.mode == "hold" and self._mode_reached:
             return reading.mode_source in (None, "vehicle") or self._is_up(reading)
         return reading.mode == "takeoff" or (not self._mode_reached and reading.mode == self._initial_mode)
+
+    def _complete_under_executor(self, now_s: float, reading: Reading) -> bool:
+        if not reading.executor_in_charge or reading.mode != "takeoff":
+            return False
+        if not self._is_up(reading):
+            self._near_height_since_s = None
+        elif self._near_height_since_s is None:
+            self._near_height_since_s = now_s
+        near_since_s = self._near_height_since_s
+        return reading.take_off_complete or (
+            near_since_s is not None and now_s - near_since_s >= HOVERS_AFTER_S
+        )
 
     def _is_up(self, reading: Reading) -> bool:
         here = reading.position_ned_m

@@ -30,6 +30,10 @@ class Reading:
     yaw_ned_rad: float | None = None
     estimates: frozenset[Estimate] | None = None
     """The valid estimates."""
+    executor_in_charge: bool | None = None
+    """Whether PX4 accepts commands of the executor of the mission's mode; None: the mode has no executor."""
+    take_off_complete: bool = False
+    """Whether PX4 has reported to the executor that its take-off is complete."""
     link_active: bool = True
     holder: str | None = None
     """Unique id of the client in control; None: no client has control."""

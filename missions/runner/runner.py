@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from missions.offboard.segments import WaitSegment
 from missions.offboard.timeline import Timeline
+from missions.runner.charge import REPLACED, ExecutorCharge
 from missions.runner.corridor import Corridor, CorridorWatch
 from missions.runner.ending import Ending
 from missions.runner.flight import Flight
@@ -19,7 +20,6 @@ from missions.runner.reading import Reading
 from missions.runner.requests import (
     MODE_OF,
     NAME_OF,
-    Photo,
     Play,
     Request,
     SetMode,
@@ -60,10 +60,10 @@ class Runner(Ending):
         self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0), mode)
         self._watch = FlightWatch(self.flight, low_battery_share)
         self._corridor = None if corridor is None else CorridorWatch(corridor)
+        self._charge = ExecutorCharge()
         self._part: Part | None = None
         self._had_link = True
         self._was_in_air = False
-        self._reported_payload_failures: set[str] = set()
 
     # --- requests of clients ----------------------------------------------------------------------
 
@@ -208,8 +208,11 @@ class Runner(Ending):
     def failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
         """Handles a failed request."""
         text = text.rstrip(".")
+        flies = isinstance(request, TakeOff | Play | SetMode)
         if self._final_state is not None:
             self._notify("failed", f"{text}.", warning=True)
+        elif flies and not self._suspended and self._charge.lost(reading):
+            self._taken_over(reading, REPLACED)
         elif isinstance(request, TakeOff):
             if not self._suspended:
                 self._suspend(f"The take-off failed: {text}")
@@ -283,6 +286,10 @@ class Runner(Ending):
         if not part.expects(reading):
             self._taken_over(reading)
             return
+        if self._charge.lost(reading):
+            if self._charge.confirmed(now_s):
+                self._taken_over(reading, REPLACED)
+            return
         for failure in self._watch.problems(now_s, reading, by_setpoints=part.in_offboard):
             self._execute_action(failure.action, failure.text, reading)
             if self._suspended:
@@ -319,6 +326,7 @@ class Runner(Ending):
             part = SetpointPart(flight)
         self._part = part
         self._watch.begin_part()
+        self._charge.begin_part(reading)
         self._was_in_air = reading.in_air
         self._requests += part.begin(now_s, reading)
         if part.failure is not None:
@@ -333,10 +341,10 @@ class Runner(Ending):
 
     # --- inside: mode changes ---------------------------------------------------------------------
 
-    def _taken_over(self, reading: Reading) -> None:
+    def _taken_over(self, reading: Reading, reason: str | None = None) -> None:
         """Suspends the mission, because another party controls the vehicle; no command is sent."""
         self._requests.append(StopStream())
-        self._suspend(takeover_reason(reading))
+        self._suspend(reason or takeover_reason(reading))
 
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
         """Handles a restored link; True: this update is complete.
@@ -379,18 +387,8 @@ class Runner(Ending):
         self._suspend(f"{why}: {NAME_OF[action]}")
         self._requests.append(SetMode(MODE_OF[action]))
 
-    def _payload_failed(self, request: Request, text: str) -> None:
-        what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
-        if what not in self._reported_payload_failures:
-            self._reported_payload_failures.add(what)
-            self._notify("payload", f"{what}: {text}. The mission continues.", warning=True)
-
     def _controlling_part(self, what: str) -> Part:
         self._require_not_over(what)
         if self._part is None or self._suspended:
             raise CannotDo("the mission does not control the vehicle now", "Resume it first.")
         return self._part
-
-    def _require_not_over(self, what: str) -> None:
-        if self._final_state is not None:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it again.")

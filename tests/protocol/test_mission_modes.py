@@ -2,141 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
 
-from gcs_server.api import mission_mode_models, mission_mode_routes
 from gcs_server.api import offboard_mission_routes as mission_routes
-from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, NotInControl, PlanFindings, Refused
-from gcs_server.ros2.external_mode import CHECK_REPLY, COMPLETED, CONTROLLERS, UNREGISTER
+from gcs_server.ros2.external_mode import CHECK_REPLY, COMPLETED, UNREGISTER
 from gcs_server.ros2.message_types import MESSAGES
-from tests.protocol.api_calls import ANNA, BOB, WorkHere, lines, station_of, view
+from tests.protocol.api_calls import ANNA, BOB, lines
+from tests.protocol.mission_modes_world import DEFERRAL_S, LOITER, MISSION, NAME, Modes, NoWork, fly
 from tests.protocol.offboard_world import seconds
-from tests.protocol.ros2_world import Ros2World
 from tests.protocol.simulated_world import until
 from vehicle_sim.mavlink import generated_dialect as sim
-
-NAME = "Short line"
-MISSION: dict[str, Any] = {
-    "format": "offboard-gcs-mission",
-    "version": 1,
-    "name": "Line",
-    "steps": [
-        {"step": "fly", "points": [{"offset_ned_m": [8, 0, 0]}], "speed_m_s": 3},
-        {"step": "hold", "duration_s": 2},
-    ],
-}
-OF_MODES = (CHECK_REPLY, CONTROLLERS, COMPLETED, "/fmu/in/trajectory_setpoint")
-
-
-DEFERRAL_S = 6
-LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60}]}
-
-
-class OtherStation:
-    """Another ground station or a transmitter: it commands the vehicle over a MAVLink link of its own."""
-
-    def __init__(self, world: Ros2World) -> None:
-        self._sim = world.sim
-        self._pack = sim.MAVLink(None, srcSystem=254, srcComponent=190)
-
-    def command(self, command: int, *params: float) -> None:
-        filled = (*params, *(0.0,) * (7 - len(params)))
-        message = sim.MAVLink_command_long_message(1, 1, command, 0, *filled)
-        self._sim.feed(0, "gcs", message.pack(self._pack))
-
-    async def heartbeats(self, seconds_: float) -> None:
-        """The heartbeats of a ground station, which PX4 misses when they end."""
-        beat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
-        for _ in range(round(seconds_)):
-            self._sim.feed(0, "gcs", beat.pack(self._pack))
-            await seconds(1.0)
-
-    def choose(self, mode: str) -> None:
-        number = int(mode.removeprefix("external_"))
-        self.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 10 + number)
-
-    async def modes(self) -> list[str]:
-        """Names of the modes that can be selected, from AVAILABLE_MODES."""
-        self._sim.drain(0, "gcs")
-        self.command(sim.MAV_CMD_REQUEST_MESSAGE, sim.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
-        await seconds(1.0)
-        messages = sim.MAVLink(None).parse_buffer(self._sim.drain(0, "gcs")) or []
-        modes = [m for m in messages if m.get_type() == "AVAILABLE_MODES"]
-        return [m.mode_name for m in modes if not m.properties & sim.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE]
-
-
-class Modes:
-    """The server's routes for vehicle 1, which is reached over ROS 2."""
-
-    def __init__(self, world: Ros2World, vehicle: Any) -> None:
-        self.world, self.vehicle, self.other = world, vehicle, OtherStation(world)
-        self.station = station_of(world)
-        self.station.plan_work = WorkHere()
-        self.station.missions.attach(vehicle)
-        self.station.missions.start()
-        self.station.mission_modes.start()
-        self.station.authority.start()
-
-    async def register(self, *, by: Principal = ANNA, **body: Any) -> dict[str, Any]:
-        request = mission_mode_models.RegisterMode.model_validate({"mission": MISSION, "name": NAME, **body})
-        return view(await mission_mode_routes.register("1", request, self.station, by))["modes"][-1]
-
-    async def unregister(self, name: str = NAME, *, by: Principal = ANNA) -> list[dict[str, Any]]:
-        request = mission_mode_models.UnregisterMode(name=name)
-        return view(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
-
-    async def shown(self) -> dict[str, Any]:
-        return view(await mission_mode_routes.show_modes(self.vehicle, self.station))
-
-    @property
-    def mission(self) -> str | None:
-        """State of the vehicle's mission."""
-        status = self.station.missions.status("1")
-        return None if status is None else status.state
-
-    def warnings(self) -> list[str]:
-        return [event.text for event in self.vehicle.events.since() if event.kind == "warning"]
-
-    def texts(self) -> str:
-        return "\n".join(event.text for event in self.vehicle.events.since())
-
-    def sent(self, topic: str) -> list[bytes]:
-        return [data for name, data in self.world.topics[0].sent if name == topic]
-
-    def x_m(self) -> float:
-        return self.vehicle.topic("local_position").value.position_ned_m[0]
-
-    async def mode(self, mode: str, patience_s: float = 5.0) -> None:
-        await until(lambda: self.vehicle.status.mode == mode, patience_s)
-
-    async def flying(self) -> str:
-        """Registers the mission and starts it from another station; returns its mode on the way."""
-        mode = (await self.register())["mode"]
-        self.other.choose(mode)
-        await self.mode(mode)
-        begun_m = self.x_m()
-        await until(lambda: self.x_m() > begun_m + 2, 15)
-        return mode
-
-
-Story = Callable[[Modes], Awaitable[None]]
-
-
-def fly(jump: Any, story: Story, *, in_air: bool = True) -> None:
-    async def run() -> None:
-        world = Ros2World(mavlink=True)
-        world.mavlink_on = False
-        try:
-            vehicle = await (world.in_the_air() if in_air else world.ready_to_arm())
-            await story(Modes(world, vehicle))
-        finally:
-            await world.close()
-
-    jump(run)
 
 
 def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) -> None:
@@ -292,13 +170,6 @@ def test_a_mode_that_cannot_start_holds_and_reports_the_reason(jump: Any) -> Non
         assert at.mission is None
 
     fly(jump, story)
-
-
-class NoWork:
-    """Plans cannot be compiled now."""
-
-    async def run(self, *_: Any, **__: Any) -> Any:
-        raise Refused("No worker.", remedy="Try later.")
 
 
 def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(jump: Any) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.ros2.external_mode import IF_SILENT
+from gcs_server.streamer.missions.executor import IF_SILENT_IN_PX4_MODE, PX4_MODES, MissionExecutor
 from gcs_server.streamer.missions.readings import above_home_m, reading_of
 from gcs_server.streamer.missions.start import Spawn, Start, Task
 from gcs_server.streamer.missions.status import (
@@ -69,6 +71,7 @@ class MissionFlight:
         self._control, self._vehicle, self._streams = control, control.vehicle, streams
         self._spawn = spawn
         self._start = start
+        self._executor = MissionExecutor(clock, control.vehicle, streams, start.mode)
         self._began_unix_s = clock.unix_s()
         self._began_s = clock.monotonic_s()
         self.runner = Runner(
@@ -174,7 +177,12 @@ class MissionFlight:
 
     def reading(self) -> Reading:
         """The current state of the vehicle, for the runner."""
-        return reading_of(self._control, self._streams.state(self._vehicle.id))
+        reading = reading_of(self._control, self._streams.state(self._vehicle.id))
+        executor = self._executor
+        if executor.state is None:
+            return reading
+        in_charge, complete = executor.in_charge, executor.take_off_complete
+        return replace(reading, executor_in_charge=in_charge, take_off_complete=complete)
 
     def status(self) -> OffboardMissionStatus:
         """Status of the mission."""
@@ -225,7 +233,7 @@ class MissionFlight:
 
     def _if_stream_stops(self) -> str | None:
         if self.mode != OFFBOARD:
-            return IF_SILENT
+            return IF_SILENT_IN_PX4_MODE if self._vehicle.status.mode in PX4_MODES else IF_SILENT
         failsafe = self._control.failsafe()
         return None if failsafe is None else failsafe.words
 
@@ -284,8 +292,10 @@ class MissionFlight:
     def _command(self, request: TakeOff | Play | SetMode) -> None:
         if self._task is not None:
             self._task.cancel()
+        # decided now: a command of this server would override a party that takes over from here on
+        by_executor = self._executor.in_charge
         self._task = self._spawn(
-            "mission command", self._report_failure(request, lambda: self._run_command(request))
+            "mission command", self._report_failure(request, lambda: self._run_command(request, by_executor))
         )
 
     async def _report_failure(
@@ -297,21 +307,25 @@ class MissionFlight:
         except GcsError as error:
             self._execute(self.runner.failed(request, self.reading(), str(error)))
 
-    async def _run_command(self, request: TakeOff | Play | SetMode) -> None:
-        command = self._vehicle.command
-        if isinstance(request, TakeOff):
+    async def _run_command(self, request: TakeOff | Play | SetMode, by_executor: bool) -> None:
+        command, executor = self._vehicle.command, self._executor
+        if isinstance(request, TakeOff) and executor.state is not None:
+            await executor.take_off(request.height_m, self._by)
+        elif isinstance(request, TakeOff):
             await command.takeoff(above_home_m(self._vehicle) + request.height_m, by=self._by)
         elif isinstance(request, Play):
-            await self._play(request)
+            await self._play(request, by_executor)
         elif request.mode == "hold":
             if self._streams.state(self._vehicle.id).phase != "idle":
                 await self._control.stop()
             if self._vehicle.status.mode != "hold":
                 await command.hold(by=self._by)
+        elif by_executor:
+            await executor.set_mode(request.mode, self._by)
         else:
             await (command.land if request.mode == "land" else command.rtl)(by=self._by)
 
-    async def _play(self, request: Play) -> None:
+    async def _play(self, request: Play, by_executor: bool) -> None:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
@@ -322,7 +336,8 @@ class MissionFlight:
         if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
             await self._control.setpoint(stream_request)
         else:
-            await self._control.start(stream_request, RATE_HZ)
+            select = (lambda: self._executor.set_mode(self.mode, self._by)) if by_executor else None
+            await self._control.start(stream_request, RATE_HZ, select)
 
     def _check_approach(self, approach: CurveSegment | None) -> None:
         """Raises Refused if the sensors measure an obstacle on the straight line to the path."""

@@ -3,6 +3,9 @@
 Every ground station and the transmitter can then select the mission by its name. PX4 decides when the mode
 is active; this module only reacts: it starts the mission when the vehicle is in the mode, and resumes it when
 the vehicle is in the mode again. It never requests the mode by itself.
+
+A mission that begins with a take-off has a mode with an executor: the vehicle is armed in the mode, and the
+mission then begins on the ground.
 """
 
 from __future__ import annotations
@@ -41,6 +44,10 @@ REQUIREMENT_OF: Final[Mapping[Estimate, str]] = {
     "global_position": "global_position",
     "home": "home_position",
 }
+IN_CHARGE_TIMEOUT_S: Final = 1.0
+"""Time within which PX4 reports that the executor of the selected mode is in charge."""
+AFTER_DISARMING_S: Final = 3.0
+"""Time after disarming within which PX4 selects the mode again, as it does after a landing."""
 WARNING, NOTICE = 4, 5
 
 
@@ -59,6 +66,8 @@ class MissionMode:
     client: str
     defer_failsafes_s: int = 0
     """See `ModeDeclaration`."""
+    takes_off: bool = False
+    """Whether the mission begins with a take-off; then the mode has an executor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +77,8 @@ class MissionModeStatus:
     name: str
     """The mode's name, as all ground stations show it."""
     state: RegistrationState
-    """registering; registered: it can be selected in the air; refused or lost: it cannot."""
+    """registering; registered: it can be selected, on the ground if the mission begins with a take-off, else
+    in the air; refused or lost: it cannot."""
     mode: str | None
     """The mode as in `status.mode`: external_1 to external_8; null while it is not registered."""
     reason: str
@@ -99,6 +109,8 @@ class _Vehicle:
     last_mode: tuple[str, float] | None = None
     """Last read mode of the armed vehicle, and when it was entered [s since 1970]: a mode may be left and
     selected again between two readings."""
+    disarmed_s: float = float("-inf")
+    """When the vehicle was disarmed, if the server has not selected Hold since then."""
 
 
 class MissionModes:
@@ -153,7 +165,7 @@ class MissionModes:
             )
         requires = ALWAYS_REQUIRED | {REQUIREMENT_OF[need] for need in mode.needs if need in REQUIREMENT_OF}
         try:
-            declaration = ModeDeclaration(mode.name, requires, mode.defer_failsafes_s)
+            declaration = ModeDeclaration(mode.name, requires, mode.defer_failsafes_s, mode.takes_off)
             await self._streams.register_mode(vehicle_id, address, declaration)
         except ValueError as error:
             raise Refused(
@@ -188,7 +200,9 @@ class MissionModes:
                 f"Vehicle {vehicle_id} has no mode {name!r} of this server.", remedy=f"Its modes: {names}."
             )
         mode = self._registration(vehicle_id, name).mode
-        if mode is not None and vehicle.status.armed and vehicle.status.mode == mode:
+        flight = None if mode is None else self._missions.flown_in(vehicle_id, mode)
+        flies = vehicle.status.mode == mode or (flight is not None and flight.runner.in_charge)
+        if mode is not None and vehicle.status.armed and flies:
             raise Refused(
                 f"Vehicle {vehicle_id} flies in the mode {name!r}; without it, it would return at once.",
                 remedy="Command Hold or another mode first.",
@@ -235,10 +249,40 @@ class MissionModes:
             return
         since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
         before, known.last_mode = known.last_mode, (status.mode, since_s) if status.armed else None
+        if before is not None and not status.armed:
+            known.disarmed_s = self._clock.monotonic_s()
+        self._hold_after_disarming(vehicle, known, by_mode)
         entered = by_mode.get(status.mode) if known.last_mode != before and status.armed else None
         if entered is not None:
             work = self._begin(vehicle, status.mode, entered)
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
+
+    def _hold_after_disarming(
+        self, vehicle: Vehicle, known: _Vehicle, by_mode: Mapping[str, MissionMode]
+    ) -> None:
+        """Selects Hold if PX4 has gone back to a mode with an executor, or to the take-off of its mission,
+        after disarming. In these modes the next arming would start the mission, or a take-off."""
+        mode = vehicle.status.mode
+        if mode == "takeoff" and (flown := self._missions.status(vehicle.id)) is not None:
+            mode = flown.mode
+        present = by_mode.get(mode)
+        if present is None or not present.takes_off or vehicle.status.armed:
+            return
+        if self._clock.monotonic_s() - known.disarmed_s > AFTER_DISARMING_S:
+            return
+        known.disarmed_s = float("-inf")
+
+        async def hold() -> None:
+            try:
+                await vehicle.command.hold(by=f"The mode {present.name!r}")
+            except GcsError as error:
+                text = (
+                    f"After the mission of the mode {present.name!r} the vehicle did not switch to Hold: "
+                    f"{error} Select another mode before you arm, or it takes off again."
+                )
+                self._add_event(vehicle, present.name, "still_selected", text, WARNING)
+
+        self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", hold())
 
     @staticmethod
     def _forget_names(vehicle: Vehicle, registered: Mapping[str, MissionMode]) -> None:
@@ -249,7 +293,9 @@ class MissionModes:
 
     def _report(self, vehicle: Vehicle, name: str, registration: Registration) -> None:
         if registration.state == "registered":
-            text = f"PX4 shows the mission as the mode {name!r}; it can be selected in the air."
+            takes_off = self._vehicles[vehicle.id].modes[name].mode.takes_off
+            where = "on the ground, and starts when the vehicle is armed" if takes_off else "in the air"
+            text = f"PX4 shows the mission as the mode {name!r}; it can be selected {where}."
             self._add_event(vehicle, name, "registered", text, NOTICE)
         elif registration.state == "lost":
             text = f"The mode {name!r} is no longer registered: {registration.why}."
@@ -274,15 +320,23 @@ class MissionModes:
         """Starts or resumes the mission; if that is not possible, the vehicle holds."""
         by = f"The mode {entry.name!r}"
         try:
-            if vehicle.status.landed_state == "on_ground":
+            on_ground = vehicle.status.landed_state == "on_ground"
+            if on_ground and not entry.takes_off:
                 raise Refused("It begins in the air.", remedy="Take off first, then select it.")
             flight = self._missions.flown_in(vehicle.id, mode)
-            if flight is None:
-                start = await self._prepare(vehicle.id, entry)
-                if vehicle.status.mode == mode:
-                    self._missions.begin(vehicle.id, start)
-            elif not flight.runner.in_charge:
+            if flight is not None and flight.runner.in_charge:
+                return
+            if entry.takes_off:
+                await self._wait_for_charge(vehicle.id, entry.name)
+            if flight is not None and on_ground:
+                flight.abort(by, "hold")  # without a command, because the mission is suspended
+                flight = None
+            if flight is not None:
                 flight.resume(by)
+                return
+            start = await self._prepare(vehicle.id, entry)
+            if vehicle.status.mode == mode and vehicle.status.armed:
+                self._missions.begin(vehicle.id, start)
         except GcsError as error:
             remedy = f" {error.remedy}" if error.remedy else ""
             text = f"The mission of the mode {entry.name!r} cannot be flown: {error}{remedy}"
@@ -290,6 +344,14 @@ class MissionModes:
             if vehicle.status.mode == mode:
                 self._streams.complete_mode(vehicle.id, mode, False)
                 await vehicle.command.hold(by=by)
+
+    async def _wait_for_charge(self, vehicle_id: str, name: str) -> None:
+        """Returns once PX4 reports that the mode's executor is in charge; raises Refused if it does not."""
+        until_s = self._clock.monotonic_s() + IN_CHARGE_TIMEOUT_S
+        while (executor := self._registration(vehicle_id, name).executor) is None or not executor.in_charge:
+            if self._clock.monotonic_s() >= until_s:
+                raise Refused("PX4 did not put its executor in charge.", remedy="Select the mode again.")
+            await self._clock.sleep(CHECK_PERIOD_S / 2)
 
     # --- inside -----------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, Refused, Rejected
@@ -85,13 +85,23 @@ class OffboardControl:
 
     # --- the stream -------------------------------------------------------------------------------
 
-    async def start(self, request: StreamRequest, rate_hz: float = 50.0) -> OffboardStatus:
+    async def start(
+        self,
+        request: StreamRequest,
+        rate_hz: float = 50.0,
+        select: Callable[[], Awaitable[None]] | None = None,
+    ) -> OffboardStatus:
         """Starts streaming, requests Offboard, and returns once the vehicle reports it. Works from any other
         mode.
 
         If Offboard was requested but not confirmed (no answer, another command, or a cancelled caller), the
         stream continues for `UNDO_S`. If the vehicle still switches to Offboard, the stream puts it into
         Hold.
+
+        Args:
+            request: the setpoint, and the mode in which it is flown.
+            rate_hz: setpoints a second.
+            select: selects the mode; None: by a command of this server.
 
         Raises:
             Refused: an estimate is missing, the target is too far, or the vehicle already has a stream.
@@ -134,7 +144,7 @@ class OffboardControl:
             vehicle.command.require_no_kill("start Offboard")
             self._requested_stream = number
             if request.mode == OFFBOARD or vehicle.status.mode != request.mode:
-                await vehicle.command.set_mode(request.mode)
+                await (vehicle.command.set_mode(request.mode) if select is None else select())
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._require_starting(number)
             self.operator.report_at_start()

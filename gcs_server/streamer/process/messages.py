@@ -1,7 +1,7 @@
-"""All messages between the server and the stream process, one frozen class each. The server sends a `Post`
-(no answer) or a `Request` (a coroutine awaits the answer). Each message itself calls a method of the process,
-so that a type checker checks every call. Messages are handled in the order in which they were sent. The
-process sends tuples of `WorkerStarted`, `Update` and `Answer`.
+"""Messages between the server and the stream process, one frozen class each; `mode_messages.py` has those
+about modes in PX4. The server sends a `Post` (no answer) or a `Request` (a coroutine awaits the answer). Each
+message itself calls a method of the process, so that a type checker checks every call. Messages are handled
+in the order in which they were sent. The process sends tuples of `WorkerStarted`, `Update` and `Answer`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from gcs_server.links.base import DdsAddress
-from gcs_server.ros2.external_mode import ModeDeclaration, Registration
+from gcs_server.ros2.external_mode import Registration
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
@@ -220,29 +220,6 @@ class EndStream(Post):
 
 
 @dataclass(frozen=True, slots=True)
-class UnregisterMode(Post):
-    """See `Streams.unregister_mode`."""
-
-    vehicle_id: str
-    name: str
-
-    def apply(self, worker: WorkerInterface) -> None:
-        worker.scheduler.unregister_mode(self.vehicle_id, self.name)
-
-
-@dataclass(frozen=True, slots=True)
-class CompleteMode(Post):
-    """See `Streams.complete_mode`."""
-
-    vehicle_id: str
-    mode: str
-    success: bool
-
-    def apply(self, worker: WorkerInterface) -> None:
-        worker.scheduler.complete_mode(self.vehicle_id, self.mode, self.success)
-
-
-@dataclass(frozen=True, slots=True)
 class WatchGroup(Post):
     """See `Streams.watch`."""
 
@@ -337,18 +314,6 @@ class ChangeSetpoints(Request[bool]):
 
     def vehicles(self) -> tuple[str, ...]:
         return self.members
-
-
-@dataclass(frozen=True, slots=True)
-class RegisterMode(Request[None]):
-    """See `Streams.register_mode`."""
-
-    vehicle_id: str
-    address: DdsAddress
-    declaration: ModeDeclaration
-
-    def apply(self, worker: WorkerInterface) -> None:
-        worker.scheduler.register_mode(self.vehicle_id, self.address, self.declaration)
 
 
 # --- envelope, and messages from the process ------------------------------------------------------

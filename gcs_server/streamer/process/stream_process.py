@@ -15,7 +15,8 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ANSWERS_ENDED, ModeDeclaration, Registration
-from gcs_server.streamer.process import messages
+from gcs_server.ros2.mode_executor import ExecutorCommand
+from gcs_server.streamer.process import messages, mode_messages
 from gcs_server.streamer.process.calls import WorkerCalls, WorkerDied
 from gcs_server.streamer.schedule.streams import Streams, StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
@@ -236,16 +237,19 @@ class StreamProcess(Streams):
         self._attach_to_worker(vehicle_id)
         try:
             await self._calls.answer(
-                self._calls.request(messages.RegisterMode(vehicle_id, address, declaration))
+                self._calls.request(mode_messages.RegisterMode(vehicle_id, address, declaration))
             )
         except WorkerDied:
             raise Refused(RESTARTING, remedy="Try again in a second.") from None
 
     def unregister_mode(self, vehicle_id: str, name: str) -> None:
-        self._post(messages.UnregisterMode(vehicle_id, name))
+        self._post(mode_messages.UnregisterMode(vehicle_id, name))
 
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
-        self._post(messages.CompleteMode(vehicle_id, mode, success))
+        self._post(mode_messages.CompleteMode(vehicle_id, mode, success))
+
+    def execute_command(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
+        self._post(mode_messages.ExecuteCommand(vehicle_id, mode, command))
 
     def modes(self) -> Mapping[str, tuple[Registration, ...]]:
         return self._modes
@@ -360,7 +364,7 @@ class StreamProcess(Streams):
         self._groups.clear()
         self._reported.clear()
         self._modes = {
-            vehicle_id: tuple(replace(mode, state="lost", why=ANSWERS_ENDED) for mode in modes)
+            vehicle_id: tuple(replace(mode, state="lost", why=ANSWERS_ENDED, executor=None) for mode in modes)
             for vehicle_id, modes in self._modes.items()
         }
 

@@ -23,13 +23,13 @@ from gcs_server.ros2.external_mode import (
     CHECK_REQUEST,
     REPLY,
     ExternalMode,
-    Message,
     ModeDeclaration,
     Registration,
     controllers_message,
 )
-from gcs_server.ros2.message_types import MESSAGES, MalformedMessage
-from gcs_server.ros2.topics import STATUS
+from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, Values
+from gcs_server.ros2.mode_executor import ARMED, MODE_COMPLETED, ExecutorCommand, Message
+from gcs_server.ros2.topics import COMMAND_ACK, STATUS
 from gcs_server.streamer.transport.ros2 import encode, with_time
 from missions.setpoints import Velocity
 
@@ -42,12 +42,12 @@ REMOVE_EVERY_S: Final = 0.2
 """Time between two removals, because PX4 queues only one."""
 MAX_MODES: Final = 4
 """Maximum number of modes of one vehicle, because PX4 queues only four simultaneous answers."""
-ARMED: Final = 2
-"""VehicleStatus.ARMING_STATE_ARMED."""
 READ_TYPES: Final = {
     REPLY: "RegisterExtComponentReply",
     CHECK_REQUEST: "ArmingCheckRequest",
     STATUS: "VehicleStatus",
+    COMMAND_ACK: "VehicleCommandAck",
+    MODE_COMPLETED: "ModeCompleted",
 }
 STOP: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
 
@@ -133,6 +133,13 @@ class ExternalModes:
             if vehicle is not None and each.registration.mode == mode:
                 self._send(vehicle, each.completed(success=success))
 
+    def execute(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
+        """Sends a command of a mode's executor to PX4; `Registration.executor` contains the outcome later."""
+        vehicle = self._vehicles.get(vehicle_id)
+        for each in [] if vehicle is None else vehicle.modes:
+            if vehicle is not None and each.registration.mode == mode and each.executor is not None:
+                self._send(vehicle, each.executor.execute(command, self._clock.monotonic_s()))
+
     def forget(self, vehicle_id: str) -> None:
         """Removes all modes of a vehicle."""
         vehicle = self._vehicles.get(vehicle_id)
@@ -186,12 +193,7 @@ class ExternalModes:
             if topic == STATUS:
                 vehicle.active_nav_state = values["nav_state"] if values["arming_state"] == ARMED else None
             for mode in vehicle.modes:
-                if topic == STATUS:
-                    self._send(vehicle, mode.on_status(values))
-                elif topic == REPLY:
-                    self._send(vehicle, mode.on_reply(values, now_s))
-                else:
-                    self._send(vehicle, mode.on_check_request(values, now_s, can_run=server_alive))
+                self._send(vehicle, _received(mode, topic, values, now_s, server_alive))
 
     def _send_due(self, vehicle: _Vehicle, now_s: float, *, stop: bool) -> None:
         registering = [mode for mode in vehicle.modes if mode.registration.state == "registering"]
@@ -199,6 +201,8 @@ class ExternalModes:
             # one registration at a time, because PX4 queues only two requests
             if mode not in registering[1:] and now_s >= mode.due_s:
                 self._send(vehicle, mode.step(now_s))
+            if mode.executor is not None and now_s >= mode.executor.due_s:
+                self._send(vehicle, mode.executor.step(now_s))
         if vehicle.removals and now_s >= vehicle.next_removal_s:
             self._send(vehicle, [vehicle.removals.pop(0)])
             vehicle.next_removal_s = now_s + REMOVE_EVERY_S
@@ -212,6 +216,23 @@ class ExternalModes:
                 vehicle.port.send(topic, with_time(data, int(self._clock.unix_s() * 1e6)))
             except OSError:
                 return  # not connected yet: registrations are repeated, and PX4 asks again
+
+
+def _received(
+    mode: ExternalMode, topic: str, values: Values, now_s: float, server_alive: bool
+) -> list[Message]:
+    """Passes a message of PX4 to a mode; returns the mode's answers."""
+    if topic == STATUS:
+        return mode.on_status(values)
+    if topic == REPLY:
+        return mode.on_reply(values, now_s)
+    if topic == CHECK_REQUEST:
+        return mode.on_check_request(values, now_s, can_run=server_alive)
+    if mode.executor is not None and topic == COMMAND_ACK:
+        mode.executor.on_ack(values)
+    elif mode.executor is not None:
+        mode.executor.on_completed(values)
+    return []
 
 
 def _is_over(mode: ExternalMode) -> bool:

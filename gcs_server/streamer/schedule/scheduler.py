@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration, Registration
+from gcs_server.ros2.mode_executor import ExecutorCommand
 from gcs_server.streamer.schedule.external_modes import ExternalModes, OpenModePort, no_mode_port
 from gcs_server.streamer.schedule.stream import VehicleStream
 from gcs_server.streamer.schedule.streams import StreamState
@@ -257,6 +258,9 @@ class StreamScheduler:
 
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
         self._modes.complete(vehicle_id, mode, success=success)
+
+    def execute_command(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
+        self._modes.execute(vehicle_id, mode, command)
 
     def modes(self) -> dict[str, tuple[Registration, ...]]:
         return self._modes.states()

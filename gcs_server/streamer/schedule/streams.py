@@ -8,6 +8,7 @@ from typing import Protocol
 
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration, Registration
+from gcs_server.ros2.mode_executor import ExecutorCommand
 from gcs_server.streamer.schedule.avoidance import AvoidanceStatus
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import PayloadSender
@@ -162,6 +163,10 @@ class Streams(Protocol):
 
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
         """Reports to PX4 that a mode (`external_1` …) is complete, or that it has failed."""
+        ...
+
+    def execute_command(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
+        """Sends a command of a mode's executor to PX4; `modes` contains its outcome later."""
         ...
 
     def modes(self) -> Mapping[str, tuple[Registration, ...]]:

@@ -78,6 +78,13 @@ class CommandService:
             return None
         return newest if self._vehicle.clock.monotonic_s() - newest.since_s <= MODE_CHANGE_WITHIN_S else None
 
+    def record_executor_request(self, what: str, mode: str, by: str) -> None:
+        """Records that the executor of an external mode requests this mode; raises Refused during Stop
+        motors."""
+        self.require_no_kill(what)
+        self._newest_command = ModeCommand(what, mode, by, self._vehicle.clock.monotonic_s())
+        self.on_mode_command()
+
     async def arm(self, *, progress: ReportProgress | None = None) -> None:
         """Arms; returns once the vehicle reports that it is armed."""
         self._vehicle.require_commandable()

@@ -1893,9 +1893,10 @@ export interface paths {
          * Register
          * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
          *
-         *     The mode begins in the air, so the mission must not begin with a take-off. It is compiled and checked from
-         *     the vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list.
-         *     It is compiled again from the position at which the mode is selected.
+         *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
+         *     when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
+         *     position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
+         *     from the position at which it begins.
          */
         readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
         readonly delete?: never;
@@ -7570,7 +7571,8 @@ export interface components {
             readonly name: string;
             /**
              * State
-             * @description registering; registered: it can be selected in the air; refused or lost: it cannot.
+             * @description registering; registered: it can be selected, on the ground if the mission begins with a take-off, else
+             *     in the air; refused or lost: it cannot.
              * @enum {string}
              */
             readonly state: "registering" | "registered" | "refused" | "lost";

@@ -247,3 +247,36 @@ def test_a_lost_mode_defers_nothing() -> None:
     made.on_status(status_of(23, 2))
     made.step(10.0)
     assert (made.registration.state, made.registration.failsafe_deferred) == ("lost", False)
+
+
+def with_executor(executor_id: int = 1) -> ExternalMode:
+    """The answer to a registration with an executor of this id."""
+    made = ExternalMode(ModeDeclaration(NAME, frozenset(), executor=True), REQUEST_ID, 0.0)
+    assert fields(made.step(0.0), REGISTER)["register_mode_executor"]
+    made.on_reply({**REGISTERED, "mode_executor_id": executor_id}, 0.02)
+    for _ in range(2):
+        made.on_check_request(ASKED, 0.3, can_run=True)
+    return made
+
+
+def test_a_mode_with_an_executor_permits_arming_and_is_removed_with_it() -> None:
+    made = with_executor()
+    assert not fields(made.on_check_request(ASKED, 0.6, can_run=True), CHECK_REPLY)["mode_req_prevent_arming"]
+    assert made.registration.executor is not None
+    assert fields(made.remove(), UNREGISTER)["mode_executor_id"] == 1
+    assert made.registration.executor is None
+
+
+def test_without_a_free_executor_the_registration_is_refused() -> None:
+    made = with_executor(-1)
+    assert (made.registration.state, made.executor) == ("refused", None)
+    assert "executor" in made.registration.why
+
+
+def test_the_status_shows_whether_its_executor_is_in_charge() -> None:
+    made = with_executor()
+    for in_charge in (1, 0):
+        made.on_status({**status_of(23, 0), "executor_in_charge": in_charge, "arming_state": 2})
+        assert made.registration.executor is not None
+        assert made.registration.executor.in_charge == bool(in_charge)
+    assert registered().registration.executor is None

@@ -19,7 +19,8 @@ from gcs_server.ros2.external_mode import (
     ModeDeclaration,
 )
 from gcs_server.ros2.message_types import MESSAGES
-from gcs_server.ros2.topics import STATUS
+from gcs_server.ros2.mode_executor import COMMAND, MODE_COMPLETED, ExecutorCommand, ExecutorState
+from gcs_server.ros2.topics import COMMAND_ACK, STATUS
 from gcs_server.streamer.schedule.external_modes import MAX_MODES, READ_TYPES, ExternalModes
 from tests.support.dds_samples import recorded
 
@@ -61,7 +62,10 @@ class Px4:
             number = 23 + len(self.modes)
             self.modes[number] = bytes(values["name"]).rstrip(b"\0").decode()
             known = MESSAGES[READ_TYPES[REPLY]].decode(RECORDED[REPLY])
-            changed = {"request_id": values["request_id"], "name": values["name"]}
+            executor = 1 if values["register_mode_executor"] else -1
+            changed = {
+                "request_id": values["request_id"], "name": values["name"], "mode_executor_id": executor,
+            }  # fmt: skip
             self.give(REPLY, {**known, **changed, "arming_check_id": number - 23, "mode_id": number})
 
     def take(self) -> list[tuple[str, bytes]]:
@@ -262,3 +266,37 @@ def test_a_forgotten_vehicles_modes_are_unregistered(bench: ModesSetup) -> None:
     bench.modes.forget("unknown")
     bench.run(0.5)
     assert bench.px4.topics() == [UNREGISTER]
+
+
+def test_the_command_of_an_executor_is_sent_and_its_outcome_reported() -> None:
+    bench = ModesSetup()
+    bench.modes.forget("1")
+    bench.px4.modes.clear()
+    bench.run(0.5)
+    bench.modes.register("1", ADDRESS, ModeDeclaration("Line", frozenset(), executor=True))
+    bench.run(1.0)
+    land = ExecutorCommand(7, 100_001, (18.0, *(float("nan"),) * 6))
+    in_charge = {
+        "nav_state": 23,
+        "arming_state": 2,
+        "executor_in_charge": 1,
+        "can_set_nav_states_mask": 1 << 23,
+    }
+    bench.px4.give(STATUS, in_charge)
+    bench.run(0.1)
+    bench.px4.sent.clear()
+    bench.modes.execute("1", "external_1", land)
+    bench.modes.execute("1", "external_2", land)
+    bench.modes.execute("2", "external_1", land)
+    bench.run(0.35)
+    commands = [fields for topic, fields in bench.px4.sent if topic == COMMAND]
+    assert [each["source_component"] for each in commands] == [1001, 1001]
+    bench.px4.give(COMMAND_ACK, {"command": 100_001, "target_component": 1001})
+    bench.px4.give(STATUS, {**in_charge, "nav_state": 18})
+    bench.px4.give(MODE_COMPLETED, {"nav_state": 18})
+    bench.run(0.1)
+    bench.px4.sent.clear()
+    bench.run(1.0)
+    (registration,) = bench.modes.states()["1"]
+    assert registration.executor == ExecutorState(True, 18, 7, "accepted")
+    assert COMMAND not in bench.px4.topics()

@@ -43,16 +43,18 @@ describe('registering', () => {
     expect(registerProblem('Line 2', FLIES, [ERROR, ERROR], [])).toContain('2 errors');
   });
 
-  it('is for missions that begin in the air', () => {
+  it('accepts missions that begin with a take-off, and missions that begin in the air', () => {
     const climbs = { steps: [{ step: 'take_off' }] } as unknown as Mission;
-    expect(registerProblem('Line 2', climbs, [], [])).toContain('remove the take-off');
-    expect(registerProblem('Line 2', FLIES, [{ ...ERROR, code: 'takeoff_missing' }], [])).toBeNull();
+    const missing = { ...ERROR, code: 'takeoff_missing' };
+    expect(registerProblem('Line 2', climbs, [], [])).toBeNull();
+    expect(registerProblem('Line 2', climbs, [missing], [])).toContain('An error to fix');
+    expect(registerProblem('Line 2', FLIES, [missing], [])).toBeNull();
   });
 });
 
 describe('a mode', () => {
   it('has its state as a text', () => {
-    expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected in the air', tone: 'ok' });
+    expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected', tone: 'ok' });
     expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
     expect(modeText(as({ defer_failsafes_s: 20, failsafe_deferred: true }), 'external_1')).toEqual({
       text: 'selected. PX4 defers a failsafe for up to 20 s',
@@ -62,11 +64,10 @@ describe('a mode', () => {
     expect(modeText(as({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({ text: 'not registered: PX4 restarted', tone: 'caution' });
   });
 
-  it('is selected in the air only, and not again', () => {
-    expect(canSelect(MODE, 'hold', true)).toBe(true);
-    expect(canSelect(MODE, 'hold', false)).toBe(false);
-    expect(canSelect(MODE, 'external_1', true)).toBe(false);
-    expect(canSelect(as({ state: 'lost', mode: null }), 'hold', true)).toBe(false);
+  it('is selected if it is registered, and not again', () => {
+    expect(canSelect(MODE, 'hold')).toBe(true);
+    expect(canSelect(MODE, 'external_1')).toBe(false);
+    expect(canSelect(as({ state: 'lost', mode: null }), 'hold')).toBe(false);
   });
 
   it('is removed at any time, except while it flies', () => {
@@ -78,11 +79,17 @@ describe('a mode', () => {
   });
 
   it('is started after a question that states the failsafe', () => {
-    const asks = selectQuestion(MODE, 'Quad 1');
+    const asks = selectQuestion(MODE, 'Quad 1', true);
     expect(asks.title).toBe('Start “Short line” with Quad 1');
     expect(asks.effect).toContain('“Line” (version 3)');
     expect(asks.effect).toContain('(RTL)');
     expect(asks.effect).not.toContain('defers');
-    expect(selectQuestion(as({ defer_failsafes_s: 20 }), 'Quad 1').effect).toContain('defers failsafes for up to 20 s');
+    expect(selectQuestion(as({ defer_failsafes_s: 20 }), 'Quad 1', true).effect).toContain('defers failsafes for up to 20 s');
+  });
+
+  it('is selected on the ground after a question that states what arming does', () => {
+    const asks = selectQuestion(MODE, 'Quad 1', false);
+    expect(asks.title).toBe('Select “Short line” for Quad 1');
+    expect(asks.effect).toContain('takes off as soon as somebody arms it');
   });
 });

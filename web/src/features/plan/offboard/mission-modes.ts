@@ -19,15 +19,15 @@ export function modeName(mission: string): string {
 /**
  * Why a mission cannot be registered under this name; null if it can.
  * @param open errors that are not accepted; null: the mission has not been checked. A missing take-off is not an error
- *   here, because the mode begins in the air.
+ *   here, because the mode of a mission without a take-off begins in the air.
  */
 export function registerProblem(name: string, mission: Mission, open: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
   if (!NAME.test(name)) return `The name of the mode must have 1 to ${NAME_LENGTH} ASCII characters.`;
   if (modes.some((mode) => mode.name === name && (mode.state === 'registered' || mode.state === 'registering')))
     return `A mode “${name}” is already registered. Remove it first, or choose another name.`;
-  if (mission.steps?.[0]?.step === 'take_off') return 'A flight mode begins in the air: remove the take-off from the mission.';
   if (open === null) return 'The mission has not been checked for this vehicle yet.';
-  const errors = open.filter((finding) => finding.code !== 'takeoff_missing');
+  const takesOff = mission.steps?.[0]?.step === 'take_off';
+  const errors = open.filter((finding) => takesOff || finding.code !== 'takeoff_missing');
   if (errors.length === 0) return null;
   return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to fix or accept below: ${errors[0]?.text ?? ''}`;
 }
@@ -39,15 +39,15 @@ export function modeText(mode: MissionMode, present: string | null): { text: str
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
       if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
-      return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: 'ready to be selected in the air', tone: 'ok' };
+      return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: 'ready to be selected', tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
   }
 }
 
-/** Whether the page can select the mode now. */
-export function canSelect(mode: MissionMode, present: string | null, inAir: boolean): boolean {
-  return mode.state === 'registered' && mode.mode !== null && mode.mode !== present && inAir;
+/** Whether the page can select the mode now: in the air, and on the ground, where a mission with a take-off begins. */
+export function canSelect(mode: MissionMode, present: string | null): boolean {
+  return mode.state === 'registered' && mode.mode !== null && mode.mode !== present;
 }
 
 /** Whether the mode can be removed: not while the vehicle flies in it. */
@@ -55,12 +55,22 @@ export function canRemove(mode: MissionMode, present: string | null, inAir: bool
   return mode.state !== 'registering' && !(inAir && mode.mode !== null && mode.mode === present);
 }
 
-export function selectQuestion(mode: MissionMode, vehicleName: string): Question {
+export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): Question {
   const version = mode.version === null ? '' : ` (version ${mode.version})`;
   const deferral =
     mode.defer_failsafes_s > 0
       ? ` While it flies, PX4 defers failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
       : '';
+  if (!inAir)
+    return {
+      title: `Select “${mode.name}” for ${vehicleName}`,
+      effect:
+        `Switches to the flight mode “${mode.name}”. If the mission “${mode.mission}”${version} begins with a take-off, the vehicle takes off ` +
+        'as soon as somebody arms it in this mode. Otherwise PX4 does not arm in this mode.' +
+        deferral,
+      verb: 'Select',
+      danger: false,
+    };
   return {
     title: `Start “${mode.name}” with ${vehicleName}`,
     effect:

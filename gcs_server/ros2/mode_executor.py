@@ -1,0 +1,132 @@
+"""The executor of one external mode: the commands that it sends to PX4 while it is in charge.
+
+PX4 v1.16 puts an executor in charge when its mode is selected. It remains in charge through the modes that
+it commands itself, until somebody else changes the mode, or a failsafe does; PX4 then rejects its commands.
+While an executor is in charge, PX4's take-off does not continue in Hold, and after a landing its own mode is
+selected again. As in PX4's interface library, an executor commands only an armed vehicle. The numbers follow
+from recordings of PX4 and from that library. No I/O and no clock: the caller passes the time and sends the
+messages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from gcs_server.ros2.message_types import MESSAGES, Values
+
+COMMAND: Final = "/fmu/in/vehicle_command_mode_executor"
+MODE_COMPLETED: Final = "/fmu/out/mode_completed"
+FIRST_COMPONENT: Final = 1000
+"""The component id of an executor is this plus its id."""
+ARMED: Final = 2
+"""VehicleStatus.ARMING_STATE_ARMED."""
+ATTEMPTS, ATTEMPT_EVERY_S = 3, 0.3
+ACCEPTED, IN_PROGRESS = 0, 5
+"""Results in VehicleCommandAck."""
+Outcome = Literal["pending", "accepted", "rejected", "no_answer"]
+Message = tuple[str, bytes]
+"""Topic and message."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutorCommand:
+    """A command of an executor."""
+
+    number: int
+    """Identifies the command; chosen by the caller, greater than 0."""
+    command: int
+    """VehicleCommand.command."""
+    params: tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutorState:
+    """State of an executor."""
+
+    in_charge: bool = False
+    """Whether PX4 has put it in charge."""
+    completed_nav_state: int | None = None
+    """The current mode, if PX4 has reported that it is complete."""
+    command: int = 0
+    """Number of the newest command; 0: there was none."""
+    outcome: Outcome = "pending"
+    """What became of that command."""
+
+
+class ModeExecutor:
+    """One registered executor.
+
+    Args:
+        executor_id: its id in PX4, from 1.
+    """
+
+    def __init__(self, executor_id: int) -> None:
+        self.id = executor_id
+        self._in_charge = self._armed = False
+        self._nav_state: int | None = None
+        self._completed: int | None = None
+        self._command: ExecutorCommand | None = None
+        self._outcome: Outcome = "pending"
+        self._attempts, self.due_s = 0, float("inf")
+
+    @property
+    def state(self) -> ExecutorState:
+        """The executor's state."""
+        number = 0 if self._command is None else self._command.number
+        return ExecutorState(self._in_charge, self._completed, number, self._outcome)
+
+    def execute(self, command: ExecutorCommand, now_s: float) -> list[Message]:
+        """Sends a command instead of one that is still pending; rejects it if the executor may not act."""
+        self._command, self._outcome = command, "pending"
+        self._attempts, self.due_s = 0, now_s
+        return self.step(now_s)
+
+    def step(self, now_s: float) -> list[Message]:
+        """The messages that are due now; call this at `due_s`."""
+        if self._command is None or self._outcome != "pending" or now_s < self.due_s:
+            return []
+        if not (self._in_charge and self._armed):
+            self._finish("rejected")
+            return []
+        if self._attempts >= ATTEMPTS:
+            self._finish("no_answer")
+            return []
+        self._attempts += 1
+        self.due_s = now_s + ATTEMPT_EVERY_S
+        fields = {
+            "command": self._command.command,
+            "source_component": FIRST_COMPONENT + self.id,
+            **{f"param{n}": value for n, value in enumerate(self._command.params, 1)},
+        }
+        return [(COMMAND, MESSAGES["VehicleCommand"].encode(fields))]
+
+    def on_ack(self, values: Values) -> None:
+        """Handles a VehicleCommandAck; ignores the answer to another program or to another command."""
+        command = self._command
+        if (
+            command is None
+            or self._outcome != "pending"
+            or values["target_component"] != FIRST_COMPONENT + self.id
+            or values["command"] != command.command
+            or values["result"] == IN_PROGRESS
+        ):
+            return
+        self._finish("accepted" if values["result"] == ACCEPTED else "rejected")
+
+    def on_status(self, values: Values) -> None:
+        """Handles a VehicleStatus."""
+        self._in_charge = values["executor_in_charge"] == self.id
+        self._armed = values["arming_state"] == ARMED
+        if values["nav_state"] != self._nav_state:
+            self._nav_state, self._completed = values["nav_state"], None
+        if not (self._in_charge and self._armed) and self._outcome == "pending" and self._command is not None:
+            self._finish("rejected")
+
+    def on_completed(self, values: Values) -> None:
+        """Handles a ModeCompleted of PX4's own modes."""
+        if values["result"] == 0 and values["nav_state"] == self._nav_state:
+            self._completed = self._nav_state
+
+    def _finish(self, outcome: Outcome) -> None:
+        self._outcome, self.due_s = outcome, float("inf")

@@ -1,0 +1,133 @@
+"""Commands of a mission through the executor of its mode.
+
+PX4 accepts them only while the executor is in charge. So a command that is sent at the moment of a takeover
+never overrides the pilot, another station or a failsafe: PX4 itself rejects it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Final
+
+from gcs_server.clock import Clock
+from gcs_server.errors import NoReply, Refused, Rejected
+from gcs_server.mavlink import dialect as d
+from gcs_server.ros2.mode_executor import ExecutorCommand, ExecutorState
+from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.samples import GlobalPosition
+from gcs_server.vehicle.vehicle import Vehicle
+
+SET_NAV_STATE: Final = 100_001
+"""VehicleCommand.VEHICLE_CMD_SET_NAV_STATE: param1 is the mode, as `nav_state`."""
+TAKE_OFF_STATE: Final = 17
+"""VehicleStatus.NAVIGATION_STATE_AUTO_TAKEOFF."""
+POLL_S: Final = 0.02
+DEADLINE_S: Final = 4.0
+"""Time within which the vehicle must report the new mode."""
+REJECTED_AFTER_S: Final = 0.7
+"""Time to wait after PX4 has rejected a command: it reports the end of the charge up to 0.5 s later."""
+PX4_MODES: Final = ("takeoff", "land")
+IF_SILENT_IN_PX4_MODE: Final = (
+    "PX4 removes the mission's mode, completes its take-off or landing by itself, and holds after a take-off."
+)
+"""The vehicle's action in PX4's own take-off or landing when the component of the mode ends, as text."""
+NAN: Final = math.nan
+_numbers = itertools.count(1)
+
+
+class MissionExecutor:
+    """The executor of one mode on one vehicle.
+
+    Args:
+        clock: the server's clock.
+        vehicle: the vehicle.
+        streams: sends the commands.
+        mode: the mode, as in `Status.mode`.
+    """
+
+    def __init__(self, clock: Clock, vehicle: Vehicle, streams: Streams, mode: str) -> None:
+        self._clock, self._vehicle, self._streams, self._mode = clock, vehicle, streams, mode
+
+    @property
+    def state(self) -> ExecutorState | None:
+        """State of the executor; None: the mode has none, or is not registered."""
+        modes = self._streams.modes().get(self._vehicle.id, ())
+        return next((each.executor for each in modes if each.mode == self._mode), None)
+
+    @property
+    def in_charge(self) -> bool:
+        """Whether PX4 accepts its commands."""
+        state = self.state
+        return state is not None and state.in_charge
+
+    @property
+    def take_off_complete(self) -> bool:
+        """Whether PX4 has reported that the current take-off is complete."""
+        state = self.state
+        return state is not None and state.completed_nav_state == TAKE_OFF_STATE
+
+    async def take_off(self, height_m: float, by: str) -> None:
+        """Takes off; returns once the vehicle reports the mode Takeoff.
+
+        Args:
+            height_m: height above the current position.
+            by: the mission, for messages.
+
+        Raises:
+            Refused: the executor is not in charge, or the altitude is unknown.
+            Rejected: PX4 refused.
+            NoReply: PX4 did not answer.
+        """
+        sample = self._vehicle.topic("global_position")
+        if sample is None or not isinstance(sample.value, GlobalPosition):
+            raise Refused(
+                f"Vehicle {self._vehicle.id} reports no altitude above sea level.",
+                remedy="Wait for GPS and the estimator, then select the mode and arm again.",
+            )
+        altitude_m = sample.value.alt_amsl_m + height_m
+        await self._run(
+            d.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, altitude_m), "take off", "takeoff", by
+        )
+
+    async def set_mode(self, mode: str, by: str) -> None:
+        """Changes the mode; returns once the vehicle reports it. Raises what `take_off` raises."""
+        label = self._vehicle.mode_names.label(BY_NAME[mode])
+        params = (float(BY_NAME[mode].nav_state), NAN, NAN, NAN, NAN, NAN, NAN)
+        await self._run(SET_NAV_STATE, params, f"mode {label}", mode, by)
+
+    async def _run(
+        self,
+        command: int,
+        params: tuple[float, float, float, float, float, float, float],
+        what: str,
+        mode: str,
+        by: str,
+    ) -> None:
+        vehicle = self._vehicle
+        vehicle.require_commandable()
+        self._require_charge(what)
+        vehicle.command.record_executor_request(what, mode, by)
+        number = next(_numbers)
+        self._streams.execute_command(vehicle.id, self._mode, ExecutorCommand(number, command, params))
+        until_s = self._clock.monotonic_s() + DEADLINE_S
+        rejected = False
+        while vehicle.status.mode != mode:
+            self._require_charge(what)
+            now_s, state = self._clock.monotonic_s(), self.state
+            if state is not None and state.command == number and state.outcome == "rejected" and not rejected:
+                rejected, until_s = True, now_s + REJECTED_AFTER_S
+            if now_s >= until_s:
+                text = f"Vehicle {vehicle.id}: PX4 {{}} {what!r} of the mission's mode."
+                if rejected:
+                    raise Rejected(text.format("refused"))
+                raise NoReply(text.format("did not execute"), deadline_s=DEADLINE_S)
+            await self._clock.sleep(POLL_S)
+
+    def _require_charge(self, what: str) -> None:
+        if not self.in_charge:
+            raise Refused(
+                f"PX4 does not accept {what!r} of the mission's mode, because its executor is not in charge.",
+                remedy="Select the mode again, then arm.",
+            )

@@ -1,0 +1,124 @@
+"""Commands of the executor of an external mode, with the answers that a real PX4 gave in recordings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.mode_executor import (
+    ATTEMPT_EVERY_S,
+    ATTEMPTS,
+    COMMAND,
+    ExecutorCommand,
+    Message,
+    ModeExecutor,
+)
+
+SET_NAV_STATE, TAKE_OFF, LAND, ONLY = 100_001, 17, 18, (math.nan,) * 6
+GO = ExecutorCommand(1, SET_NAV_STATE, (18.0, *ONLY))
+
+
+def status(nav_state: int = 23, *, in_charge: int = 1, armed: bool = True) -> dict[str, int]:
+    return {"nav_state": nav_state, "executor_in_charge": in_charge, "arming_state": 2 if armed else 1}
+
+
+def ack(result: int, *, command: int = SET_NAV_STATE, component: int = 1001) -> dict[str, int]:
+    return {"command": command, "result": result, "target_component": component}
+
+
+def executor(**changes: Any) -> ModeExecutor:
+    """Executor 1, in charge of an armed vehicle in its own mode."""
+    made = ModeExecutor(1)
+    made.on_status(status(**changes))
+    return made
+
+
+def fields(messages: list[Message]) -> dict[str, Any]:
+    ((topic, data),) = messages
+    assert topic == COMMAND
+    return dict(MESSAGES["VehicleCommand"].decode(data))
+
+
+def test_a_command_has_the_executors_component_as_its_source() -> None:
+    sent = fields(ModeExecutor(3).execute(GO, 0.0) or executor().execute(GO, 0.0))
+    assert (sent["command"], sent["param1"], sent["source_component"]) == (SET_NAV_STATE, 18.0, 1001)
+    assert math.isnan(sent["param7"])
+    assert not sent["from_external"]
+
+
+@pytest.mark.parametrize(("result", "outcome"), [(0, "accepted"), (1, "rejected"), (4, "rejected")])
+def test_the_answer_of_px4_ends_the_command(result: int, outcome: str) -> None:
+    made = executor()
+    made.execute(GO, 0.0)
+    made.on_ack(ack(result))
+    assert (made.state.command, made.state.outcome) == (1, outcome)
+    assert made.step(10.0) == []
+
+
+@pytest.mark.parametrize("other", [ack(0, command=22), ack(0, component=1002), ack(5)])
+def test_an_answer_to_another_command_or_executor_and_progress_are_no_answer(other: dict[str, int]) -> None:
+    made = executor()
+    made.execute(GO, 0.0)
+    made.on_ack(other)
+    assert made.state.outcome == "pending"
+
+
+def test_a_command_without_an_answer_is_sent_three_times() -> None:
+    made, now_s = executor(), 0.0
+    sent = len(made.execute(GO, now_s))
+    while made.state.outcome == "pending" and now_s < 5.0:
+        now_s += 0.02
+        sent += len(made.step(now_s))
+    assert sent == ATTEMPTS
+    assert made.state.outcome == "no_answer"
+    assert now_s == pytest.approx(ATTEMPTS * ATTEMPT_EVERY_S, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "not_allowed", [{"in_charge": 0}, {"in_charge": 2}, {"armed": False}, {"nav_state": 5, "in_charge": 0}]
+)
+def test_it_sends_nothing_while_it_is_not_in_charge_or_the_vehicle_is_disarmed(
+    not_allowed: dict[str, Any],
+) -> None:
+    made = executor(**not_allowed)
+    assert made.execute(GO, 0.0) == []
+    assert made.state.outcome == "rejected"
+    pending = executor()
+    pending.execute(GO, 0.0)
+    pending.on_status(status(**not_allowed))
+    assert pending.step(ATTEMPT_EVERY_S + 0.01) == []
+    assert pending.state.outcome == "rejected"
+
+
+def test_a_new_command_replaces_one_without_an_answer() -> None:
+    made = executor()
+    made.execute(GO, 0.0)
+    made.execute(ExecutorCommand(2, 22, (*ONLY, 500.0)), 0.1)
+    made.on_ack(ack(0))
+    assert (made.state.command, made.state.outcome) == (2, "pending")
+    made.on_ack(ack(0, command=22))
+    assert made.state.outcome == "accepted"
+
+
+def test_it_is_in_charge_as_px4_reports_also_while_disarmed() -> None:
+    made = ModeExecutor(1)
+    assert not made.state.in_charge
+    made.on_status(status(armed=False))
+    assert made.state.in_charge
+    made.on_status(status(5, in_charge=0))
+    assert not made.state.in_charge
+
+
+def test_a_completed_mode_is_reported_until_the_mode_changes() -> None:
+    made = executor(nav_state=TAKE_OFF)
+    made.on_completed({"result": 0, "nav_state": LAND})
+    made.on_completed({"result": 100, "nav_state": TAKE_OFF})
+    assert made.state.completed_nav_state is None
+    made.on_completed({"result": 0, "nav_state": TAKE_OFF})
+    made.on_status(status(TAKE_OFF))
+    assert made.state.completed_nav_state == TAKE_OFF
+    made.on_status(status(23))
+    assert made.state.completed_nav_state is None
