@@ -52,7 +52,7 @@ export function isPlaced(item: Item): item is PlacedItem {
 }
 
 /** Items with a position that the camera looks at and the vehicle does not fly to. */
-const LOOKED_AT: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
+export const LOOKED_AT: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
 
 export function isFlownTo(item: Item): item is PlacedItem {
   return isPlaced(item) && !LOOKED_AT.has(item.kind);

@@ -1,15 +1,21 @@
-/** The editor's fields of an item. Label and unit follow from the field's name (`acceptance_radius_m`). Pure. */
+/** The editor's rows of an item. The unit follows from the field's name (`acceptance_radius_m`). Pure. */
 
 import type { Item } from './document';
+import { optionText, specsOf, type FieldSpec } from './item-fields';
 
 export interface Field {
   readonly name: string;
   readonly label: string;
+  readonly of: 'number' | 'choice';
+  readonly value: number | string | null;
   readonly unit: string;
-  readonly value: number | null;
-  /** The field may be empty: the autopilot then chooses the value. */
-  readonly optional: boolean;
   readonly step: number;
+  readonly min: number;
+  readonly max: number;
+  readonly decimals: number;
+  /** The field may be empty: the placeholder then applies. */
+  readonly placeholder?: string;
+  readonly options?: readonly { readonly value: string; readonly text: string }[];
 }
 
 /** Suffixes of field names with their units, the longest first. */
@@ -25,54 +31,30 @@ const UNITS: readonly (readonly [string, string, number])[] = [
   ['_s', 's', 1],
 ];
 
-const LABELS: Readonly<Record<string, string>> = {
-  hour_utc: 'Until, hour (UTC)',
-  minute_utc: 'Until, minute (UTC)',
-  second_utc: 'Until, second (UTC)',
-  acceptance_radius_m: 'Acceptance radius',
-  pass_radius_m: 'Pass radius',
-  hold_s: 'Hold for',
-  yaw_ned_deg: 'Yaw from north',
-  speed_m_s: 'Speed',
-  delay_s: 'Wait for',
-  target_index: 'From step',
-  repeat: 'Repeats (−1: endless)',
-  count: 'Pictures (0: until stopped)',
-  abort_altitude_m: 'Abort altitude',
-  speed_type: 'Speed type (0 air, 1 ground, 2 climb, 3 descent)',
-  distance_m: 'Distance',
-};
-/**
- * Fields of the document that the editor does not show: positions have their own fields, the others are kept
- * unchanged.
- */
-const NOT_SHOWN: ReadonlySet<string> = new Set([
-  'lat_deg',
-  'lon_deg',
-  'command',
-  'frame',
-  'exit_xtrack',
-  'leave_towards_next',
-  'throttle_percent',
-  'sequence',
-  'abort_altitude_m',
-  'pitch_deg@takeoff',
-]);
 /** Fields that count from 0 in the document and from 1 on the page. */
 const FROM_ONE: ReadonlySet<string> = new Set(['target_index']);
 
 export function fieldsOf(item: Item): Field[] {
-  return Object.entries(item).flatMap(([name, value]): Field[] => {
-    if (NOT_SHOWN.has(name) || NOT_SHOWN.has(`${name}@${item.kind}`) || !(typeof value === 'number' || (value === null && name !== 'original'))) return [];
-    const [ending, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
-    const words = name
-      .slice(0, name.length - ending.length)
-      .replace(/_ned$/, '')
-      .replaceAll('_', ' ');
-    const label = LABELS[name] ?? words.charAt(0).toUpperCase() + words.slice(1);
-    const optional = value === null || name === 'yaw_ned_deg' || name.endsWith('_rate_deg_s') || item.kind === 'gimbal_pitch_yaw';
-    return [{ name, label, unit, step, optional, value: value === null ? null : value + (FROM_ONE.has(name) ? 1 : 0) }];
+  return specsOf(item.kind).flatMap(([name, spec]): Field[] => {
+    if (spec.label === null || spec.when?.(item) === false) return [];
+    const given = item[name] === undefined ? spec.initial : item[name];
+    const value = typeof given === 'number' ? given : null;
+    const [, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
+    const row = { name, label: spec.label, step: spec.step ?? step, unit: spec.unit?.(item) ?? unit, min: spec.min ?? -1e9, max: spec.max ?? 1e9, decimals: 3 };
+    if (spec.options !== undefined) return [{ ...row, of: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
+    // An empty field of a file may be filled, and stays empty until then.
+    const placeholder = spec.placeholder ?? (value === null ? 'not set' : undefined);
+    return [
+      { ...row, of: 'number', value: value === null ? null : value + (FROM_ONE.has(name) ? 1 : 0), ...(placeholder === undefined ? {} : { placeholder }) },
+    ];
   });
+}
+
+/** The texts of the code numbers, and the number of a file that has none. */
+function optionsOf(item: Item, name: string, { options = {} }: FieldSpec): { value: string; text: string }[] {
+  const known = Object.entries(options).map(([value, text]) => ({ value, text }));
+  const now = String(item[name]);
+  return options[now] !== undefined ? known : [...known, { value: now, text: optionText(item, name) ?? now }];
 }
 
 export type Parsed = { ok: true; value: number | null } | { ok: false; problem: string };
@@ -88,7 +70,9 @@ export function parseNumber(text: string, limits: { optional?: boolean; min?: nu
   return { ok: true, value };
 }
 
-/** Converts a field's value to the document's unit. */
-export function toDocument(name: string, value: number | null): number | null {
-  return value !== null && FROM_ONE.has(name) ? Math.round(value) - 1 : name === 'repeat' && value !== null ? Math.round(value) : value;
+/** Converts the value of a row to the document's value. */
+export function toDocument({ kind }: Pick<Item, 'kind'>, name: string, value: number | string | boolean | null): number | null {
+  if (value === null || value === 'null') return null;
+  const whole = specsOf(kind).find(([field]) => field === name)?.[1].whole === true;
+  return (whole ? Math.round(Number(value)) : Number(value)) - (FROM_ONE.has(name) ? 1 : 0);
 }

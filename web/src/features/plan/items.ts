@@ -1,33 +1,51 @@
-/** Titles and details of a plan's items, and the default values of new ones. */
+/** Titles and details of a plan's items, and the kinds that can be added. Pure. */
 
 import { fixed } from '../../ui/format';
 import type { GeoPosition } from '../../vehicle/geo';
-import { isPlaced, type Altitude, type Item, type ItemKind, type Reference } from './document';
+import { isPlaced, LOOKED_AT, type Altitude, type Item, type ItemKind, type Reference } from './document';
+import { optionText, specsOf, type SimpleKind } from './item-fields';
 
-const TITLES: Readonly<Partial<Record<ItemKind, string>>> = {
+const TITLES: Readonly<Record<ItemKind, string>> = {
   takeoff: 'Take off',
   waypoint: 'Waypoint',
-  loiter_unlimited: 'Hold until continued',
   loiter_time: 'Hold',
+  loiter_unlimited: 'Hold until continued',
   loiter_to_altitude: 'Climb or descend',
-  land: 'Land',
-  roi_location: 'Look at a point',
-  roi: 'Region of interest (older command)',
-  roi_next_waypoint: 'Look at the next waypoint',
-  roi_none: 'Clear region of interest',
   gate: 'Gate',
-  return_home: 'Return',
-  delay: 'Wait',
-  jump: 'Repeat from',
   change_speed: 'Change speed',
-  set_home: 'Set home here',
-  land_start: 'Landing sequence start',
+  land: 'Land',
+  return_home: 'Return',
   photo_start: 'Take pictures',
   photo_stop: 'Stop taking pictures',
+  trigger_distance: 'Picture every …',
+  trigger_interval: 'Time between pictures',
+  trigger_control: 'Camera trigger',
+  oblique_survey: 'Oblique pictures every …',
   video_start: 'Start video',
   video_stop: 'Stop video',
-  trigger_distance: 'Picture every …',
+  camera_mode: 'Camera mode',
+  camera_focus: 'Camera focus',
+  camera_zoom: 'Camera zoom',
   gimbal_pitch_yaw: 'Gimbal angles',
+  roi_location: 'Look at a point',
+  roi_next_waypoint: 'Look at the next waypoint',
+  roi_none: 'Clear region of interest',
+  gimbal_configure: 'Gimbal control',
+  gripper: 'Gripper',
+  winch: 'Winch',
+  set_actuator: 'Set actuators',
+  set_servo: 'Set servo',
+  delay: 'Wait',
+  jump: 'Repeat from',
+  set_home: 'Set home here',
+  land_start: 'Landing sequence start',
+  roi: 'Region of interest (older command)',
+  mount_configure: 'Gimbal mode (older command)',
+  mount_control: 'Gimbal angles (older command)',
+  control_video: 'Video (older command)',
+  digicam: 'Take a picture (older command)',
+  command: 'Other command',
+  complex: 'Pattern',
 };
 
 const REFERENCES: Readonly<Record<Reference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
@@ -42,11 +60,22 @@ export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: u
   if (item.kind === 'complex') return `Pattern (${String(item['complex_type'])})`;
   if (item.kind === 'trigger_distance' && item['distance_m'] === 0) return 'Stop taking pictures';
   if (item.kind === 'command') return `MAV_CMD ${String(item['command'])}`;
-  const words = item.kind.replaceAll('_', ' ');
-  return TITLES[item.kind] ?? words.charAt(0).toUpperCase() + words.slice(1);
+  return TITLES[item.kind];
 }
 
 const number = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
+
+/** Choices that the text below the title states. */
+const DETAILS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
+  change_speed: ['speed_type'],
+  trigger_control: ['enable'],
+  camera_mode: ['mode'],
+  camera_focus: ['focus_type'],
+  camera_zoom: ['zoom_type'],
+  gripper: ['action'],
+  winch: ['action'],
+  mount_configure: ['mode'],
+};
 
 /** Text below the title. */
 export function detailOf(item: Item): string {
@@ -63,6 +92,7 @@ export function detailOf(item: Item): string {
       number(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
     );
   if (item.kind === 'takeoff' || item.kind === 'land') return parts.join(' · ');
+  parts.push(...(DETAILS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));
   add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
@@ -74,49 +104,56 @@ export function detailOf(item: Item): string {
   return parts.join(' · ');
 }
 
-/** One kind of item to add; `placed`: it needs a click on the map. */
-export interface Choice {
-  readonly kind: ItemKind;
-  readonly placed: boolean;
+/** Kinds with a position: they need a click on the map. */
+const PLACED: ReadonlySet<ItemKind> = new Set([
+  'takeoff',
+  'waypoint',
+  'loiter_time',
+  'loiter_unlimited',
+  'loiter_to_altitude',
+  'gate',
+  'land',
+  'roi_location',
+  'roi',
+]);
+
+export function needsPosition(kind: ItemKind): boolean {
+  return PLACED.has(kind);
 }
 
-const PLACED: readonly ItemKind[] = ['takeoff', 'waypoint', 'loiter_time', 'land', 'roi_location'];
-const OTHERS: readonly ItemKind[] = [
-  'return_home',
-  'change_speed',
-  'delay',
-  'roi_none',
-  'gimbal_pitch_yaw',
-  'trigger_distance',
-  'photo_start',
-  'photo_stop',
-  'jump',
+/** The kinds that can be added, in groups. Without `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
+export const CHOICES: readonly { readonly label: string; readonly folded: boolean; readonly kinds: readonly SimpleKind[] }[] = [
+  {
+    label: 'Movement',
+    folded: false,
+    kinds: ['takeoff', 'waypoint', 'loiter_time', 'loiter_unlimited', 'loiter_to_altitude', 'gate', 'change_speed', 'land', 'return_home'],
+  },
+  {
+    label: 'Camera',
+    folded: true,
+    kinds: [
+      'photo_start',
+      'photo_stop',
+      'trigger_distance',
+      'trigger_interval',
+      'trigger_control',
+      'oblique_survey',
+      'video_start',
+      'video_stop',
+      'camera_mode',
+      'camera_focus',
+    ],
+  },
+  { label: 'Gimbal', folded: true, kinds: ['gimbal_pitch_yaw', 'roi_location', 'roi_next_waypoint', 'roi_none', 'gimbal_configure'] },
+  { label: 'Payload', folded: true, kinds: ['gripper', 'winch', 'set_actuator'] },
+  { label: 'Mission flow', folded: true, kinds: ['delay', 'jump', 'set_home', 'land_start'] },
+  { label: 'Older commands', folded: true, kinds: ['roi', 'mount_configure', 'mount_control', 'control_video', 'digicam'] },
 ];
-export const CHOICES: readonly Choice[] = [...PLACED.map((kind) => ({ kind, placed: true })), ...OTHERS.map((kind) => ({ kind, placed: false }))];
 
-/** All fields of a new item. The editor shows only these fields. */
-const DEFAULT_FIELDS: Readonly<Partial<Record<ItemKind, object>>> = {
-  takeoff: { pitch_deg: 0, yaw_ned_deg: null },
-  waypoint: { hold_s: 0, acceptance_radius_m: 0, pass_radius_m: 0, yaw_ned_deg: null },
-  loiter_time: { hold_s: 10, radius_m: 0, exit_xtrack: 0 },
-  land: { abort_altitude_m: 0, precision: 0, yaw_ned_deg: null },
-  roi_location: { gimbal_id: 0 },
-  return_home: {},
-  change_speed: { speed_type: 1, speed_m_s: 5, throttle_percent: -1 },
-  delay: { delay_s: 5, hour_utc: 0, minute_utc: 0, second_utc: 0 },
-  roi_none: { gimbal_id: 0 },
-  gimbal_pitch_yaw: { pitch_deg: -90, yaw_deg: 0, pitch_rate_deg_s: null, yaw_rate_deg_s: null, flags: 0, gimbal_id: 0 },
-  trigger_distance: { distance_m: 10, shutter_ms: 0, at_once: 1, camera: 0 },
-  photo_start: { camera: 0, interval_s: 0, count: 1, sequence: 0 },
-  photo_stop: { camera: 0 },
-  jump: { target_index: 0, repeat: 1 },
-};
-
-/** @param at position of a placed kind. */
+/** @param at position of a kind that needs one. */
 export function newItem(kind: ItemKind, at: GeoPosition | null, altitude: Altitude): Item {
-  const where =
-    at === null
-      ? {}
-      : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: kind === 'land' || kind === 'roi_location' ? 0 : altitude.value_m } };
-  return { kind, autocontinue: true, spare_params: [], original: null, ...DEFAULT_FIELDS[kind], ...where };
+  const onGround = kind === 'land' || LOOKED_AT.has(kind);
+  const where = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: onGround ? 0 : altitude.value_m } };
+  const fields = Object.fromEntries(specsOf(kind).map(([name, { initial }]) => [name, initial]));
+  return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...where };
 }

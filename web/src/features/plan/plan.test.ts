@@ -2,10 +2,10 @@ import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY, positionOf, type Item, type Plan } from './document';
 import { insertItem, movePoint, remove, reorder } from './edit';
-import { fieldsOf, parseNumber, toDocument } from './fields';
+import { parseNumber } from './fields';
 import { fixOf, type Finding } from './fixes';
 import * as history from './history';
-import { CHOICES, newItem, titleOf } from './items';
+import { newItem } from './items';
 import { picture, ringOf } from './layer';
 import { groundAreas, polylines, profile } from './profile';
 import { surveyOf, SURVEY } from './survey';
@@ -108,28 +108,9 @@ describe('the list', () => {
     );
     expect(titles).toEqual(['Home|480.0 m AMSL', 'Waypoint|30.0 m above home', 'Geofence: stay inside|4 corners', 'Rally point|20.0 m AMSL']);
   });
-  it('has a title for every kind that can be added', () => {
-    for (const { kind } of CHOICES) expect(titleOf(newItem(kind, at(0), { value_m: 10, reference: 'home' }))).not.toBe('');
-    expect(titleOf({ kind: 'set_servo' })).toBe('Set servo');
-  });
 });
 
-describe('fields', () => {
-  it('derive label and unit from their name', () => {
-    const fields = fieldsOf(waypoint(10));
-    expect(fields.map((field) => `${field.label} [${field.unit}]${field.optional ? '?' : ''}`)).toEqual([
-      'Hold for [s]',
-      'Acceptance radius [m]',
-      'Pass radius [m]',
-      'Yaw from north [°]?',
-    ]);
-    expect(fieldsOf({ kind: 'gimbal_pitch_yaw', pitch_rate_deg_s: null })[0]).toMatchObject({ label: 'Pitch rate', unit: '°/s' });
-  });
-  it('count steps from 1 on the page', () => {
-    const [target] = fieldsOf({ kind: 'jump', target_index: 2 });
-    expect(target?.value).toBe(3);
-    expect(toDocument('target_index', 3)).toBe(2);
-  });
+describe('number fields', () => {
   it('accept commas and report errors', () => {
     expect(parseNumber('12,5')).toEqual({ ok: true, value: 12.5 });
     expect(parseNumber('−3')).toEqual({ ok: true, value: -3 });
