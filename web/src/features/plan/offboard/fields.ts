@@ -355,8 +355,8 @@ const EVENT_LABELS: Readonly<Record<string, string>> = {
 export function missionFields(mission: Mission): Field<Mission>[] {
   const actions = mission.actions as unknown as Readonly<Record<string, string>>;
   const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;
-  const within = (label: string, name: string, most: number): Field<Mission> => {
-    const { set, ...row } = numberField(limits, name, label, { min: 0.1, max: most, placeholder: 'vehicle’s' });
+  const within = (label: string, name: string, [min, max]: readonly [number, number]): Field<Mission> => {
+    const { set, ...row } = numberField(limits, name, label, { min, max, placeholder: 'vehicle’s' });
     return {
       ...row,
       set: (old, next) => ({ ...old, limits: set(old.limits as unknown as Readonly<Record<string, number | null>>, next) as unknown as Mission['limits'] }),
@@ -370,8 +370,12 @@ export function missionFields(mission: Mission): Field<Mission>[] {
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
     { name: 'avoidance', label: 'Avoid obstacles', of: 'switch', value: mission.avoidance, set: (old, next) => ({ ...old, avoidance: next === true }) },
-    within('Maximum speed', 'speed_m_s', 100),
-    within('Maximum acceleration', 'acceleration_m_s2', 50),
-    within('Maximum tilt', 'tilt_rad', 85),
+    within('Maximum speed', 'speed_m_s', [0.1, 100]),
+    within('Maximum climb speed', 'climb_m_s', [0.1, 100]),
+    within('Maximum descent speed', 'descent_m_s', [0.1, 100]),
+    within('Maximum acceleration', 'acceleration_m_s2', [0.1, 50]),
+    within('Maximum jerk', 'jerk_m_s3', [0.1, 500]),
+    within('Maximum tilt', 'tilt_rad', [3, 88]),
+    within('Maximum yaw rate', 'yaw_rate_rad_s', [3, 572]),
   ];
 }

@@ -230,6 +230,30 @@ describe('the fields of steps', () => {
     expect(find(missionFields(NESTED), 'link_loss').set(NESTED, 'land').actions.link_loss).toBe('land');
     expect(find(missionFields(NESTED), 'speed_m_s').set(NESTED, 4).limits.speed_m_s).toBe(4);
   });
+  it('have all limits of a mission, with bounds that the server accepts', () => {
+    const rad = (deg = 0) => (deg * Math.PI) / 180;
+    const rows = missionFields(NESTED).filter(({ name }) => /_(m_s|m_s2|m_s3|rad|rad_s)$/.test(name));
+    expect(rows.map(({ label, unit }) => `${label} [${unit}]`)).toEqual([
+      'Maximum speed [m/s]',
+      'Maximum climb speed [m/s]',
+      'Maximum descent speed [m/s]',
+      'Maximum acceleration [m/s²]',
+      'Maximum jerk [m/s³]',
+      'Maximum tilt [°]',
+      'Maximum yaw rate [°/s]',
+    ]);
+    const rate = find(missionFields(NESTED), 'yaw_rate_rad_s');
+    expect(rate.set(NESTED, 90).limits.yaw_rate_rad_s).toBeCloseTo(Math.PI / 2);
+    expect(rate.set(rate.set(NESTED, 90), null).limits.yaw_rate_rad_s).toBeUndefined();
+    const tilt = find(missionFields(NESTED), 'tilt_rad');
+    for (const [{ min, max }, least, most] of [
+      [rate, 0.05, 10],
+      [tilt, 0.05, 1.55],
+    ] as const) {
+      expect(rad(min)).toBeGreaterThanOrEqual(least);
+      expect(rad(max)).toBeLessThanOrEqual(most);
+    }
+  });
 });
 
 describe('the map of a mission', () => {
