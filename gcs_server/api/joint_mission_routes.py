@@ -60,9 +60,9 @@ async def start_joint_mission(
         )
         check_findings(name.name, compiled["findings"], body.despite)
         timelines = pickle.loads(base64.b64decode(compiled["flown"]))
-        if any(timeline.avoids for timeline, _ in timelines.values()):
+        if any(timeline.avoidance for timeline, _ in timelines.values()):
             for role, vehicle in vehicles.items():
-                if timelines[role][0].avoids:
+                if timelines[role][0].avoidance:
                     await station.offboard(vehicle.id).avoidance.wait_for_sensor()
         await station.missions.ready()
         for vehicle in vehicles.values():

@@ -183,7 +183,7 @@ async def prepared_start(
     )
     check_findings(name.name, compiled["findings"], despite)
     timeline, motion = pickle.loads(base64.b64decode(compiled["flown"]))
-    if timeline.avoids:
+    if timeline.avoidance:
         await offboard.avoidance.wait_for_sensor()
     return Start(name, timeline, motion, client, low_battery_share(vehicle))
 

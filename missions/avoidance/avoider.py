@@ -59,7 +59,7 @@ class Avoider:
     """
 
     def __init__(self, way: AvoidanceWay = "over") -> None:
-        self.way = way
+        self.way: AvoidanceWay = way
         self._memory = ObstacleMemory()
         self._stored_scans: set[tuple[float, Vector3, int]] = set()
         self._state: AvoidanceState = "clear"

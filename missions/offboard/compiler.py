@@ -202,7 +202,8 @@ def _compile_step(state: State, step: Any) -> None:
         )
         state.in_air = True
     of_step = step.avoidance if isinstance(step, PathStep) else None
-    state.avoidance = state.work.mission.avoidance if of_step is None else of_step
+    requested = state.work.mission.avoidance if of_step is None else of_step
+    state.avoidance = ("over" if requested else None) if isinstance(requested, bool) else requested
     segments_before = len(state.segments)
     pose_before = (state.position_ned_m, state.yaw_ned_rad)
     try:

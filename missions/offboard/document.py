@@ -9,7 +9,17 @@ from pydantic import Field, model_validator
 
 from missions.errors import PlanError
 from missions.offboard.positions import Ned
-from missions.offboard.steps import MAX_STEPS, Action, Branch, Call, MissionStep, Name, Repeat, Speed
+from missions.offboard.steps import (
+    MAX_STEPS,
+    Action,
+    Avoidance,
+    Branch,
+    Call,
+    MissionStep,
+    Name,
+    Repeat,
+    Speed,
+)
 from missions.values import FenceZone, HomePosition, Model
 
 MAX_CALL_DEPTH = 8
@@ -64,7 +74,7 @@ class OffboardMission(Model):
     """Planned start position, for planning without a vehicle."""
     limits: Bounds = Bounds()
     actions: Actions = Actions()
-    avoidance: bool = False
+    avoidance: Avoidance = False
     """Avoid obstacles that the vehicle's sensors measure; a step may override it."""
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=100)] = ()
     steps: Annotated[tuple[MissionStep, ...], Field(max_length=MAX_STEPS)] = ()

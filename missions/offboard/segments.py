@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from missions.avoidance.values import AvoidanceWay
 from missions.curves import PathCurve
 from missions.frames import Vector3
 from missions.offboard.gimbals import GimbalTrack
@@ -44,8 +45,8 @@ class Segment:
     gimbal: GimbalTrack | None = None
     """None: the gimbal is not commanded."""
     events: tuple[Event, ...] = ()
-    avoidance: bool = False
-    """Whether obstacle avoidance is active."""
+    avoidance: AvoidanceWay | None = None
+    """What obstacle avoidance tries first; None: it is off."""
     visit: int = 0
     """Number of the executed step; each round of a repeat has its own number."""
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from missions.avoidance.values import AvoidanceWay
 from missions.check_context import CheckLimits
 from missions.errors import PlanError
 from missions.fence import Fence, fence_from_json
@@ -144,7 +145,7 @@ class State:
     place: str = "the mission"
     title: str = ""
     gimbal: GimbalTrack | None = None
-    avoidance: bool = False
+    avoidance: AvoidanceWay | None = None
     visit: int = 0
     """Number of the current step among all executed steps, from 1."""
     needs: set[Estimate] = field(default_factory=set)

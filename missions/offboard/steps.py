@@ -5,10 +5,11 @@ Names, units and frames are those of `missions.setpoints`: metres, seconds, radi
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from missions.avoidance.values import AvoidanceWay
 from missions.offboard.positions import MissionPosition
 from missions.values import Model
 
@@ -21,6 +22,17 @@ Metres = Annotated[float, Field(gt=0.0, le=10_000.0, allow_inf_nan=False)]
 Climb = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
 Rounds = Annotated[float, Field(ge=0.01, le=200.0, allow_inf_nan=False)]
 Text = Annotated[str, Field(max_length=200)]
+
+
+def _check_avoidance(value: Any) -> Any:
+    """One message for all wrong values, instead of one for each type."""
+    if isinstance(value, bool) or value in ("over", "around"):
+        return value
+    raise ValueError("give over, around, true or false")
+
+
+Avoidance = Annotated[bool | AvoidanceWay, BeforeValidator(_check_avoidance)]
+"""What obstacle avoidance tries first: over or around; true means over, false means off."""
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 MAX_STEPS = 1000
 """Maximum number of steps in one list."""
@@ -73,7 +85,7 @@ class PathStep(Step):
     yaw_ned_rad: Angle | None = None
     look_at: MissionPosition | None = None
     photo_every_m: Metres | None = None
-    avoidance: bool | None = None
+    avoidance: Avoidance | None = None
     """Avoid obstacles that the vehicle's sensors measure; None: the mission's setting."""
 
     @model_validator(mode="after")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import bisect
 from dataclasses import dataclass
 
+from missions.avoidance.values import AvoidanceWay
 from missions.fence import FenceArea
 from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import Decision, Segment
@@ -84,11 +85,12 @@ class Timeline:
         )
 
     @property
-    def avoids(self) -> bool:
-        """Whether obstacle avoidance is active in any step."""
-        return any(segment.avoidance for segment in self.segments) or any(
-            each.avoids for each in self._continuations
-        )
+    def avoidance(self) -> AvoidanceWay | None:
+        """What the first step with obstacle avoidance tries first; None: no step requests avoidance."""
+        for part in (*self.segments, *self._continuations):
+            if part.avoidance is not None:
+                return part.avoidance
+        return None
 
     @property
     def _continuations(self) -> tuple[Timeline, ...]:

@@ -13,6 +13,7 @@ import itertools
 import math
 from dataclasses import replace
 
+from missions.avoidance.values import AvoidanceWay
 from missions.frames import Vector3
 from missions.offboard.segments import (
     AttitudeSegment,
@@ -124,10 +125,10 @@ class Player:
         return setpoint if isinstance(setpoint, Position | Trajectory) else None
 
     @property
-    def avoids(self) -> bool:
-        """Whether obstacle avoidance is active in the current segment."""
+    def avoidance(self) -> AvoidanceWay | None:
+        """What obstacle avoidance tries first in the current segment; None: it is off."""
         segment = self._segment()
-        return segment is not None and segment.avoidance
+        return None if segment is None else segment.avoidance
 
     @property
     def played(self) -> Played:

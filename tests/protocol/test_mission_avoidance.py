@@ -16,6 +16,7 @@ from vehicle_sim.world.files import load_world
 pytestmark = pytest.mark.flight
 
 BOX_NORTH_M = (4.25, 5.75)
+BOX_HALF_WIDTH_M = 2.0
 BEHIND = (10.0, 0.0)
 
 
@@ -32,7 +33,7 @@ def through_the_box(jump, tmp_path, story, avoidance):
                 OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
             )
             await vehicle.offboard.avoidance.wait_for_sensor()
-            word = "true" if avoidance == "plan" else "false"
+            word = {"plan": "true", "around": "around"}.get(avoidance, "false")
             step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {word}"
             missions.begin(vehicle, mission(f"- {{{step}}}\n- {{step: hold, duration_s: 1}}\n"), in_air=True)
             await missions.reach("flying", within_s=10)
@@ -77,6 +78,24 @@ def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_s
         assert (view.on, view.state) == (False, None)
 
     through_the_box(jump, tmp_path, story, "plan")
+
+
+def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(jump, tmp_path):
+    async def story(missions, vehicle, at):
+        assert vehicle.offboard.status().avoidance.way == "around"
+        start_down_m, farthest_east_m = estimated_down_m(vehicle), 0.0
+        for _ in range(900):
+            if missions.state not in ("flying", "waiting"):
+                break
+            assert estimated_down_m(vehicle) == pytest.approx(start_down_m, abs=0.7)
+            farthest_east_m = max(farthest_east_m, abs(at[1]))
+            await asyncio.sleep(0.1)
+        assert missions.state == "done"
+        assert farthest_east_m > BOX_HALF_WIDTH_M
+        assert math.dist(at[:2], BEHIND) < 1.0
+        assert not hit(vehicle)
+
+    through_the_box(jump, tmp_path, story, "around")
 
 
 @pytest.mark.broad

@@ -222,7 +222,7 @@ class MissionFlight:
 
     def execute_requests(self, requests: list[Request]) -> None:
         """Executes requests of the runner, after setting whether the mission uses obstacle avoidance."""
-        self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
+        self._control.avoidance.mission_way = self._start.timeline.avoidance
         self._execute(requests)
 
     def run_isolated(self, work: Callable[[], None]) -> None:

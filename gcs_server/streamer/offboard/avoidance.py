@@ -48,8 +48,8 @@ class AvoidanceControl:
         self.way: AvoidanceWay | None = None
         """What to try first (over or around); None: avoidance is off."""
         self.mission_way: AvoidanceWay | None = None
-        """What to try first in the mission's steps with avoidance; None: off. The value is reset at the end
-        of the mission.
+        """What the mission's first step with avoidance tries first; None: off in all steps of the mission.
+        The value is reset at the end of the mission.
         """
 
     async def switch_on(self, way: AvoidanceWay) -> None:
@@ -136,6 +136,8 @@ class AvoidanceControl:
         elif self.way is None and self.mission_way is not None and current is None:
             text = "On in the mission's steps with avoidance."
         way = self.way or self.mission_way
+        if way is not None and current is not None and current.way is not None:
+            way = current.way
         return AvoidanceView(
             on=way is not None,
             way=way or "over",

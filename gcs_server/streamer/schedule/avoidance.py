@@ -42,6 +42,8 @@ class AvoidanceStatus:
     state: AvoidanceState
     text: str
     """Message for the pilot; empty while the vehicle flies the requested setpoint."""
+    way: AvoidanceWay | None = None
+    """What avoidance tries first."""
 
 
 class AvoidanceStage:
@@ -52,6 +54,11 @@ class AvoidanceStage:
         self._reports: list[StreamEvent] = []
         self.avoiding: AvoidanceStatus | None = None
         """None: off."""
+
+    @property
+    def way(self) -> AvoidanceWay | None:
+        """What avoidance tries first; None: off."""
+        return None if self._avoider is None else self._avoider.way
 
     @property
     def on_a_detour(self) -> bool:
@@ -113,7 +120,7 @@ class AvoidanceStage:
         return _apply_adjustment(requested, adjusted)
 
     def _report(self, avoiding: AvoidanceStatus) -> None:
-        before, self.avoiding = self.avoiding, avoiding
+        before, self.avoiding = self.avoiding, replace(avoiding, way=self.way)
         if before is not None and before.state == avoiding.state:
             return
         if avoiding.state == "stopped":

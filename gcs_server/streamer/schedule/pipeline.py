@@ -200,7 +200,9 @@ class SetpointPipeline:
         player = None if self._resolved is None else self._resolved.player
         if snapshot.avoidance is not None or player is None:
             return snapshot.avoidance
-        return snapshot.mission_avoidance if player.avoids or self._avoidance.on_a_detour else None
+        if snapshot.mission_avoidance is None:
+            return None
+        return self._avoidance.way if self._avoidance.on_a_detour else player.avoidance
 
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds

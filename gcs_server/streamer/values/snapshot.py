@@ -63,7 +63,7 @@ class Snapshot:
     avoidance: AvoidanceWay | None = None
     """What avoidance tries first (over or around); None: off."""
     mission_avoidance: AvoidanceWay | None = None
-    """What avoidance tries first in the mission's steps with avoidance; None: off."""
+    """None: off in the mission's steps with avoidance; each step states what it tries first."""
 
     @property
     def received_s(self) -> float:

@@ -247,9 +247,24 @@ def test_avoidance_of_mission_or_step_is_in_each_segment() -> None:
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
     )
     everywhere = compile_mission(mission(steps, avoidance=True)).segments
-    assert [segment.avoidance for segment in everywhere] == [True, False, True, True]
+    assert [segment.avoidance for segment in everywhere] == ["over", None, "over", "over"]
     assert not any(segment.avoidance for segment in compile_mission(mission(steps)).segments)
     assert mission(steps).steps[1].avoidance is False
+
+
+def test_a_mission_and_each_step_name_what_avoidance_tries_first() -> None:
+    steps = flown(
+        "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: over",
+        "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
+        "step: hold, duration_s: 1",
+    )
+    around = compile_mission(mission(steps, avoidance="around"))
+    ways = [segment.avoidance for segment in around.segments]
+    assert ways == ["around", "over", "around", "around", "around"]
+    assert around.avoidance == "around"
+    assert compile_mission(mission(steps)).avoidance == "over"
+    with pytest.raises(PlanError, match="give over, around, true or false"):
+        mission(steps.replace("avoidance: over", "avoidance: under"))
 
 
 def test_repeats_and_calls_are_expanded() -> None:

@@ -189,15 +189,15 @@ def test_a_script_can_be_sent_to_another_process():
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
 
 
-def test_it_reports_whether_the_current_segment_uses_avoidance():
-    script = script_of(LEGS + ", avoidance: true", "step: hold, duration_s: 3")
+def test_it_reports_the_avoidance_of_the_current_segment():
+    script = script_of(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
     player, seen = Player(script, 0.0), []
     for second in range(1, round(script.segments[0].duration_s) + 3):
         for part in range(5):
             player.at(second + 0.2 * part)
-        assert player.avoids == (player.played.index == 0)
-        seen.append(player.avoids)
-    assert (seen[0], seen[-1]) == (True, False)
+        assert player.avoidance == ("around" if player.played.index == 0 else None)
+        seen.append(player.avoidance)
+    assert (seen[0], seen[-1]) == ("around", None)
 
 
 def test_the_path_ahead_is_reported_without_advancing():

@@ -4680,7 +4680,7 @@ export interface components {
              * Avoidance
              * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
-            readonly avoidance?: boolean | null;
+            readonly avoidance?: boolean | ("over" | "around") | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -4893,7 +4893,7 @@ export interface components {
              * Avoidance
              * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
-            readonly avoidance?: boolean | null;
+            readonly avoidance?: boolean | ("over" | "around") | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -6101,7 +6101,7 @@ export interface components {
              * Avoidance
              * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
-            readonly avoidance?: boolean | null;
+            readonly avoidance?: boolean | ("over" | "around") | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -8297,7 +8297,7 @@ export interface components {
              * @description Avoid obstacles that the vehicle's sensors measure; a step may override it.
              * @default false
              */
-            readonly avoidance: boolean;
+            readonly avoidance: boolean | ("over" | "around");
             /**
              * Fence
              * @description Fence.
@@ -8942,7 +8942,7 @@ export interface components {
              * Avoidance
              * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
-            readonly avoidance?: boolean | null;
+            readonly avoidance?: boolean | ("over" | "around") | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -11322,7 +11322,7 @@ export interface components {
              * Avoidance
              * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
-            readonly avoidance?: boolean | null;
+            readonly avoidance?: boolean | ("over" | "around") | null;
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}

@@ -161,9 +161,20 @@ def script(step):
     return Script("Test", timeline(flown(step)).segments[1:-1])
 
 
-AVOIDING, NOT_AVOIDING = (
-    f"step: fly, points: [{{position_ned_m: [10, 0, -10]}}], avoidance: {word}" for word in ("true", "false")
+AVOIDING, NOT_AVOIDING, AROUND = (
+    f"step: fly, points: [{{position_ned_m: [10, 0, -10]}}], avoidance: {word}"
+    for word in ("true", "false", "around")
 )
+
+
+def test_each_step_of_a_mission_states_what_avoidance_tries_first(stream):
+    stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
+    for step, way in ((AVOIDING, "over"), (AROUND, "around"), (AVOIDING, "over")):
+        stream.send(script(step))
+        assert stream.pipeline.avoiding.way == way
+    stream.avoidance = "around"
+    stream.send(script(AVOIDING))
+    assert stream.pipeline.avoiding.way == "around", "the operator's choice has priority"
 
 
 def test_a_missions_avoidance_acts_only_in_its_steps_and_while_it_is_enabled(stream):

@@ -146,21 +146,24 @@ const heading: Spec = (step, context) => {
   return rows;
 };
 
-/** A missing value means the mission's setting. */
-const avoidance: Spec = (step) => [
-  {
-    name: 'avoidance',
-    label: 'Avoid obstacles',
-    of: 'choice',
-    value: step['avoidance'] == null ? '' : step['avoidance'] === true ? 'on' : 'off',
-    options: [
-      { value: '', text: 'as set for the mission' },
-      { value: 'on', text: 'on' },
-      { value: 'off', text: 'off' },
-    ],
-    set: (old, next) => ({ ...old, avoidance: next === '' ? null : next === 'on' }),
-  },
-];
+/** The document's value by choice: true means over, a missing value of a step means the mission's setting. */
+const avoidanceOf = (choice: FieldValue): 'over' | 'around' | false => (choice === 'over' || choice === 'around' ? choice : false);
+const avoidanceRow = (value: unknown) =>
+  choiceField({ avoidance: value === true ? 'over' : value === false ? 'off' : value }, 'avoidance', 'Avoid obstacles', {
+    off: 'off',
+    over: 'over them',
+    around: 'around them',
+  });
+const avoidance: Spec = (step) => {
+  const row = avoidanceRow(step['avoidance'] ?? '');
+  return [
+    {
+      ...row,
+      options: [{ value: '', text: 'as set for the mission' }, ...(row.options ?? [])],
+      set: (old, next) => ({ ...old, avoidance: next === '' ? null : avoidanceOf(next) }),
+    },
+  ];
+};
 const PATH: readonly Spec[] = [
   number('speed_m_s', 'Maximum speed', SPEED),
   heading,
@@ -369,7 +372,7 @@ export function missionFields(mission: Mission): Field<Mission>[] {
         const { set: _, ...row } = choiceField(actions, name, label, ACTIONS);
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
-    { name: 'avoidance', label: 'Avoid obstacles', of: 'switch', value: mission.avoidance, set: (old, next) => ({ ...old, avoidance: next === true }) },
+    { ...avoidanceRow(mission.avoidance), set: (old, next) => ({ ...old, avoidance: avoidanceOf(next) }) },
     within('Maximum speed', 'speed_m_s', [0.1, 100]),
     within('Maximum climb speed', 'climb_m_s', [0.1, 100]),
     within('Maximum descent speed', 'descent_m_s', [0.1, 100]),

@@ -230,6 +230,20 @@ describe('the fields of steps', () => {
     expect(find(missionFields(NESTED), 'link_loss').set(NESTED, 'land').actions.link_loss).toBe('land');
     expect(find(missionFields(NESTED), 'speed_m_s').set(NESTED, 4).limits.speed_m_s).toBe(4);
   });
+  it('offer what obstacle avoidance tries first, for the mission and for a step', () => {
+    const row = (mission: Mission) => find(missionFields(mission), 'avoidance');
+    expect(row(NESTED).options?.map(({ value }) => value)).toEqual(['off', 'over', 'around']);
+    expect([false, true, 'over', 'around'].map((value) => row({ ...NESTED, avoidance: value as Mission['avoidance'] }).value)).toEqual([
+      'off',
+      'over',
+      'over',
+      'around',
+    ]);
+    expect(['off', 'around'].map((value) => row(NESTED).set(NESTED, value).avoidance)).toEqual([false, 'around']);
+    const ofStep = (step: Step) => find(fieldsOf(step, context), 'avoidance');
+    expect([null, true, false, 'around'].map((value) => ofStep({ ...FLY, avoidance: value }).value)).toEqual(['', 'over', 'off', 'around']);
+    expect(['', 'off', 'over'].map((value) => ofStep(FLY).set(FLY, value)['avoidance'])).toEqual([null, false, 'over']);
+  });
   it('have all limits of a mission, with bounds that the server accepts', () => {
     const rad = (deg = 0) => (deg * Math.PI) / 180;
     const rows = missionFields(NESTED).filter(({ name }) => /_(m_s|m_s2|m_s3|rad|rad_s)$/.test(name));
