@@ -7,10 +7,11 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gcs_server.api.group_models import VehicleId, require_unique
-from gcs_server.api.plan_models import MissionBody
+from gcs_server.api.plan_models import LegModel, MissionBody, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.missions.status import FlownMission, OffboardMissionStatus
+from gcs_server.streamer.missions.flown import FlownMission
+from gcs_server.streamer.missions.status import OffboardMissionStatus
 from missions.offboard.document import MAX_ROLES
 from missions.runner.flown import FlownSample
 
@@ -86,7 +87,12 @@ class OffboardMissionView(BaseModel):
     )
 
 
-FlownMissionModel = model_of(FlownMission, samples=tuple[model_of(FlownSample), ...])
+FlownMissionModel = model_of(
+    FlownMission,
+    samples=tuple[model_of(FlownSample), ...],
+    planned_legs=tuple[LegModel, ...],  # type: ignore[valid-type]
+    origin=OriginModel | None,  # type: ignore[operator]
+)
 
 
 class JointMissionView(BaseModel):
@@ -98,9 +104,9 @@ class JointMissionView(BaseModel):
 
 
 class FlownMissionView(BaseModel):
-    """The flown path of a vehicle's newest mission."""
+    """The flight of a vehicle's newest mission, beside its plan."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     vehicle: str = Field(description="The vehicle's id.")
-    flown: FlownMissionModel = Field(description="The flown path so far.")  # type: ignore[valid-type]
+    flown: FlownMissionModel = Field(description="The flight so far.")  # type: ignore[valid-type]

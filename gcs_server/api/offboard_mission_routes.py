@@ -41,7 +41,10 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.get("/flown", response_model=m.FlownMissionView)
 async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
-    """The flown positions of the newest mission, and the positions that were sent at the same times."""
+    """The flight of the newest mission, running or ended, beside its plan.
+
+    `samples` are the flown positions, and the positions that were sent at the same times.
+    """
     return answer({"vehicle": vehicle.id, "flown": station.missions.flight(vehicle.id).flown()})
 
 

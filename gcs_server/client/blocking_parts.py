@@ -322,8 +322,8 @@ class SyncOffboardMission:
         return self._portal.call(lambda: self._inner.state())
 
     def flown(self) -> dict[str, Any]:
-        """The flown path of the newest mission: `samples` with flown and sent positions, `deviation_mean_m`,
-        …
+        """The flight of the newest mission: `samples` with flown and sent positions, `planned_legs`,
+        `duration_s`, `planned_duration_s`, `deviation_mean_m`, …
         """
         return self._portal.call(lambda: self._inner.flown())
 

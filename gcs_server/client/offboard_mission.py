@@ -25,8 +25,8 @@ class OffboardMission:
         return (await self._vehicle.request("GET", "/offboard_mission"))["mission"]
 
     async def flown(self) -> dict[str, Any]:
-        """The flown path of the newest mission: `samples` with flown and sent positions, `deviation_mean_m`,
-        …
+        """The flight of the newest mission: `samples` with flown and sent positions, `planned_legs`,
+        `duration_s`, `planned_duration_s`, `deviation_mean_m`, …
         """
         return (await self._vehicle.request("GET", "/offboard_mission/flown"))["flown"]
 

@@ -69,6 +69,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
         expect(card.get_by_role("button", name="Skip step…")).to_have_count(0)
         reach(station, "done", 400)
         expect(card.get_by_role("status").first).to_have_text("Done")
+        expect(card).to_contain_text(re.compile(r"at most \d+\.\d m; 95 % within \d+\.\d m"))
     for vehicle_id in VEHICLES.values():
         assert not station.gcs.vehicle(vehicle_id).status()["armed"]
 

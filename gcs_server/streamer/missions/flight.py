@@ -10,19 +10,16 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.ros2.external_mode import IF_SILENT
 from gcs_server.streamer.missions.executor import IF_SILENT_IN_PX4_MODE, PX4_MODES, MissionExecutor
+from gcs_server.streamer.missions.flown import FlightRecord, FlownMission
 from gcs_server.streamer.missions.readings import above_home_m, reading_of
 from gcs_server.streamer.missions.start import Spawn, Start, Task
-from gcs_server.streamer.missions.status import (
-    FlownMission,
-    OffboardMissionStatus,
-)
+from gcs_server.streamer.missions.status import OffboardMissionStatus
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.stream_request import OFFBOARD, OnExpiry, StreamRequest
 from missions.avoidance.corridor import first_on_line
 from missions.offboard.segments import CurveSegment
-from missions.runner.flown import FlownTrack
 from missions.runner.reading import Reading
 from missions.runner.requests import (
     ChangeScript,
@@ -72,8 +69,6 @@ class MissionFlight:
         self._spawn = spawn
         self._start = start
         self._executor = MissionExecutor(clock, control.vehicle, streams, start.mode)
-        self._began_unix_s = clock.unix_s()
-        self._began_s = clock.monotonic_s()
         self.runner = Runner(
             start.timeline,
             start.mission.name,
@@ -86,9 +81,10 @@ class MissionFlight:
         """The mission of several vehicles to which this flight belongs; None before its start, and for a
         single vehicle.
         """
-        self.updated_s = self._began_s
+        self.updated_s = self._now_s
         """Time of the runner's last update."""
-        self._track = FlownTrack()
+        origin = VehicleEstimates(self._vehicle).origin()
+        self._record = FlightRecord(start, clock.unix_s(), self._now_s, self.reading(), origin)
         self._task: Task | None = None
         """The running command; a newer command cancels it."""
         self._pictures = 0
@@ -155,10 +151,11 @@ class MissionFlight:
             reading = self.reading()
             self._execute(self.runner.tick(self._now_s, reading))
             self.updated_s = self._now_s
-            self._track.record(self._now_s - self._began_s, reading, self.runner.status(reading))
-
+            self._record.record(self._now_s, reading, self.runner.status(reading))
         else:
             self.updated_s = self._now_s
+        if self.runner.over:
+            self._record.end(self._now_s)
 
     @property
     def vehicle_id(self) -> str:
@@ -196,7 +193,7 @@ class MissionFlight:
             client=self._start.client,
             role=self._start.role,
             others=() if self.joint is None else self.joint.others(self),
-            started_unix_s=self._began_unix_s,
+            started_unix_s=self._record.started_unix_s,
             place=result.place,
             title=result.title,
             duration_s=round(self._start.timeline.duration_s, 1),
@@ -211,14 +208,10 @@ class MissionFlight:
         )
 
     def flown(self) -> FlownMission:
-        """Flown positions so far, with the positions that were sent."""
-        samples = tuple(self._track.samples)
-        deviations_m = [each.deviation_m for each in samples if each.deviation_m is not None]
-        mean_m = sum(deviations_m) / len(deviations_m) if deviations_m else None
-        name = self._start.mission.name
-        return FlownMission(
-            name, self._began_unix_s, samples, _centimetres(mean_m), max(deviations_m, default=None)
-        )
+        """The flight so far, with its plan."""
+        if self.runner.over:
+            self._record.end(self._now_s)
+        return self._record.flown(self._now_s)
 
     def execute_requests(self, requests: list[Request]) -> None:
         """Executes requests of the runner, after setting whether the mission uses obstacle avoidance."""

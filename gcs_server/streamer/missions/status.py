@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from missions.runner.flown import FlownSample
-
 MissionState = Literal[
     "ready", "taking_off", "starting", "flying", "waiting", "pausing", "paused", "landing", "suspended",
     "done", "aborted", "stopped",
@@ -64,17 +62,3 @@ class OffboardMissionStatus:
     """Why the mission is suspended or has ended."""
     if_stream_stops: str | None
     """Text about the vehicle's own action if the server or its link fails."""
-
-
-@dataclass(frozen=True, slots=True)
-class FlownMission:
-    """The flown path of a vehicle's newest mission, with the planned one."""
-
-    name: str
-    started_unix_s: float
-    samples: tuple[FlownSample, ...]
-    """Two samples per second; fewer for a flight longer than half an hour."""
-    deviation_mean_m: float | None
-    """Mean distance from the streamed positions; null: no position was streamed."""
-    deviation_max_m: float | None
-    """Largest distance from the streamed positions; null: no position was streamed."""

@@ -1954,7 +1954,9 @@ export interface paths {
         };
         /**
          * Show Flown
-         * @description The flown positions of the newest mission, and the positions that were sent at the same times.
+         * @description The flight of the newest mission, running or ended, beside its plan.
+         *
+         *     `samples` are the flown positions, and the positions that were sent at the same times.
          */
         readonly get: operations["show_flown_api_v1_vehicles__v__offboard_mission_flown_get"];
         readonly put?: never;
@@ -4782,6 +4784,43 @@ export interface components {
              */
             readonly started_unix_s: number;
             /**
+             * Over
+             * @description Whether the mission has ended.
+             */
+            readonly over: boolean;
+            /**
+             * Duration S
+             * @description Time from the start to the end of the mission, or until now.
+             */
+            readonly duration_s: number;
+            /**
+             * Planned Duration S
+             * @description Planned duration of the whole mission, with the longest branch.
+             */
+            readonly planned_duration_s: number;
+            /**
+             * Planned Length M
+             * @description Planned length of the whole path, with the longest branch, take-off and landing.
+             */
+            readonly planned_length_m: number;
+            /**
+             * Planned Legs
+             * @description The planned path of each step, on all branches.
+             */
+            readonly planned_legs: readonly components["schemas"]["PlanLeg"][];
+            /** @description Global position of the local origin at the start; null: it was not known. */
+            readonly origin: components["schemas"]["PlanOrigin"] | null;
+            /**
+             * Battery Start Share
+             * @description Battery charge at the start, 0 to 1; null: the vehicle did not report it.
+             */
+            readonly battery_start_share: number | null;
+            /**
+             * Battery End Share
+             * @description Newest battery charge of the mission, 0 to 1; null: the vehicle did not report it.
+             */
+            readonly battery_end_share: number | null;
+            /**
              * Samples
              * @description Two samples per second; fewer for a flight longer than half an hour.
              */
@@ -4799,7 +4838,7 @@ export interface components {
         };
         /**
          * FlownMissionView
-         * @description The flown path of a vehicle's newest mission.
+         * @description The flight of a vehicle's newest mission, beside its plan.
          */
         readonly FlownMissionView: {
             /**
@@ -4807,7 +4846,7 @@ export interface components {
              * @description The vehicle's id.
              */
             readonly vehicle: string;
-            /** @description The flown path so far. */
+            /** @description The flight so far. */
             readonly flown: components["schemas"]["FlownMission"];
         };
         /**

@@ -46,9 +46,22 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
     const up_m = 0 - (corridor?.position_ned_m[i]?.[2] ?? 0);
     return [t_s, up_m + (corridor?.vertical_m.p5[i] ?? 0), up_m + (corridor?.vertical_m.p95[i] ?? 0)];
   });
-  const values = [...points.map(([, one]) => one), ...band.flatMap(([, low, high]) => [low, high])];
+  return scaledTrace({ unit, decimals, round, end_s: path.t_s.at(-1) ?? 0, points, band });
+}
+
+interface Unscaled extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'points'> {
+  /** The scale ends at multiples of this value. */
+  readonly round: number;
+  readonly band?: Trace['band'];
+  /** Other points, which the scale also contains. */
+  readonly others?: Trace['points'];
+}
+
+/** A trace with a scale that contains zero and all its values. */
+export function scaledTrace({ unit, decimals, round, end_s, points, band = [], others = [] }: Unscaled): Trace {
+  const values = [...points, ...others].map(([, one]) => one).concat(band.flatMap(([, low, high]) => [low, high]));
   const bottom = Math.min(0, Math.floor(Math.min(...values) / round + 0.05) * round);
-  return { unit, decimals, end_s: path.t_s.at(-1) ?? 0, points, band, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
+  return { unit, decimals, end_s, points, band, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
 }
 
 /** The value at a time, interpolated. */

@@ -1,0 +1,89 @@
+"""The flown path of an offboard mission beside its plan, by the server's route."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import offboard_mission_models as models
+from gcs_server.api import offboard_mission_routes as routes
+from gcs_server.errors import Refused
+from tests.protocol.api_calls import view, with_routes
+from tests.protocol.mission_flights import Missions, hovering
+from tests.protocol.offboard_world import seconds
+from tests.protocol.simulated_world import SimulatedWorld
+from tests.support.offboard_missions import mission
+
+FLIGHT = """
+- {step: take_off, height_m: 5}
+- {step: fly, points: [{offset_ned_m: [25, 0, -5]}, {offset_ned_m: [25, 20, -5]}], speed_m_s: 4}
+- {step: land}
+"""
+HOVER = "- {step: hold, duration_s: 120}\n"
+
+
+async def shown(missions, vehicle):
+    """The answer of the route, which agrees with its model."""
+    answer = view(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.all)))
+    models.FlownMissionView.model_validate(answer)
+    assert answer["vehicle"] == vehicle.id
+    return answer["flown"]
+
+
+def test_an_ended_mission_is_shown_beside_its_plan(jump, tmp_path):
+    async def story():
+        world = SimulatedWorld()
+        missions = Missions(world, tmp_path)
+        try:
+            vehicle = await world.ready_to_arm()
+            home = vehicle.topic("home").value
+            missions.begin(vehicle, mission(FLIGHT))
+            await missions.reach("done")
+            flown = await shown(missions, vehicle)
+            await seconds(5)
+            assert await shown(missions, vehicle) == flown, "nothing is recorded after the end"
+        finally:
+            await world.close()
+
+        assert flown["over"]
+        assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], rel=0.7)
+        assert flown["duration_s"] - 0.7 < flown["samples"][-1]["t_s"] <= flown["duration_s"]
+        assert flown["planned_length_m"] == pytest.approx(5 + 25 + 20 + 5, abs=2.0)
+        assert [leg["place"] for leg in flown["planned_legs"] if leg["place"] == "step 2"]
+        ends = [leg["points"][-1][1:] for leg in flown["planned_legs"]]
+        assert any(math.dist(end, (25, 20, -5)) < 1.5 for end in ends)
+        assert flown["origin"]["lat_deg"] == pytest.approx(home.lat_deg, abs=1e-4)
+        assert 0 < flown["battery_end_share"] <= flown["battery_start_share"] <= 1
+        streamed = [each for each in flown["samples"] if each["planned_ned_m"] is not None]
+        assert {each["place"] for each in streamed} == {"step 2"}
+        for each in streamed:
+            apart_m = math.dist(each["flown_ned_m"], each["planned_ned_m"])
+            assert each["deviation_m"] == pytest.approx(apart_m, abs=0.01)
+        assert flown["deviation_max_m"] == max(each["deviation_m"] for each in streamed)
+
+    jump(story)
+
+
+def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abort(jump, tmp_path):
+    async def story(missions, vehicle, autopilot):
+        flying = await shown(missions, vehicle)
+        await seconds(5)
+        later = await shown(missions, vehicle)
+        assert (flying["over"], later["over"]) == (False, False)
+        assert later["duration_s"] == pytest.approx(flying["duration_s"] + 5, abs=0.2)
+        assert later["started_unix_s"] == missions.flight.status().started_unix_s
+        missions.flight.abort("Alice", "hold")
+        ended = await shown(missions, vehicle)
+        await seconds(5)
+        assert ended["over"]
+        assert (await shown(missions, vehicle))["duration_s"] == ended["duration_s"]
+
+    hovering(jump, tmp_path, mission(HOVER), story)
+
+
+def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(jump):
+    async def story(at):
+        with pytest.raises(Refused, match="no offboard mission"):
+            await routes.show_flown(at.vehicle, at.station)
+
+    with_routes(jump, story)

@@ -1,0 +1,176 @@
+/** An ended offboard mission beside its plan: figures, plots and map. Pure. */
+
+import type { components } from '../../../api/schema';
+import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';
+import { duration, fixed, metres } from '../../../ui/format';
+import { positionAt } from '../../../vehicle/geo';
+import type { DryRunView } from '../dry-run.svelte';
+import { scaledTrace, type Trace } from '../dry-run-trace';
+
+type Schemas = components['schemas'];
+export type FlownPath = Readonly<Schemas['FlownMission']>;
+type Sample = FlownPath['samples'][number];
+type Vector = readonly number[];
+
+/** A flown length counts only movements of at least this distance, so that the noise of the estimate does not add up [m]. */
+const LENGTH_STEP_M = 0.5;
+const QUANTILE = 0.95;
+
+/** Distance from the planned path at one time. */
+interface PathDistance {
+  readonly t_s: number;
+  readonly distance_m: number;
+}
+
+/** The flown figures of a mission, and the planned ones; null: not known. */
+export interface Figures {
+  readonly largest_m: number | null;
+  readonly within_m: number | null;
+  readonly rows: readonly FigureRow[];
+}
+
+export interface FigureRow {
+  readonly name: string;
+  readonly planned: string;
+  readonly flown: string;
+}
+
+export interface FlownPlot {
+  readonly trace: Trace;
+  /** The planned values, one list for each part of the flight with setpoints. */
+  readonly planned: readonly (readonly (readonly [number, number])[])[];
+}
+
+/** The planned path of the steps that were flown, and of the longest branch. */
+function plannedLines({ planned_legs, samples }: FlownPath): { place: string; points: readonly Vector[] }[] {
+  const flownPlaces = new Set(samples.map(({ place }) => place));
+  return planned_legs
+    .filter(({ main, place }) => main || flownPlaces.has(place))
+    .map(({ place, points }) => ({ place, points: points.map(([, north_m, east_m, down_m]) => [north_m, east_m, down_m]) }));
+}
+
+/**
+ * Distance of each sample from the planned path of its step, while setpoints of positions were sent. PX4 flies take-off
+ * and landing by itself.
+ */
+export function pathDistances(flown: FlownPath): PathDistance[] {
+  const lines = plannedLines(flown);
+  const linesOf = new Map<string | null, readonly (readonly Vector[])[]>();
+  for (const { place } of flown.samples) {
+    const own = lines.filter((line) => line.place === place);
+    linesOf.set(
+      place,
+      (own.length === 0 ? lines : own).map(({ points }) => points),
+    );
+  }
+  return flown.samples.flatMap((sample) => {
+    const distance_m = sample.planned_ned_m === null ? Infinity : distanceToLines_m(sample.flown_ned_m, linesOf.get(sample.place) ?? []);
+    return Number.isFinite(distance_m) ? [{ t_s: sample.t_s, distance_m }] : [];
+  });
+}
+
+function distanceToLines_m(at: Vector, lines: readonly (readonly Vector[])[]): number {
+  let least_m = Infinity;
+  for (const points of lines)
+    for (let i = 0; i < points.length; i += 1) {
+      const end = points[i] ?? at;
+      least_m = Math.min(least_m, distanceToSegment_m(at, points[i - 1] ?? end, end));
+    }
+  return least_m;
+}
+
+function distanceToSegment_m(at: Vector, from: Vector, to: Vector): number {
+  let [along, length2] = [0, 0];
+  for (let axis = 0; axis < 3; axis += 1) {
+    const side = (to[axis] ?? 0) - (from[axis] ?? 0);
+    along += ((at[axis] ?? 0) - (from[axis] ?? 0)) * side;
+    length2 += side * side;
+  }
+  const fraction = length2 === 0 ? 0 : Math.min(1, Math.max(0, along / length2));
+  return Math.hypot(...[0, 1, 2].map((axis) => (at[axis] ?? 0) - (from[axis] ?? 0) - fraction * ((to[axis] ?? 0) - (from[axis] ?? 0))));
+}
+
+/** Length of the flown path. */
+export function flownLength_m(samples: readonly Sample[]): number {
+  let length_m = 0;
+  let last: Vector | undefined;
+  for (const { flown_ned_m: here } of samples) {
+    const step_m = last === undefined ? 0 : Math.hypot(...here.map((value, axis) => value - (last?.[axis] ?? 0)));
+    if (last !== undefined && step_m < LENGTH_STEP_M) continue;
+    length_m += step_m;
+    last = here;
+  }
+  return length_m;
+}
+
+/** The figures. @param dryRun the dry run that the flight was compared with; null: none. */
+export function figures(flown: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
+  const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
+  const length = (value_m: number): string => `${metres(value_m).text} ${metres(value_m).unit}`;
+  const simulated = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is that of the first role
+  return {
+    largest_m: sorted_m.at(-1) ?? null,
+    within_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
+    rows: [
+      { name: 'Duration', planned: duration(flown.planned_duration_s), flown: duration(flown.duration_s) },
+      { name: 'Length', planned: length(flown.planned_length_m), flown: length(flownLength_m(flown.samples)) },
+      {
+        name: 'Battery used',
+        planned: percentUsed(simulated?.battery_start_share, simulated?.battery_end_share),
+        flown: percentUsed(flown.battery_start_share, flown.battery_end_share),
+      },
+    ],
+  };
+}
+
+function percentUsed(start: number | null | undefined, end: number | null | undefined): string {
+  return start == null || end == null ? 'not known' : `${fixed(100 * (start - end), 0)} %`;
+}
+
+/** The largest and the 95 % distance as text. */
+export function distanceText({ largest_m, within_m }: Figures): string {
+  if (largest_m === null) return 'Distance from the planned path: not known, because no positions were sent.';
+  return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(within_m, 1)} m.`;
+}
+
+export const FLOWN_QUANTITIES = ['Distance', 'Height'] as const;
+export type FlownQuantity = (typeof FLOWN_QUANTITIES)[number];
+
+/** A plot over the time since the start; null: there is nothing to plot. */
+export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], quantity: FlownQuantity): FlownPlot | null {
+  const end_s = flown.samples.at(-1)?.t_s ?? 0;
+  if (quantity === 'Distance') {
+    const points = distances.map(({ t_s, distance_m }) => [t_s, distance_m] as const);
+    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, round: 1, end_s, points }), planned: [] };
+  }
+  const start_down_m = flown.samples[0]?.flown_ned_m[2];
+  if (start_down_m === undefined) return null;
+  const up_m = (position: Vector): number => start_down_m - (position[2] ?? 0);
+  const points = flown.samples.map(({ t_s, flown_ned_m }) => [t_s, up_m(flown_ned_m)] as const);
+  const planned: (readonly [number, number])[][] = [[]];
+  for (const { t_s, planned_ned_m } of flown.samples) {
+    if (planned_ned_m === null) planned.push([]);
+    else planned.at(-1)?.push([t_s, up_m(planned_ned_m)]);
+  }
+  const parts = planned.filter((part) => part.length > 1);
+  return { trace: scaledTrace({ unit: 'm', decimals: 1, round: 5, end_s, points, others: parts.flat() }), planned: parts };
+}
+
+/** Both paths on the map: planned dashed, flown solid; null: the position on the map is not known. */
+export function flownPicture(flown: FlownPath): LayerPicture | null {
+  const { origin } = flown;
+  if (origin === null) return null;
+  const positions = (points: readonly Vector[]) => points.map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m }));
+  const planned: { place: string; points: Vector[] }[] = [];
+  for (const { place, points } of plannedLines(flown)) {
+    const last = planned.at(-1);
+    const joins = last?.points.at(-1)?.every((value, axis) => Math.abs(value - (points[0]?.[axis] ?? Infinity)) < 0.01) === true;
+    if (last !== undefined && joins) last.points.push(...points.slice(1));
+    else planned.push({ place, points: [...points] });
+  }
+  const lines: LayerLine[] = [
+    ...planned.map(({ points }): LayerLine => ({ positions: positions(points), tone: 'target', style: 'dashed' })),
+    { positions: positions(flown.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
+  ];
+  return { lines: lines.filter((line) => line.positions.length > 1), areas: [], points: [] };
+}
