@@ -150,6 +150,13 @@ export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null
   };
 }
 
+/** The position of a finding on the map; null: it has neither a position nor a time in the flight. */
+export function findingPosition(view: DryRunView, { position_ned_m, t_s }: Pick<Flight['findings'][number], 'position_ned_m' | 't_s'>): GeoPosition | null {
+  if (position_ned_m !== null) return positionAt(view.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
+  const ghost = t_s === null ? null : ghostAt(view, t_s);
+  return ghost === null ? null : { lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg };
+}
+
 const percent = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
 
 /** The result in numbers, as sentences. */

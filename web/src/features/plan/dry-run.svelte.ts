@@ -23,6 +23,7 @@ export class DryRun {
   private requestedDocument: Document | null = null;
   /** The time that is shown [s]. */
   t_s = $state(0);
+  playing = $state(false);
 
   constructor(private readonly api: ApiClient) {}
 
@@ -43,6 +44,12 @@ export class DryRun {
     const answer = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...flownBy, ...asDryRun(conditions) } });
     if (!answer.ok) this.problem = answer.problem;
     else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
+  }
+
+  /** Shows this time and stops playing. */
+  showTime(t_s: number): void {
+    this.playing = false;
+    this.t_s = t_s;
   }
 
   async cancel(): Promise<void> {
@@ -66,6 +73,6 @@ export class DryRun {
     }
     this.view = answer.value;
     this.simulatedDocument = document;
-    this.t_s = 0;
+    this.showTime(0);
   }
 }

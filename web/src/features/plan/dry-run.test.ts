@@ -4,7 +4,7 @@ import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY } from './document';
 import { asDryRun, DEFAULT_CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
-import { dryRunPicture, ghostAt, ghostPicture, resultLines } from './dry-run-layer';
+import { dryRunPicture, findingPosition, ghostAt, ghostPicture, resultLines } from './dry-run-layer';
 import { plotShape, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -193,4 +193,18 @@ describe('a dry run', () => {
     expect(run.resultOf({ ...EMPTY })).toBeNull();
     expect(asked).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
+});
+
+it('a finding is shown at its own position, or else where the vehicle is at its time', () => {
+  expect(findingPosition(VIEW, { position_ned_m: [30, -4, -10], t_s: 15 })).toEqual(positionAt(ORIGIN, { north_m: 30, east_m: -4 }));
+  const halfWay = findingPosition(VIEW, { position_ned_m: null, t_s: 15 });
+  expect(halfWay === null ? null : groundDistance_m(halfWay, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeCloseTo(0, 3);
+  expect(findingPosition(VIEW, { position_ned_m: null, t_s: null })).toBeNull();
+});
+
+it('a chosen time stops the playback', () => {
+  const dryRun = new DryRun(new ApiClient('p'));
+  dryRun.playing = true;
+  dryRun.showTime(12);
+  expect([dryRun.playing, dryRun.t_s]).toEqual([false, 12]);
 });
