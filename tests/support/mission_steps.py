@@ -1,42 +1,127 @@
-"""A mission in the middle of each kind of step, for tests of events during that step."""
+"""A mission in the middle of each kind of step, for tests of events during that step.
+
+A step that takes no time is flown with one that does: a gimbal track and its hold, the list of a branch or a
+call and its hold, pictures one second apart. The event comes while these last.
+"""
 
 from __future__ import annotations
 
+from typing import get_args
+
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.reader import read
+from missions.offboard.steps import MissionStep
 from tests.support.mission_vehicle import FlownMission
-from tests.support.offboard_missions import flown, mission
+from tests.support.offboard_missions import flown
 
 CENTER = "center: {offset_ned_m: [20, 0, -10]}, radius_m: 8"
 FLY = "step: fly, points: [{offset_ned_m: [30, 0, -10]}]"
-STEPS = {
-    "take_off": None,
-    "fly": "step: fly, points: [{offset_ned_m: [40, 0, -10]}, {offset_ned_m: [40, 30, -14]}]",
-    "hold": "step: hold, duration_s: 10",
-    "orbit": f"step: orbit, {CENTER}",
-    "helix": f"step: helix, {CENTER}, climb_m: 5",
-    "spiral": f"step: spiral, {CENTER}, end_radius_m: 15",
-    "figure_eight": "step: figure_eight, center: {offset_ned_m: [0, 0, -10]}, length_m: 40, width_m: 20",
-    "velocity": "step: velocity, velocity_ned_m_s: [2, 1, 0], duration_s: 12",
-    "attitude": "step: attitude, thrust: 0.5, duration_s: 10",
-    "photo": "step: photo, count: 20, interval_s: 1",
-    "person": "step: wait, until: person, timeout_s: 60, message: Sharp?",
-    "condition": "step: wait, until: {value: satellites, above: 10}, timeout_s: 60",
-    "repeat": f"step: repeat, times: 2, steps: [{{{FLY}}}, {{step: hold, duration_s: 8}}]",
-    "land": None,
+HOLD = "step: hold, duration_s: 10"
+STEPS: dict[str, tuple[str, ...]] = {
+    "take_off": ("step: take_off, height_m: 10",),
+    "fly": ("step: fly, points: [{offset_ned_m: [40, 0, -10]}, {offset_ned_m: [40, 30, -14]}]",),
+    "hold": (HOLD,),
+    "orbit": (f"step: orbit, {CENTER}",),
+    "helix": (f"step: helix, {CENTER}, climb_m: 5",),
+    "spiral": (f"step: spiral, {CENTER}, end_radius_m: 15",),
+    "figure_eight": ("step: figure_eight, center: {offset_ned_m: [0, 0, -10]}, length_m: 40, width_m: 20",),
+    "table": ("step: table, file: slope",),
+    "velocity": ("step: velocity, velocity_ned_m_s: [2, 1, 0], duration_s: 12",),
+    "attitude": ("step: attitude, thrust: 0.5, duration_s: 10",),
+    "gimbal": ("step: gimbal, track: sweep, sweep_yaw_rad: 1, period_s: 8", HOLD),
+    "photo": ("step: photo, count: 20, interval_s: 1",),
+    "person": ("step: wait, until: person, timeout_s: 60, message: Sharp?",),
+    "condition": ("step: wait, until: {value: satellites, above: 10}, timeout_s: 60",),
+    "repeat": (f"step: repeat, times: 2, steps: [{{{FLY}}}, {{step: hold, duration_s: 8}}]",),
+    "branch": (
+        f"step: branch, condition: {{value: battery_share, above: 0.5}}, then: [{{{HOLD}}}], otherwise: []",
+    ),
+    "call": ("step: call, mission: stay",),
+    "meet": ("step: meet, meeting: here",),
+    "land": ("step: land",),
 }
-IN_OFFBOARD = [kind for kind in STEPS if kind not in ("take_off", "land")]
+"""The steps of each story. The event comes during the last of them."""
+BY_PX4 = ("take_off", "land")
+IN_OFFBOARD = [kind for kind in STEPS if kind not in BY_PX4]
+
+
+def kinds_of_document() -> set[str]:
+    """All kinds of steps that a document can have."""
+    return {each.model_fields["step"].default for each in get_args(get_args(MissionStep)[0])}
+
+
+def kinds_of(steps: tuple[str, ...]) -> set[str]:
+    """The kinds of these steps, without those inside them."""
+    return {step.removeprefix("step: ").partition(",")[0] for step in steps}
+
+
+def with_lists(steps: str, stay: str = HOLD, table: str | None = None) -> OffboardMission:
+    """A mission with these steps, the list of the call and the file of the table.
+
+    Args:
+        steps: YAML of the steps.
+        stay: the step of the called list.
+        table: CSV of the table; None: `slope()`.
+    """
+    document = read(f"name: Test\nmissions: {{stay: [{{{stay}}}]}}\nsteps:\n{steps}")
+    return document.model_copy(update={"tables": {"slope": table or slope()}})
+
+
+def for_two(*steps: str) -> OffboardMission:
+    """A mission of the roles "lead" and "left", both with these steps."""
+    listed = ", ".join(f"{{{step}}}" for step in steps)
+    roles = ", ".join(f"{role}: {{steps: [{listed}]}}" for role in ("lead", "left"))
+    return read(f"name: Test\nroles: {{{roles}}}")
+
+
+def slope(first_down_m: float = -10.0, duration_s: float = 12.0) -> str:
+    """A table of a straight line 12 m north, 6 m east and 4 m up, at rest at both ends."""
+    rows = ["t_s,north_m,east_m,down_m"]
+    for step in range(101):
+        part = step / 100
+        way = part**3 * (10 - 15 * part + 6 * part * part)
+        rows.append(f"{part * duration_s:.3f},{12 * way:.5f},{6 * way:.5f},{first_down_m - 4 * way:.5f}")
+    return "\n".join(rows)
 
 
 def flight(kind: str, **actions: str) -> FlownMission:
     """A mission in the middle of a step of this kind."""
-    wanted = STEPS[kind] or "step: hold, duration_s: 4"
-    document = mission(flown(wanted, FLY))
-    document = document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
-    fake = FlownMission(document).start()
-    if kind in ("take_off", "land"):
+    fake = _at_meeting(actions) if kind == "meet" else _alone(kind, actions)
+    if kind in BY_PX4:
         state = "taking_off" if kind == "take_off" else "landing"
         return fake.until(lambda: fake.status.state == state and fake.reading.landed == "in_air").fly(1.0)
-    fake.until(lambda: fake.status.state in ("flying", "waiting") and str(fake.status.place)[:6] == "step 2")
+    place = f"step {1 + len(STEPS[kind])}"
+    fake.until(lambda: fake.status.state in ("flying", "waiting") and place in str(fake.status.place))
     return fake.fly(2.5)
+
+
+def _alone(kind: str, actions: dict[str, str]) -> FlownMission:
+    wanted = ("step: hold, duration_s: 4",) if kind in BY_PX4 else STEPS[kind]
+    return FlownMission(_acting(with_lists(flown(*wanted, FLY)), actions)).start()
+
+
+def _at_meeting(actions: dict[str, str]) -> FlownMission:
+    """One role of two; the test is the other one, see `end_wait`."""
+    document = _acting(for_two(*STEPS["take_off"], *STEPS["meet"], FLY, *STEPS["land"]), actions)
+    fake = FlownMission(document, timeline=compile_mission(document, role="lead")).start()
+    return end_wait(fake, "meet")
+
+
+def _acting(document: OffboardMission, actions: dict[str, str]) -> OffboardMission:
+    return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
+
+
+def end_wait(fake: FlownMission, kind: str) -> FlownMission:
+    """Ends a wait for a person or for the other role; other kinds of steps end by themselves."""
+    if kind == "person":
+        fake.in_state("waiting").go_on()
+    elif kind == "meet":
+        fake.in_state("waiting")
+        part = fake.runner.setpoint_part
+        assert part is not None
+        part.leave_meeting()
+    return fake
 
 
 def asks_nothing(fake: FlownMission, for_s: float = 5.0) -> None:

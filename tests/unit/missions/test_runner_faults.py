@@ -4,7 +4,7 @@ import pytest
 
 from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, flight
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, end_wait, flight
 from tests.support.mission_vehicle import FlownMission
 from tests.support.offboard_missions import flown, mission
 
@@ -18,9 +18,7 @@ def test_a_low_battery_triggers_its_action_once(kind, action):
     fake.fly(0.2)
     if action == "continue" or kind == "land":
         assert fake.modes() == before
-        if kind == "person":
-            fake.go_on()
-        fake.in_state("done")
+        end_wait(fake, kind).in_state("done")
     else:
         assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
         assert fake.status.state == "suspended"
@@ -37,6 +35,24 @@ def test_a_lost_position_triggers_land(kind):
     assert fake.modes() == ["land"]
     assert fake.status.state == "suspended"
     assert "No valid estimate of position" in str(fake.status.reason)
+
+
+def test_px4_handles_a_lost_position_in_its_take_off_and_the_mission_lands_after_it():
+    fake = flight("take_off", failure="continue")
+    fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
+    fake.fly(2.0)
+    assert (fake.modes(), fake.status.state, fake.sent) == ([], "taking_off", [])
+    fake.in_state("suspended")
+    assert fake.modes() == ["land"]
+    assert "position" in str(fake.status.reason)
+
+
+def test_a_landing_continues_after_a_lost_position():
+    fake = flight("land", failure="hold")
+    before = fake.modes()
+    fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
+    fake.in_state("done")
+    assert (fake.modes(), fake.reading.armed) == (before, False)
 
 
 def test_an_estimate_missing_for_a_moment_changes_nothing():
@@ -65,10 +81,7 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
     fake.fly(10.0)
     fake.set_reading(link_active=True, satellites=14)
     fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
-    if kind == "person":
-        fake.in_state("waiting")
-        fake.go_on()
-    fake.in_state("done")
+    end_wait(fake, kind).in_state("done")
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])

@@ -7,15 +7,31 @@ import pytest
 
 from missions.runner.requests import ChangeScript, Photo, Play, PointGimbal, TakeOff
 from missions.setpoints import Position, Trajectory
-from tests.support.mission_steps import CENTER, FLY, IN_OFFBOARD, STEPS, flight
+from tests.support.mission_steps import (
+    CENTER,
+    FLY,
+    IN_OFFBOARD,
+    STEPS,
+    flight,
+    kinds_of,
+    kinds_of_document,
+    with_lists,
+)
 from tests.support.mission_vehicle import STEP_S, FlownMission
 from tests.support.offboard_missions import flown, mission
+
+
+def test_each_kind_of_step_of_the_document_has_its_story():
+    assert set[str]().union(*map(kinds_of, STEPS.values())) == kinds_of_document()
+    assert len(kinds_of_document()) >= 18
+
 
 # --- whole flights --------------------------------------------------------------------------------
 
 
 def test_a_whole_flight_takes_off_flies_its_path_and_lands():
-    fake = FlownMission(mission(flown(*(step for step in STEPS.values() if step)))).start()
+    steps = [step for kind in IN_OFFBOARD if kind != "meet" for step in STEPS[kind]]
+    fake = FlownMission(with_lists(flown(*steps, FLY))).start()
     fake.set_reading(satellites=14)
     fake.in_state("waiting")
     assert fake.status.question == "Sharp?"

@@ -6,7 +6,7 @@ import pytest
 
 from missions.runner.requests import Play, SetMode, StopStream
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, flight
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, end_wait, flight
 from tests.support.mission_vehicle import FlownMission
 from tests.support.offboard_missions import flown, mission
 
@@ -24,10 +24,7 @@ def test_paused_it_stops_and_after_resume_it_ends_as_planned(kind):
     fake.fly(20.0)
     assert math.dist(fake.path[-1], there) < 1e-6
     fake.resume()
-    if kind == "person":
-        fake.fly(3.0)
-        fake.go_on()
-    fake.in_state("done")
+    end_wait(fake, kind).in_state("done")
     assert fake.reading.armed is False
     assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
 
@@ -110,10 +107,7 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     fake.set_reading(battery_share=0.9, holder="bob", estimates=None, satellites=14)
     fake.resume()
     fake.until(lambda: fake.status.state != "suspended")
-    if kind == "person":
-        fake.in_state("waiting")
-        fake.go_on()
-    fake.in_state("done")
+    end_wait(fake, kind).in_state("done")
 
 
 def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
@@ -151,10 +145,7 @@ def test_a_change_of_control_pauses_the_mission(kind):
     assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
     fake.resume()
-    if kind == "person":
-        fake.in_state("waiting")
-        fake.go_on()
-    fake.in_state("done")
+    end_wait(fake, kind).in_state("done")
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])

@@ -101,6 +101,26 @@ def test_a_meeting_that_one_does_not_reach_ends_the_mission_and_all_hold():
     assert [one.modes() for one in squad.of.values()] == [["hold"], ["hold"]]
 
 
+def at_meeting() -> Squad:
+    """The lead waits at a meeting, and the left one is on its way to it."""
+    squad = Squad(show(f"{fly(5)}, {meet('x')}", f"{fly(200)}, {meet('x')}"), in_air=("lead", "left"))
+    return (
+        squad.start()
+        .reach(lead="waiting", left="flying")
+        .until(lambda: squad.places()["lead"] == "lead, step 2")
+    )
+
+
+def lose_position(one) -> None:
+    one.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
+
+
+def lose_link_for_a_moment(one) -> None:
+    one.lose_link()
+    one.fly(1.0)
+    one.set_reading(link_active=True)
+
+
 HAPPENS = {
     "pilot": lambda one: one.mode("position", "pilot"),
     "failsafe": lambda one: one.mode("rtl", "failsafe"),
@@ -108,12 +128,15 @@ HAPPENS = {
     "stream ended": lambda one: one.set_reading(stream="ending", stream_text="The stream failed"),
     "low battery": lambda one: one.set_reading(battery_share=0.1),
     "abort of its runner": lambda one: one.abort("land"),
+    "link loss": lose_link_for_a_moment,
+    "lost position": lose_position,
 }
 
 
+@pytest.mark.parametrize("place", [in_flight, at_meeting])
 @pytest.mark.parametrize("what", HAPPENS)
-def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what):
-    squad = in_flight()
+def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what, place):
+    squad = place()
     HAPPENS[what](squad.of["lead"])
     squad.until(lambda: squad.together.over, 2)
     assert squad.of["left"].modes() == ["hold"]
