@@ -1,34 +1,42 @@
-"""Common code of the offboard mission examples: flies a document of this folder and prints the progress."""
+"""Common code of the offboard mission examples: flies a mission and prints the progress."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
 from gcs_server.client import Gcs, Vehicle
 from missions.examples.arguments import parse
+from missions.offboard.document import OffboardMission, write
 
 ENDED_STATES = ("done", "aborted", "stopped", "suspended")
 
 
-async def fly(server: str, vehicle: str | None, document: str, *, yes: bool) -> None:
+async def fly(
+    server: str, vehicle: str | None, mission: str | OffboardMission, *, yes: bool, client: str
+) -> None:
     """Waits until the vehicle is ready, flies the mission, and returns once the vehicle is disarmed.
 
     Args:
         server: address of the ground station.
         vehicle: id of the vehicle; None: the first connected one.
-        document: name of the file.
+        mission: the mission, or the name of a file in this folder.
         yes: answer each question of the mission with yes, without asking on the terminal.
+        client: name of this program, shown to other clients.
 
     Raises:
         SystemExit: the mission ended early.
     """
-    async with Gcs(server, client=Path(document).stem) as gcs:
+    async with Gcs(server, client=client) as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
-        text = (Path(__file__).parent / document).read_bytes()
-        mission = (await gcs.plans().read_file(text, document))["plan"]
-        started = await drone.offboard_mission.start(mission)
+        if isinstance(mission, str):
+            text = (Path(__file__).parent / mission).read_bytes()
+            document = (await gcs.plans().read_file(text, mission))["plan"]
+        else:
+            document = json.loads(write(mission))
+        started = await drone.offboard_mission.start(document)
         print(f"{started['name']}: about {started['duration_s']:.0f} s. {started['if_stream_stops']}")
         ended = await follow(drone, yes=yes)
         if ended["state"] != "done":
@@ -57,7 +65,7 @@ async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
         await asyncio.sleep(0.5)
 
 
-def main(description: str, document: str) -> None:
+def main(description: str, mission: str | OffboardMission, client: str) -> None:
     """Entry point of an example."""
     arguments = parse(description, yes="answer each question of the mission with yes")
-    asyncio.run(fly(arguments.server, arguments.vehicle, document, yes=arguments.yes))
+    asyncio.run(fly(arguments.server, arguments.vehicle, mission, yes=arguments.yes, client=client))

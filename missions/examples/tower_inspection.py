@@ -6,4 +6,4 @@ Start the ground station with a camera on the simulated vehicle: `make run ARGS=
 from missions.examples.fly_document import main
 
 if __name__ == "__main__":
-    main("Inspect a tower 30 m north of the start, and land.", "tower_inspection.yaml")
+    main("Inspect a tower 30 m north of the start, and land.", "tower_inspection.yaml", "tower_inspection")

@@ -83,7 +83,7 @@ class OffboardMission(Model):
     """Steps of several vehicles, by role name; all other fields apply to all vehicles."""
     minimum_separation_m: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] | None = None
     """Minimum distance between any two vehicles, including their braking distance; None: 5 m."""
-    missions: Annotated[dict[Name, Steps], Field(max_length=100, default_factory=dict)]
+    missions: dict[Name, Steps] = Field(max_length=100, default_factory=dict[str, tuple[MissionStep, ...]])
     """Named lists of steps for `call`."""
     tables: dict[Name, TableText] = Field(max_length=20, default_factory=dict[str, str])
     """Trajectories for `table` steps: name and CSV text."""

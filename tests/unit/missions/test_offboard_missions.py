@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.errors import PlanError
+from missions.examples import figure_eight
 from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
 from missions.offboard.positions import Start
@@ -37,6 +38,10 @@ def test_the_examples_compile_without_a_finding(path: Path) -> None:
 
 def test_there_is_an_example_for_each_kind_of_flight() -> None:
     assert [path.stem for path in EXAMPLES] == ["figure_eight", "tower_inspection", "waypoints"]
+
+
+def test_the_figure_eight_that_is_built_in_python_is_the_one_of_the_file() -> None:
+    assert read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()) == figure_eight.MISSION
 
 
 def test_the_figure_eight_is_flown_at_five_metres_per_second() -> None:

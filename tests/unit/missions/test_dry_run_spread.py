@@ -1,0 +1,64 @@
+"""Each spread of a Monte Carlo run changes the flights, and nothing else does."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import pytest
+
+from missions.dry_run.monte_carlo import FlightSummary, monte_carlo
+from missions.dry_run.setup import Conditions
+from missions.dry_run.spread import Spread
+from tests.support.dry_runs import AIRCRAFT, flyable, hop
+
+pytestmark = pytest.mark.flight
+
+STATED = Conditions(wind_ned_m_s=(0.0, 2.0, 0.0), gusts_m_s=0.5)
+STEADY = replace(STATED, gusts_m_s=0.0, sensor_noise=0.0)
+NONE = Spread(wind_m_s=0.0, gusts=0.0, mass=0.0, battery=0.0, sensor_noise=0.0)
+VARIED = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "sensor_noise"}
+"""The condition and its spread."""
+
+
+def flights(spread: Spread, conditions: Conditions) -> tuple[FlightSummary, ...]:
+    return monte_carlo(
+        flyable(hop(8.0, fence_m=30.0)), AIRCRAFT, conditions, spread, flights=2, seed=4
+    ).flights
+
+
+@pytest.fixture(scope="module")
+def unvaried() -> tuple[FlightSummary, ...]:
+    return flights(NONE, STATED)
+
+
+def test_without_spread_noise_and_gusts_all_flights_are_equal():
+    first, second = flights(NONE, STEADY)
+    assert first == second
+    assert first.conditions == STEADY
+
+
+@pytest.mark.parametrize("condition", VARIED)
+def test_a_spread_varies_its_condition_alone_and_changes_each_flight(condition, unvaried):
+    varied = flights(replace(NONE, **{VARIED[condition]: 0.3}), STATED)
+    given = [getattr(each.conditions, condition) for each in varied]
+    assert given[0] != given[1]
+    assert 1.0 not in given
+    others = {each.name for each in fields(Conditions)} - {condition}
+    for with_spread, without in zip(varied, unvaried, strict=True):
+        assert with_spread.finished
+        assert all(getattr(with_spread.conditions, name) == getattr(STATED, name) for name in others)
+        if condition != "sensor_noise":
+            assert with_spread.battery_end_share != without.battery_end_share
+        moved = with_spread.fence_distance_m != without.fence_distance_m
+        assert moved == (condition != "battery_scale"), "the path changes, but not with the battery"
+
+
+@pytest.mark.parametrize("condition", ["mass_scale", "battery_scale"])
+def test_a_heavier_vehicle_and_a_smaller_battery_leave_less_charge(condition):
+    spread = replace(NONE, **{VARIED[condition]: 0.3})
+    one, other = sorted(flights(spread, STEADY), key=lambda each: getattr(each.conditions, condition))
+    assert one.battery_end_share is not None
+    assert other.battery_end_share is not None
+    more_left = one.battery_end_share - other.battery_end_share
+    assert (more_left > 0.0) == (condition == "mass_scale")
+    assert abs(more_left) > 1e-3
