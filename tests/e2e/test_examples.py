@@ -82,3 +82,26 @@ def test_the_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
         assert "climbing over" in done.stdout
         assert "Landed behind the box and disarmed." in done.stdout
         assert drone.position_ned_m()[0] > 8.0
+
+
+def test_the_two_vehicle_show_is_flown_by_the_first_and_the_last_vehicle_until_both_have_landed() -> None:
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        vehicle(port, instances=4, more=FAST),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in ("101", "104")]
+        command = [sys.executable, "-m", "missions.examples.two_vehicle_show", "--server", url]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=280)
+        assert done.returncode == 0, done.stderr
+        assert "Vehicle 104 is the left of 'Two-vehicle show'." in done.stdout
+        assert done.stdout.rstrip().endswith("Landed and disarmed.")
+        assert not any(drone.show()["status"]["armed"] for drone in drones)
+        heights = {drone.id: -min(_downs_m(drone)) for drone in drones}
+        assert heights == {"101": pytest.approx(10.0, abs=2.5), "104": pytest.approx(18.0, abs=2.5)}
+
+
+def _downs_m(drone: Any) -> list[float]:
+    history = drone.request("GET", "/history?topics=local_position&since_unix_s=0")
+    return [sample["value"]["position_ned_m"][2] for sample in history["samples"]]
