@@ -47,14 +47,16 @@ class Missions:
         self.all.start()
         self.flight: Any = None
 
-    def begin(self, vehicle: Vehicle, mission: OffboardMission, *, in_air: bool = False) -> MissionFlight:
-        """Starts a mission, compiled for the vehicle's position."""
+    def begin(
+        self, vehicle: Vehicle, mission: OffboardMission, *, in_air: bool = False, role: str | None = None
+    ) -> MissionFlight:
+        """Starts a mission, or one role of it, compiled for the vehicle's position."""
         estimates = VehicleEstimates(vehicle)
         local, attitude = estimates.local(), estimates.attitude()
         assert local is not None
         assert attitude is not None
         start = positions.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
-        timeline = compile_mission(mission, start=start)
+        timeline = compile_mission(mission, start=start, role=role)
         name = MissionName(mission.name, None, None)
         self.flight = self.all.begin(
             vehicle.id, Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", 0.15)

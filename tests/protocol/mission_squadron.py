@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import functools
 import math
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -13,24 +14,38 @@ import numpy as np
 
 from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.offboard.document import OffboardMission
 from tests.protocol.mission_flights import Missions
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.support.offboard_missions import mission
+from tests.support.mission_steps import for_two, slope, with_lists
 from tests.support.snapshot import snapshot
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 
-STEPS = {
-    "path": "step: orbit, center: {offset_ned_m: [8, 0, 0]}, radius_m: 8, speed_m_s: 3",
-    "wait": "step: wait, until: person, timeout_s: 200, message: Sharp?",
-    "velocity": "step: velocity, velocity_ned_m_s: [1.5, 0, 0], duration_s: 14",
-    "attitude": "step: attitude, thrust: 0.73, duration_s: 9",
-    "take_off": "step: take_off, height_m: 9",
-    "land": "step: land",
+CIRCLE = "center: {offset_ned_m: [5, 0, 0]}, radius_m: 5, speed_m_s: 3"
+HELIX = f"step: helix, {CIRCLE}, climb_m: 3"
+SPIRAL = f"step: spiral, {CIRCLE}, end_radius_m: 7, turns: 0.5"
+CALLED = "step: figure_eight, center: {offset_ned_m: [0, 0, 0]}, length_m: 16, width_m: 8, speed_m_s: 3"
+STEPS: dict[str, tuple[str, ...]] = {
+    "fly": ("step: fly, points: [{offset_ned_m: [25, 0, 0]}, {offset_ned_m: [25, 6, -3]}], speed_m_s: 3",),
+    "hold": ("step: hold, duration_s: 10",),
+    "table": ("step: table, file: slope",),
+    "velocity": ("step: velocity, velocity_ned_m_s: [1.5, 0, 0], duration_s: 12",),
+    "attitude": ("step: attitude, thrust: 0.73, duration_s: 9",),
+    "gimbal": ("step: gimbal, track: sweep, sweep_yaw_rad: 1, period_s: 8", f"step: orbit, {CIRCLE}"),
+    "photo": ("step: photo, count: 10, interval_s: 1",),
+    "wait": ("step: wait, until: person, timeout_s: 200, message: Sharp?",),
+    "repeat": (f"step: repeat, times: 2, steps: [{{{SPIRAL}}}]",),
+    "branch": (f"step: branch, condition: {{value: battery_share, above: 0.05}}, then: [{{{HELIX}}}]",),
+    "call": ("step: call, mission: stay",),
+    "meet": ("step: meet, meeting: here",),
+    "take_off": ("step: take_off, height_m: 9",),
+    "land": ("step: land",),
 }
-"""One step of each kind; those that PX4 flies itself are last."""
+"""The steps of each vehicle; those that PX4 flies itself are last. A step that takes no time is flown with
+one that does: the event comes in the orbit below the gimbal track, or inside the repeat, branch or call."""
 BY_PX4 = ("take_off", "land")
 BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in BY_PX4)
 HEIGHT_M, APART_M = 12.0, 40.0
@@ -43,7 +58,7 @@ def _climbed(kinds: tuple[str, ...]) -> VehicleSim:
     """Vehicles that hover at 12 m, except the one that is to take off."""
     places = np.zeros((len(kinds), 3))
     places[:, 1] = APART_M * np.arange(len(kinds))
-    sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
+    sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=places, camera=True)
     up = [row for row, kind in enumerate(kinds) if kind != GROUNDED]
     commanders = [autopilot.commander for autopilot in sim.autopilots]
     _step_until(sim, BOOT_WITHIN_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
@@ -66,6 +81,19 @@ def _step_until(sim: VehicleSim, within_s: float, condition: Callable[[], bool])
         sim.step(0.1)
 
 
+def document_of(kind: str) -> OffboardMission:
+    """The mission of a vehicle that flies this kind of step."""
+    if kind == "meet":
+        return for_two(*STEPS["meet"])
+    return with_lists("".join(f"- {{{step}}}\n" for step in STEPS[kind]), stay=CALLED, table=slope(0.0))
+
+
+def kinds_flown() -> set[str]:
+    """The kinds of steps during which the events come."""
+    texts = [CALLED, *(step for steps in STEPS.values() for step in steps)]
+    return {kind for text in texts for kind in re.findall(r"step: (\w+)", text)}
+
+
 class Squadron:
     """The vehicles by the kind of their step, each in the middle of it."""
 
@@ -80,13 +108,25 @@ class Squadron:
             vehicle = self.vehicles[kind] = await self.world.ready(str(self.row(kind) + 1))
             await until(lambda v=vehicle: v.topic("battery") is not None, 10)
         for kind, vehicle in self.vehicles.items():
-            document = mission(f"- {{{STEPS[kind]}}}\n")
+            document = document_of(kind)
             actions_of = document.actions.model_copy(update=actions)
             document = document.model_copy(update={"actions": actions_of})
-            self.flights[kind] = self.missions.begin(vehicle, document, in_air=kind != GROUNDED)
+            role = "lead" if document.roles else None
+            flight = self.missions.begin(vehicle, document, in_air=kind != GROUNDED, role=role)
+            self.flights[kind] = flight
         begun = ("flying", "waiting", "taking_off", "landing")
         await self.reach({kind: begun for kind in self.kinds}, within_s=15)
+        if "meet" in self.kinds:
+            await self.leave_meeting()
         await asyncio.sleep(2.5)
+
+    async def leave_meeting(self) -> None:
+        """The other role of "meet", which no vehicle flies, has come to the meeting."""
+        flight = self.flights["meet"]
+        await until(
+            lambda: (part := flight.runner.setpoint_part) is not None and part.meeting is not None, 10
+        )
+        flight.runner.setpoint_part.leave_meeting()
 
     def row(self, kind: str) -> int:
         return self.kinds.index(kind)
@@ -135,8 +175,10 @@ class Squadron:
         if "wait" in self.kinds:
             await self.reach({"wait": "waiting"})
             self.flights["wait"].go_on("Alice")
+        if "meet" in self.kinds:
+            await self.leave_meeting()
         await self.reach(dict.fromkeys(self.kinds, "done"), within_s)
-        assert all(self.modes()[kind] == "hold" for kind in self.kinds if kind != "land")
+        await until(lambda: all(self.modes()[kind] == "hold" for kind in self.kinds if kind != "land"), 3)
         assert "land" not in self.kinds or not self.commander("land").armed
 
 

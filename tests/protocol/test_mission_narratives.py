@@ -4,8 +4,9 @@ import asyncio
 
 import pytest
 
-from tests.protocol.mission_squadron import BY_PX4, BY_SETPOINTS, STEPS, fly
+from tests.protocol.mission_squadron import BY_PX4, BY_SETPOINTS, STEPS, fly, kinds_flown
 from tests.protocol.simulated_world import until
+from tests.support.mission_steps import kinds_of_document
 from vehicle_sim.autopilot.modes import NavState
 
 pytestmark = pytest.mark.flight
@@ -161,3 +162,7 @@ def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_f
         assert modes["land"] == "land"
 
     fly(jump, tmp_path, story)
+
+
+def test_each_kind_of_step_is_flown_by_one_of_the_vehicles():
+    assert kinds_flown() == kinds_of_document()
