@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import fields, replace
 
 import pytest
@@ -13,22 +14,18 @@ from tests.support.dry_runs import AIRCRAFT, flyable, hop
 
 pytestmark = pytest.mark.flight
 
-STATED = Conditions(wind_ned_m_s=(0.0, 2.0, 0.0), gusts_m_s=0.5)
-STEADY = replace(STATED, gusts_m_s=0.0, sensor_noise=0.0)
+STEADY = Conditions(wind_ned_m_s=(0.0, 2.0, 0.0), gusts_m_s=0.0, sensor_noise=0.0)
+NOISY = replace(STEADY, sensor_noise=1.0)
 NONE = Spread(wind_m_s=0.0, gusts=0.0, mass=0.0, battery=0.0, sensor_noise=0.0)
 VARIED = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "sensor_noise"}
 """The condition and its spread."""
 
 
+@functools.cache
 def flights(spread: Spread, conditions: Conditions) -> tuple[FlightSummary, ...]:
     return monte_carlo(
         flyable(hop(8.0, fence_m=30.0)), AIRCRAFT, conditions, spread, flights=2, seed=4
     ).flights
-
-
-@pytest.fixture(scope="module")
-def unvaried() -> tuple[FlightSummary, ...]:
-    return flights(NONE, STATED)
 
 
 def test_without_spread_noise_and_gusts_all_flights_are_equal():
@@ -38,15 +35,16 @@ def test_without_spread_noise_and_gusts_all_flights_are_equal():
 
 
 @pytest.mark.parametrize("condition", VARIED)
-def test_a_spread_varies_its_condition_alone_and_changes_each_flight(condition, unvaried):
-    varied = flights(replace(NONE, **{VARIED[condition]: 0.3}), STATED)
+def test_a_spread_varies_its_condition_alone_and_changes_each_flight(condition):
+    stated = NOISY if condition == "sensor_noise" else STEADY
+    varied, unvaried = flights(replace(NONE, **{VARIED[condition]: 0.3}), stated), flights(NONE, stated)
     given = [getattr(each.conditions, condition) for each in varied]
     assert given[0] != given[1]
-    assert 1.0 not in given
+    assert getattr(stated, condition) not in given
     others = {each.name for each in fields(Conditions)} - {condition}
     for with_spread, without in zip(varied, unvaried, strict=True):
         assert with_spread.finished
-        assert all(getattr(with_spread.conditions, name) == getattr(STATED, name) for name in others)
+        assert all(getattr(with_spread.conditions, name) == getattr(stated, name) for name in others)
         if condition != "sensor_noise":
             assert with_spread.battery_end_share != without.battery_end_share
         moved = with_spread.fence_distance_m != without.fence_distance_m
