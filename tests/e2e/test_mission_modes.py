@@ -227,9 +227,16 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: V
         room.get_by_text("Flight modes of PX4", exact=True).click()
         modes = room.get_by_role("group", name="Flight modes of PX4")
         modes.get_by_label("Name of the flight mode").fill(NAME)
-        modes.get_by_role("button", name="egister").click()
+        deferral = modes.get_by_label("Defer failsafes")
+        register = modes.get_by_role("button", name="egister")
+        deferral.fill("500")
+        expect(register).to_be_disabled()
+        expect(modes).to_contain_text("from 0 (never) to 120")
+        deferral.fill("20")
+        register.click()
         expect(modes).to_contain_text("ready to be selected")
         assert NAME in vehicle.other.names()
+        assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
         assert in_both_themes(page) == []
         modes.get_by_role("button", name=f"Start {NAME}…").click()
         hold_space(page)

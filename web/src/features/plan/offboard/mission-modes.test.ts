@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { canRemove, canSelect, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
+import { canRemove, canSelect, deferralOf, deferralProblem, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
 import type { Finding } from '../fixes';
 import type { Mission } from './mission';
 
@@ -33,6 +33,27 @@ describe('the name of a mode', () => {
     expect(registerProblem('Süd', FLIES, [], [])).toContain('ASCII');
     expect(registerProblem('Short line', FLIES, [], [MODE])).toContain('already registered');
     expect(registerProblem('Short line', FLIES, [], [as({ state: 'lost', mode: null })])).toBeNull();
+  });
+});
+
+describe('the time for deferred failsafes', () => {
+  it.each([
+    ['0', 0],
+    ['', 0],
+    [' 20 ', 20],
+    ['120', 120],
+    ['121', null],
+    ['-1', null],
+    ['2.5', null],
+    ['1e2', null],
+    ['soon', null],
+  ])('is read from “%s”', (text, deferral_s) => {
+    expect(deferralOf(text)).toBe(deferral_s);
+    expect(deferralProblem(text) === null).toBe(deferral_s !== null);
+  });
+
+  it('states its range if it is not valid', () => {
+    expect(deferralProblem('500')).toBe('Enter a whole number from 0 (never) to 120.');
   });
 });
 

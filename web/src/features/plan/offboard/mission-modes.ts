@@ -8,12 +8,27 @@ import type { Mission } from './mission';
 export type MissionMode = Readonly<components['schemas']['MissionModeStatus']>;
 /** Longest name of a mode in PX4. */
 export const NAME_LENGTH = 24;
+/** Longest time for which PX4 may defer a failsafe [s]. */
+const MAX_DEFERRAL_S = 120;
 const NAME = /^[!-~]([ -~]{0,22}[!-~])?$/;
 
 /** A name for the mode of a mission: printable ASCII characters, at most as long as PX4 permits. */
 export function modeName(mission: string): string {
   const ascii = mission.normalize('NFKD').replace(/[^ -~]/g, '');
   return ascii.trim().slice(0, NAME_LENGTH).trim();
+}
+
+/** How long PX4 may defer a failsafe [s], as typed: a whole number; an empty field is 0, never. Null: not valid. */
+export function deferralOf(text: string): number | null {
+  const typed = text.trim();
+  if (!/^[0-9]{0,3}$/.test(typed)) return null;
+  const deferral_s = Number(typed);
+  return deferral_s <= MAX_DEFERRAL_S ? deferral_s : null;
+}
+
+/** Why the typed time is not valid; null if it is. */
+export function deferralProblem(text: string): string | null {
+  return deferralOf(text) === null ? `Enter a whole number from 0 (never) to ${MAX_DEFERRAL_S}.` : null;
 }
 
 /**
