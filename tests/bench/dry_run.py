@@ -180,6 +180,8 @@ async def _watch(gcs: Gcs, vehicle_id: str, flown: Flown) -> None:
             flown.begun.set()
             flown.t_s.append(told["vehicle_time_boot_s"])
             flown.places.append(told["value"]["position_ned_m"])
+        elif told["vehicle"] != vehicle_id:
+            continue  # events of all vehicles arrive
         elif told["text"].startswith("Armed by"):
             flown.armed_at_s = flown.t_s[-1]
         elif told["text"].startswith("Disarmed by"):
