@@ -86,10 +86,10 @@ def load(data: str | bytes) -> Any:
     try:
         return json.loads(
             text,
-            parse_float=_finite,
+            parse_float=_finite_number,
             parse_int=_integer,
             parse_constant=_refuse_constant,
-            object_pairs_hook=_unique,
+            object_pairs_hook=_unique_keys,
         )
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
@@ -101,7 +101,7 @@ def dump(value: Any) -> str:
     return json.dumps(value, allow_nan=False, separators=(",", ":"))
 
 
-def _finite(text: str) -> float:
+def _finite_number(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
         raise PlanError(f"the number {text[:40]}", "it is out of range", "Correct this value.")
@@ -118,12 +118,12 @@ def _refuse_constant(text: str) -> float:
     raise PlanError(f"the value {text}", "JSON has no such number", "Write null where there is no value.")
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(pairs) > MAX_KEYS:
         raise PlanError("the file", f"more than {MAX_KEYS} keys in one object", "Choose another file.")
     values = dict(pairs)
     if len(values) != len(pairs):
         keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise PlanError(f"key {twice[:60]!r}", "it appears twice in one object", "Remove one of them.")
+        repeated = next(key for key in keys if keys.count(key) > 1)
+        raise PlanError(f"key {repeated[:60]!r}", "it appears twice in one object", "Remove one of them.")
     return values

@@ -56,7 +56,7 @@ Vectors = NDArray[np.float64]
 class MovingVehicle:
     """Motion of one vehicle for the separation check."""
 
-    place_ned_m: Vector3
+    position_ned_m: Vector3
     """Position in the common frame of the group."""
     velocity_ned_m_s: Vector3
     accuracy_m: float

@@ -28,7 +28,7 @@ class JumpLoop(asyncio.SelectorEventLoop):
         return self.now_s
 
 
-def in_jumps(story: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
+def in_jumps(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
     """Runs a coroutine function on simulated time."""
     with asyncio.Runner(loop_factory=JumpLoop) as runner:
-        return runner.run(story())
+        return runner.run(scenario())

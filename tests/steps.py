@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 
-def lines_run(work: Callable[[], object], most: int = 10_000_000) -> int:
+def lines_run(work: Callable[[], object], max_lines: int = 10_000_000) -> int:
     """Number of lines of Python that `work` executes, including the functions that it calls.
 
     Raises:
-        AssertionError: more than `most` lines; also ends work that would never end.
+        AssertionError: more than `max_lines` lines; also ends work that would never end.
     """
     count = 0
 
@@ -18,8 +18,8 @@ def lines_run(work: Callable[[], object], most: int = 10_000_000) -> int:
         nonlocal count
         if event == "line":
             count += 1
-            if count > most:
-                raise AssertionError(f"more than {most} lines")
+            if count > max_lines:
+                raise AssertionError(f"more than {max_lines} lines")
         return trace
 
     before = sys.gettrace()

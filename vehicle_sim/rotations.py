@@ -90,7 +90,7 @@ def length(x: float, y: float, z: float) -> float:
 
 
 @formula
-def within(value: float, lowest: float, highest: float) -> float:
+def constrain(value: float, lowest: float, highest: float) -> float:
     """The value clipped to the limits; NaN stays NaN."""
     if value < lowest:
         return lowest

@@ -139,7 +139,7 @@ def run_shard(argv: Sequence[str], shard: Shard) -> int:
         signal.signal(number, lambda _number, _frame: server.stop())
     parent = multiprocessing.parent_process()
     if parent is not None:
-        server.end_with(parent.sentinel)
+        server.stop_when_readable(parent.sentinel)
     # The vehicles exist as long as the process, so the garbage collector can skip them.
     gc.collect()
     gc.freeze()

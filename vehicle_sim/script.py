@@ -36,7 +36,7 @@ STATES = ("armed", "disarmed", "airborne", "landed")
 MODES = {mode.name.lower(): mode for mode in NavState}
 GPS_STATES = ("ok", "lost", "stuck")
 LINK_NAMES = ("gcs", "api", "tcp", "all")
-LONGEST_S = 1e6
+MAX_TIME_S = 1e6
 
 
 class HasSystemId(Protocol):
@@ -89,7 +89,7 @@ class Event:
     """System ids; empty: all."""
     actions: tuple[Action, ...]
 
-    def holds(self, sim: Fleet, row: int) -> bool:
+    def is_reached(self, sim: Fleet, row: int) -> bool:
         """Whether the event's time or state is reached for the vehicle in this row."""
         if self.at_s is not None:
             return sim.time_s >= self.at_s - 1e-9
@@ -144,7 +144,11 @@ class ScriptRunner:
         waiting: list[tuple[Event, int, list[float]]] = []
         for event, row, since in self._waiting:
             # A vehicle that has not flown yet has not landed.
-            if not since and event.holds(self._sim, row) and (event.state != "landed" or self._flown[row]):
+            if (
+                not since
+                and event.is_reached(self._sim, row)
+                and (event.state != "landed" or self._flown[row])
+            ):
                 since.append(now_s)
             if since and now_s >= since[0] + event.after_s - 1e-9:
                 for action in event.actions:
@@ -181,10 +185,10 @@ def _event(fields: Fields) -> Event:
     given = [key for key in ("at_s", "when", "above_m") if fields.has(key)]
     if len(given) != 1:
         raise fields.problem(None, "needs one of at_s, when, above_m, to say when it happens")
-    at_s = fields.number("at_s", 0.0, low=0.0, high=LONGEST_S)
+    at_s = fields.number("at_s", 0.0, low=0.0, high=MAX_TIME_S)
     state = fields.text("when", "", choices=() if "when" not in given else (*STATES, *MODES))
     above_m = fields.number("above_m", 0.0, low=-500, high=20_000)
-    after_s = fields.number("after_s", 0.0, low=0.0, high=LONGEST_S)
+    after_s = fields.number("after_s", 0.0, low=0.0, high=MAX_TIME_S)
     vehicles = _vehicles(fields)
     actions = _actions(fields)
     fields.finish()
@@ -224,7 +228,7 @@ def _gps(fields: Fields) -> Action:
     return act
 
 
-def _glitch(fields: Fields) -> Action:
+def _gps_offset(fields: Fields) -> Action:
     offset = np.array(fields.numbers("gps_offset_ned_m", 3, "[north, east, down] in metres"))
     return lambda sim, row: sim.simulation.set_gps_offset(row, offset)
 
@@ -306,7 +310,7 @@ def _parameter(fields: Fields) -> Action:
 
 ACTIONS: dict[str, Callable[[Fields], Action]] = {
     "gps": _gps,
-    "gps_offset_ned_m": _glitch,
+    "gps_offset_ned_m": _gps_offset,
     "driver": _driver,
     "side_down": _side,
     "motor": _motor,

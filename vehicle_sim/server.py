@@ -110,7 +110,7 @@ class SimServer:
         self.fleet.remove_link(row, "tcp")
         self._register(row, "tcp", vehicle.transports["tcp"])
 
-    def end_with(self, descriptor: int) -> None:
+    def stop_when_readable(self, descriptor: int) -> None:
         """Makes `run` return when this descriptor becomes readable, which means that the parent process has
         ended."""
         self._selector.register(descriptor, selectors.EVENT_READ, None)

@@ -2,7 +2,7 @@
 
 The first process simulates no vehicle: it starts the workers, forwards termination signals, and terminates
 all workers when one fails. The workers also end when the first process ends for any reason
-(`SimServer.end_with`).
+(`SimServer.stop_when_readable`).
 """
 
 from __future__ import annotations

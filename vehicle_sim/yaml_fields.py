@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-LARGEST_BYTES = 2_000_000
+MAX_BYTES = 2_000_000
 
 
 class FileProblem(ValueError):
@@ -24,8 +24,8 @@ def read_yaml(path: Path) -> Fields:
         FileProblem: no such file, no YAML, or no mapping.
     """
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise FileProblem(f"{path}: larger than {LARGEST_BYTES // 1_000_000} MB; is it the right file?")
+        if path.stat().st_size > MAX_BYTES:
+            raise FileProblem(f"{path}: larger than {MAX_BYTES // 1_000_000} MB; is it the right file?")
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"

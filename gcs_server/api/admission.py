@@ -55,7 +55,7 @@ class OpenCounts:
             return refusals.TOO_MANY
         address_is_full = self._open[f"address {address}"] >= self._limits.by_address
         if (address_is_full or self._all >= self._limits.in_all) and not self._in_control(client_key):
-            return refusals.TOO_MANY if address_is_full else refusals.FULL
+            return refusals.TOO_MANY if address_is_full else refusals.SERVER_FULL
         return None
 
     @contextmanager

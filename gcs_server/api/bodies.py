@@ -100,7 +100,7 @@ class Bodies:
         except _ClientDisconnected:
             return
         except TimeoutError:
-            await refused(refusals.SLOW)(scope, receive, send)
+            await refused(refusals.TOO_SLOW)(scope, receive, send)
             return
         if body is None:
             await refused(refusals.BODY_TOO_LARGE)(scope, receive, send)

@@ -20,7 +20,7 @@ COMMON: dict[str, str] = {
     "role lacks the permission.",
     **{str(refusal.status): refusal.detail for refusal in refusals.ALL if refusal.status not in (400, 503)},
     "422": "Invalid request; names the field.",
-    "503": f"The link to the vehicle was lost, or: {refusals.FULL.detail}",
+    "503": f"The link to the vehicle was lost, or: {refusals.SERVER_FULL.detail}",
 }
 """Status and text."""
 

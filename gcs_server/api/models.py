@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.links.names import MAX_NAME_LENGTH, NAME_RULE
-from gcs_server.replay.playback import FASTEST, SLOWEST
+from gcs_server.replay.playback import MAX_SPEED, MIN_SPEED
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
@@ -156,8 +156,8 @@ class ReplayRequest(StrictBody):
     speed: float = Field(
         default=1.0,
         allow_inf_nan=False,
-        ge=SLOWEST,
-        le=FASTEST,
+        ge=MIN_SPEED,
+        le=MAX_SPEED,
         description="Playback speed; 1 is real time.",
     )
     playing: bool = Field(default=True, description="Whether playback starts immediately.")
@@ -174,8 +174,8 @@ class ReplayChange(StrictBody):
     speed: float | None = Field(
         default=None,
         allow_inf_nan=False,
-        ge=SLOWEST,
-        le=FASTEST,
+        ge=MIN_SPEED,
+        le=MAX_SPEED,
         description="Playback speed; 1 is real time.",
     )
     position_unix_s: float | None = Field(

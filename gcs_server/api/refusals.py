@@ -53,7 +53,7 @@ class LimitRefusal:
 
 
 MALFORMED = LimitRefusal(400, "malformed_http", "The request is not valid HTTP/1.1.", "Send HTTP/1.1.")
-SLOW = LimitRefusal(
+TOO_SLOW = LimitRefusal(
     408,
     "too_slow",
     f"The request was not complete in time: its headers must arrive within {HEAD_DEADLINE_S:g} s, its body "
@@ -82,11 +82,11 @@ TOO_MANY = LimitRefusal(
     "This client, or its address, has too many connections, requests or WebSockets open.",
     "Close some, wait for the answers, then try again. A client in control of a vehicle is served.",
 )
-FULL = LimitRefusal(
+SERVER_FULL = LimitRefusal(
     503,
     "server_full",
     "The server has reached its limit of connections and requests.",
     "Try again later. A client in control of a vehicle is served.",
 )
-ALL = (MALFORMED, SLOW, BODY_TOO_LARGE, URL_TOO_LONG, HEAD_TOO_LARGE, TOO_MANY, FULL)
+ALL = (MALFORMED, TOO_SLOW, BODY_TOO_LARGE, URL_TOO_LONG, HEAD_TOO_LARGE, TOO_MANY, SERVER_FULL)
 BY_STATUS = {refusal.status: refusal for refusal in ALL}

@@ -40,7 +40,7 @@ from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
-LINES_PER_TURN = 500
+LINES_PER_YIELD = 500
 """Number of lines of a history that are encoded in one turn of the event loop."""
 
 
@@ -347,7 +347,7 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
 
 
 def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[bytes]:
-    """Lines of the history as JSON, LINES_PER_TURN at a time; a line that cannot be encoded is left out."""
+    """Lines of the history as JSON, LINES_PER_YIELD at a time; a line that cannot be encoded is left out."""
     run = vehicle.isolation.run
 
     def line(sample: Sample) -> dict[str, object]:
@@ -356,8 +356,8 @@ def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[byte
     def encode_lines(part: Sequence[Sample]) -> bytes:
         return encode([line(sample) for sample in part])[1:-1]
 
-    for start in range(0, len(samples), LINES_PER_TURN):
-        part = samples[start : start + LINES_PER_TURN]
+    for start in range(0, len(samples), LINES_PER_YIELD):
+        part = samples[start : start + LINES_PER_YIELD]
         piece = run("the history", encode_lines, part)
         if piece is None:
             each = (run(f"the history of {sample.topic}", encode_lines, [sample]) for sample in part)

@@ -18,8 +18,8 @@ router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 Ros2TopicModel = model_of(TopicView, "Ros2Topic")
 Ros2TopicsModel = model_of(Inspection, "Ros2Topics", topics=tuple[Ros2TopicModel, ...])
 
-LOOK_EVERY_S: Final = 0.1
-LONGEST_START_S: Final = 4.0
+CHECK_PERIOD_S: Final = 0.1
+MAX_START_S: Final = 4.0
 """The answer does not wait longer for the inspector's start."""
 
 
@@ -32,11 +32,11 @@ async def ros2_topics(vehicle: VehicleDep, station: StationDep) -> Response:
     continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
     ROS 2 link.
     """
-    until_s = station.clock.monotonic_s() + LONGEST_START_S
+    until_s = station.clock.monotonic_s() + MAX_START_S
     while (inspection := station.topic_inspectors.inspect(vehicle)) is not None:
         if inspection.state != "starting" or station.clock.monotonic_s() >= until_s:
             return answer(inspection)
-        await station.clock.sleep(LOOK_EVERY_S)
+        await station.clock.sleep(CHECK_PERIOD_S)
     raise Refused(
         f"Vehicle {vehicle.id} has no ROS 2 link, so it has no topics to show.",
         remedy="Add one (POST /links, for example ros2://0).",

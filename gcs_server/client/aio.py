@@ -24,7 +24,7 @@ from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.offboard_mission import start_body
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan, Plans
-from gcs_server.client.setpoints import Body, Expiry, lifetime
+from gcs_server.client.setpoints import Body, Expiry, validity_fields
 from gcs_server.client.vehicle import Vehicle, until_found
 
 LEAVE_TIMEOUT_S = 2.0
@@ -188,15 +188,15 @@ class Gcs:
             Refused: a vehicle cannot fly, two vehicles would come too close, or another client has control of
                 one.
         """
-        life = lifetime(valid_for_s, on_expiry, hold_for_s)
+        validity = validity_fields(valid_for_s, on_expiry, hold_for_s)
         given = {
             "minimum_separation_m": minimum_separation_m,
             "start_at_unix_s": start_at_unix_s,
             "rate_hz": rate_hz,
         }
         more: Body = {name: value for name, value in given.items() if value is not None}
-        body: Body = {"members": members_of(setpoints), "others_go_on": others_go_on, **more, **life}
-        group = Group(self, await self.request("POST", "/groups", body), life)
+        body: Body = {"members": members_of(setpoints), "others_go_on": others_go_on, **more, **validity}
+        group = Group(self, await self.request("POST", "/groups", body), validity)
         try:
             yield group
         except BaseException as error:

@@ -226,11 +226,11 @@ def first_setpoint(
     if velocity_ned_m_s is not None:
         return _body("velocity", velocity_ned_m_s=_tuple(velocity_ned_m_s), **yaw)
     if yaw_ned_rad is not None or yaw_rate_ned_rad_s is not None:
-        raise ValueError("A yaw goes with position_ned_m or velocity_ned_m_s.")
+        raise ValueError("Give a yaw only together with position_ned_m or velocity_ned_m_s.")
     return position_body(0, 0, 0)
 
 
-def lifetime(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: float | None) -> Body:
+def validity_fields(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: float | None) -> Body:
     """Validity of a setpoint and the action on expiry; the server has defaults for omitted values."""
     body: Body = {}
     if valid_for_s is not None:

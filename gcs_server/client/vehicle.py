@@ -17,7 +17,7 @@ from gcs_server.client.mission_modes import MissionModes
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.offboard_mission import OffboardMission
 from gcs_server.client.operations import Operations
-from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
+from gcs_server.client.setpoints import Body, Expiry, first_setpoint, validity_fields
 
 T = TypeVar("T")
 
@@ -201,10 +201,10 @@ class Vehicle:
             The stream; `started` is the server's answer, which includes the vehicle's failsafe.
         """
         setpoint = first_setpoint(first, position_ned_m, velocity_ned_m_s, yaw_ned_rad, yaw_rate_ned_rad_s)
-        life = lifetime(valid_for_s, on_expiry, hold_for_s)
+        validity = validity_fields(valid_for_s, on_expiry, hold_for_s)
         rate: Body = {} if rate_hz is None else {"rate_hz": rate_hz}
-        started = await self.request("POST", "/offboard/start", {"setpoint": setpoint, **rate, **life})
-        stream = Offboard(self, started, life)
+        started = await self.request("POST", "/offboard/start", {"setpoint": setpoint, **rate, **validity})
+        stream = Offboard(self, started, validity)
         try:
             yield stream
         except BaseException as error:

@@ -117,7 +117,7 @@ class Authority:
 
     def start(self) -> None:
         """Starts the periodic expiry of leases."""
-        self._supervisor.start("control", self._expire_for_ever)
+        self._supervisor.start("control", self._expiry_loop)
 
     # --- clients --------------------------------------------------------------------------------
 
@@ -285,7 +285,7 @@ class Authority:
             "server", action, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
         )
 
-    async def _expire_for_ever(self) -> None:
+    async def _expiry_loop(self) -> None:
         while True:
             for lease in self._leases():
                 lease.expire_due()

@@ -136,7 +136,7 @@ class Journal:
     def start(self, supervisor: Supervisor) -> None:
         """Starts writing."""
         if self._path is not None:
-            supervisor.start("journal", self._write_for_ever)
+            supervisor.start("journal", self._write_loop)
 
     def add(
         self,
@@ -208,7 +208,7 @@ class Journal:
         if count:
             self._refusals.add(replace(newest, repeated=count))
 
-    async def _write_for_ever(self) -> None:
+    async def _write_loop(self) -> None:
         while True:
             try:
                 async with asyncio.timeout(REPEAT_S if self._repeats else None):

@@ -15,14 +15,14 @@ import socket
 from collections.abc import Callable
 
 from gcs_server.api.connections import Connection, Connections
-from gcs_server.api.refusals import FULL
+from gcs_server.api.refusals import SERVER_FULL
 from gcs_server.clock import Clock
 from gcs_server.http_server.http_protocol import raw_answer
 from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
 
-ACCEPTED_PER_TURN = 4
+ACCEPTED_PER_YIELD = 4
 CHECK_PERIOD_S = 0.5
 NO_FILES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 NO_FILES_PAUSE_S = 0.2
@@ -58,8 +58,8 @@ class Acceptor:
     def start(self) -> None:
         """Starts accepting connections."""
         self._keep_spare()
-        self._accepting = self._supervisor.start("acceptor", self._accept_for_ever)
-        self._supervisor.start("deadlines of connections", self._check_for_ever)
+        self._accepting = self._supervisor.start("acceptor", self._accept_loop)
+        self._supervisor.start("deadlines of connections", self._deadline_loop)
 
     def close(self) -> None:
         """Stops accepting; deadlines stay in force until the event loop ends."""
@@ -72,10 +72,10 @@ class Acceptor:
     async def wait_closed(self) -> None:
         """Does nothing; uvicorn calls this method."""
 
-    async def _accept_for_ever(self) -> None:
+    async def _accept_loop(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            for _ in range(ACCEPTED_PER_TURN):
+            for _ in range(ACCEPTED_PER_YIELD):
                 try:
                     accepted, address = await loop.sock_accept(self._listener)
                 except OSError as error:
@@ -120,7 +120,7 @@ class Acceptor:
             with contextlib.suppress(OSError):
                 self._spare = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
-    async def _check_for_ever(self) -> None:
+    async def _deadline_loop(self) -> None:
         while True:
             await self._clock.sleep(CHECK_PERIOD_S)
             self._connections.check()
@@ -130,5 +130,5 @@ def _refuse(accepted: socket.socket) -> None:
     """Sends the refusal without waiting, and closes the connection."""
     with accepted, contextlib.suppress(OSError):
         accepted.setblocking(False)
-        accepted.send(raw_answer(FULL))
+        accepted.send(raw_answer(SERVER_FULL))
         accepted.shutdown(socket.SHUT_WR)

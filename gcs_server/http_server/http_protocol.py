@@ -170,7 +170,7 @@ class BoundedHttp(HttpToolsProtocol):
         if self._body_bytes > r.MAX_BODY_BYTES:
             self._stop(r.BODY_TOO_LARGE)
         if not self.cycle.response_complete and not self._connections.take_body(self.connection, len(body)):
-            self._stop(r.FULL)
+            self._stop(r.SERVER_FULL)
         super().on_body(body)
 
     def on_message_complete(self) -> None:
@@ -221,10 +221,10 @@ class BoundedHttp(HttpToolsProtocol):
             self.end()
         elif self._in_body:
             if now_s - self._since_s > r.BODY_DEADLINE_S:
-                self._refuse(r.SLOW)
+                self._refuse(r.TOO_SLOW)
         elif not self.connection.busy and now_s - self._since_s > r.HEAD_DEADLINE_S:
             if self._in_head:
-                self._refuse(r.SLOW)
+                self._refuse(r.TOO_SLOW)
             else:
                 self.transport.close()
 

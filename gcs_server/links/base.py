@@ -159,7 +159,7 @@ class Link(ABC):
     """The clock of the vehicles on this link. A recording has its own clock; None: the server's clock."""
     signing: SigningOptions | None = None
     """The signing key; None: frames are not signed, and signatures are not checked."""
-    quiet = False
+    suppresses_events = False
     """True while received frames only restore a vehicle's state; no events are published then."""
 
     def __init__(self, name: str, url: str, *, forward: bool = False) -> None:

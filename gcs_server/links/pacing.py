@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-LOOK_AGAIN_S = 0.005
+RECHECK_PERIOD_S = 0.005
 """Time until a blocked link is tried again."""
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
@@ -82,7 +82,7 @@ class LinePacer:
             ready_in_s = (self._on_line - self._ahead) / self._bytes_per_s
             if ready_in_s > TIMER_STEP_S:
                 return ready_in_s
-        return LOOK_AGAIN_S if self._in_driver() > self._driver_limit else 0.0
+        return RECHECK_PERIOD_S if self._in_driver() > self._driver_limit else 0.0
 
     def wrote(self, size_bytes: int, now_s: float) -> None:
         if not math.isinf(self._bytes_per_s):
@@ -113,11 +113,11 @@ class AckPacer:
         while writes and writes[0][0] <= self._written - in_flight:
             writes.popleft()
         if in_flight > MAX_IN_FLIGHT_BYTES:
-            return LOOK_AGAIN_S
+            return RECHECK_PERIOD_S
         if not writes or now_s - writes[0][1] <= ACKED_WITHIN_S:
             return 0.0
         overdue = now_s - writes[0][1] > ACKED_WITHIN_S + 2 * self._round_trip_s()
-        return LOOK_AGAIN_S if overdue else 0.0
+        return RECHECK_PERIOD_S if overdue else 0.0
 
     def wrote(self, size_bytes: int, now_s: float) -> None:
         self._written += size_bytes

@@ -13,7 +13,7 @@ from typing import BinaryIO, TypeVar
 from gcs_server.links.base import Link, Peer
 from gcs_server.replay.index import Index, UnreadableRecording, explain
 from gcs_server.replay.index_process import IndexProcess
-from gcs_server.replay.playback import Moment, ReplayClock, Timeline, condense, moment
+from gcs_server.replay.playback import ReplayClock, RestoredState, Timeline, condense, state_at
 from gcs_server.replay.records import Batch, Cursor, Record, open_log, read_batch
 
 TICK_S = 0.02
@@ -273,26 +273,26 @@ class TlogLink(Link):
         assert index is not None
         assert wanted_us is not None
 
-        def fetched(moment: Moment) -> None:
+        def fetched(restored: RestoredState) -> None:
             if self._timeline is None or self._file is not file:
                 return
             if self._jump_to_us != wanted_us:  # another jump came meanwhile
                 self._fetch()
                 return
-            self._restore(moment, index, wanted_us)
+            self._restore(restored, index, wanted_us)
 
-        self._in_background(lambda: moment(file, index, wanted_us), fetched)
+        self._in_background(lambda: state_at(file, index, wanted_us), fetched)
 
-    def _restore(self, moment: Moment, index: Index, time_us: int) -> None:
+    def _restore(self, restored: RestoredState, index: Index, time_us: int) -> None:
         self._jump_count += 1
         jump_count = self._jump_count
-        self._pending = deque(moment.following)
-        self._cursor, self._at_end = moment.after, moment.at_end
+        self._pending = deque(restored.following)
+        self._cursor, self._at_end = restored.after, restored.at_end
         self._forget(self._peer)
         self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._jump_count)
         self._peers[self._peer.name] = self._peer
-        self.quiet = True
-        self._rebuild(deque(moment.records), clock, time_us, jump_count)
+        self.suppresses_events = True
+        self._rebuild(deque(restored.records), clock, time_us, jump_count)
 
     def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, jump_count: int) -> None:
         """Feeds the frames that restore the vehicles' state, in several turns of the event loop."""
@@ -304,7 +304,7 @@ class TlogLink(Link):
         elif self._jump_to_us != time_us:  # another jump came meanwhile
             self._fetch()
         else:
-            self.quiet = False
+            self.suppresses_events = False
             clock.time_us = max(clock.time_us, time_us)
             self._jumping, self._jump_to_us = False, None
             self._set_state("open", "")
@@ -322,7 +322,7 @@ class TlogLink(Link):
         return None
 
     def _close(self) -> None:
-        self.quiet = False
+        self.suppresses_events = False
         self._settled.set()
         if self._timer is not None:
             self._timer.cancel()

@@ -17,7 +17,7 @@ MAX_PEERS = 256
 EVICT_AFTER_S = 5.0
 """If there are MAX_PEERS peers, a new peer replaces one that was silent for this long [s], or else is
 ignored."""
-LOOK_AGAIN_S = 0.25
+RECHECK_PERIOD_S = 0.25
 DATAGRAMS_PER_WAKE = 4000
 BUFFER_BYTES = 4_000_000
 MAX_DATAGRAM_BYTES = 65536
@@ -140,7 +140,7 @@ class UdpLink(Link):
         if now_s - self._last_received_s[longest_silent] > EVICT_AFTER_S:
             self._forget_peer(longest_silent)
             return self._peer(address)
-        self._full_until_s = now_s + LOOK_AGAIN_S
+        self._full_until_s = now_s + RECHECK_PERIOD_S
         self._set_state("open", f"{MAX_PEERS} addresses send on this link; further ones are ignored.")
         return None
 

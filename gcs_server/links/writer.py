@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from gcs_server.faults import FaultLog
-from gcs_server.links.pacing import LOOK_AGAIN_S, Pacer, Unpaced
+from gcs_server.links.pacing import RECHECK_PERIOD_S, Pacer, Unpaced
 from gcs_server.links.send_queue import Packet, SendCounts, SendQueue
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class LinkWriter:
         while not self._closed and wait_s <= 0 and (self._partial is not None or len(self._queue)):
             wait_s = self._pacer.wait_s(now_s)
             if wait_s <= 0 and not self._write_one(now_s):
-                wait_s = LOOK_AGAIN_S
+                wait_s = RECHECK_PERIOD_S
         if wait_s > 0:
             if now_s >= self._next_purge_s:
                 self._next_purge_s = now_s + PURGE_EVERY_S
@@ -180,4 +180,4 @@ class LinkWriter:
                 self._write_waiting(self._now_s())
             except Exception as error:
                 self._faults.add(error, "sending")
-                self._wake_in(LOOK_AGAIN_S)
+                self._wake_in(RECHECK_PERIOD_S)

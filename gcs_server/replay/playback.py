@@ -11,7 +11,7 @@ from gcs_server.clock import Clock
 from gcs_server.replay.index import CHANGES_RESTORED, EVENT_MESSAGES, TEXTS_RESTORED, Index
 from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
 
-SLOWEST, FASTEST = 0.25, 50.0
+MIN_SPEED, MAX_SPEED = 0.25, 50.0
 JUMP_GAP_S = 1e6
 """Gap in the monotonic time at each jump [s], so that no time occurs twice."""
 
@@ -20,8 +20,8 @@ class ReplayClock(Clock):
     """The clock of a recording: it stops during a pause, and runs at playback speed.
 
     Args:
-        jump_count: number of jumps so far. After a jump the vehicles are new, so that the time of a vehicle
-            never runs backwards.
+        jump_count: number of jumps so far. Each jump creates the vehicles anew, so that no vehicle's time
+            runs backwards.
     """
 
     def __init__(self, begin_us: int, jump_count: int) -> None:
@@ -97,8 +97,8 @@ class Timeline:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
-    """The records that restore the state at one time, and the position where reading continues."""
+class RestoredState:
+    """The records that restore the state at one time, and the place in the file where reading continues."""
 
     records: list[Record]
     """Records in recorded order: the newest one of each message up to that time, and the events so far."""
@@ -117,16 +117,16 @@ def condense(records: Iterable[Record]) -> list[Record]:
     return [r for r in all_records if newest[r.key] == r.offset or r.key & 0xFFFFFF in EVENT_MESSAGES]
 
 
-def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
+def state_at(file: BinaryIO, index: Index, time_us: int) -> RestoredState:
     """The records that restore the state at `time_us`; reads a limited part of the file.
 
     Raises:
         OSError: the file cannot be read.
     """
     checkpoint = index.checkpoint(time_us)
-    places = dict(zip(checkpoint.newest[1::2], checkpoint.newest[::2], strict=True))
-    places |= {offset: at for at, offset in index.events_until(time_us)}
-    places |= {offset: at for at, offset in index.first_heartbeats if at <= time_us}
+    times_us = dict(zip(checkpoint.newest[1::2], checkpoint.newest[::2], strict=True))
+    times_us |= {offset: at_us for at_us, offset in index.events_until(time_us)}
+    times_us |= {offset: at_us for at_us, offset in index.first_heartbeats if at_us <= time_us}
     batch = Batch([], checkpoint.cursor, at_end=False, bytes_skipped=0)
     read: list[Record] = []
     following: list[Record] = []
@@ -135,11 +135,11 @@ def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
         read = _newest_events(condense([*read, *(r for r in batch.records if r.time_us <= time_us)]))
         following = batch.records[len(batch.records) - sum(r.time_us > time_us for r in batch.records) :]
     old = [
-        Record(places[offset], offset, 0, read_at(file, offset))
-        for offset in sorted(places)
+        Record(times_us[offset], offset, 0, read_at(file, offset))
+        for offset in sorted(times_us)
         if offset < checkpoint.cursor.offset
     ]
-    return Moment([*old, *read], following, batch.after, batch.at_end)
+    return RestoredState([*old, *read], following, batch.after, batch.at_end)
 
 
 def _newest_events(records: list[Record]) -> list[Record]:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Final
 
-LONGEST_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
+MAX_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
 """Larger timestamps count from 1970."""
 TIMESYNC_TIMEOUT_S: Final = 3.0
 """Time without `timesync_status` after which the first timestamp is used as the time of the boot [s]."""
-LARGEST_OFFSET_US: Final = 2**62
+MAX_OFFSET_US: Final = 2**62
 """Larger offsets are not plausible and are ignored."""
 
 
@@ -27,7 +27,7 @@ class BootTime:
 
     def synchronize(self, estimated_offset_us: int) -> None:
         """Applies the offset of `timesync_status` [µs], which is added to timestamps."""
-        if abs(estimated_offset_us) < LARGEST_OFFSET_US:
+        if abs(estimated_offset_us) < MAX_OFFSET_US:
             self._offset_us = estimated_offset_us
 
     def ms(self, timestamp_us: int, now_s: float) -> int | None:
@@ -37,7 +37,7 @@ class BootTime:
             timestamp_us: a message's timestamp.
             now_s: time of the server [s, monotonic].
         """
-        if timestamp_us < LONGEST_UPTIME_US:
+        if timestamp_us < MAX_UPTIME_US:
             return timestamp_us // 1000 & 0xFFFFFFFF
         if self._offset_us is None:
             if self._first is None:

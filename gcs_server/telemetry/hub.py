@@ -226,7 +226,7 @@ class Subscriber:
         self._seen_replays = None
         self._wake.set()
 
-    async def send_for_ever(self) -> None:
+    async def send_loop(self) -> None:
         """Sends one frame at a time, until the socket closes or too many events wait."""
         await self._socket.send_text(hello(self._clock.unix_s()))
         next_s = self._clock.monotonic_s()
@@ -313,7 +313,7 @@ class Hub:
         self._clients.add(client)
         try:
             async with asyncio.TaskGroup() as group:
-                sending = group.create_task(client.send_for_ever())
+                sending = group.create_task(client.send_loop())
                 receiving = group.create_task(self._receive(socket, client))
                 await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
                 sending.cancel()

@@ -67,16 +67,16 @@ class Components:
         self._autopilot = autopilot
         self._clock = clock
         self._report = report
-        self._heard: dict[int, tuple[int, float]] = {}
+        self._last_heartbeats: dict[int, tuple[int, float]] = {}
         """By component id: MAV_TYPE, and time of the last heartbeat."""
         self._lost: set[int] = set()
 
     def heartbeat(self, frame: Frame) -> None:
         """Handles a heartbeat of a component."""
-        component_id, known = frame.component_id, frame.component_id in self._heard
-        if not known and len(self._heard) >= MAX_COMPONENTS and component_id != self._autopilot:
+        component_id, known = frame.component_id, frame.component_id in self._last_heartbeats
+        if not known and len(self._last_heartbeats) >= MAX_COMPONENTS and component_id != self._autopilot:
             return
-        self._heard[component_id] = (full_payload(frame)[4], frame.received_monotonic_s)
+        self._last_heartbeats[component_id] = (full_payload(frame)[4], frame.received_monotonic_s)
         if component_id == self._autopilot:
             return
         if not known:
@@ -87,7 +87,7 @@ class Components:
 
     def tick(self) -> None:
         """Called periodically: detects lost components."""
-        for component_id in self._heard:
+        for component_id in self._last_heartbeats:
             if component_id not in self._lost and self._is_lost(component_id):
                 self._lost.add(component_id)
                 if component_id != self._autopilot:
@@ -95,7 +95,7 @@ class Components:
 
     def all(self) -> tuple[Component, ...]:
         """All components: the autopilot first, then by id."""
-        ids = sorted(self._heard, key=lambda each: (each != self._autopilot, each))
+        ids = sorted(self._last_heartbeats, key=lambda each: (each != self._autopilot, each))
         return tuple(self._view(component_id) for component_id in ids)
 
     def camera(self, component_id: int | None = None) -> int | None:
@@ -104,19 +104,19 @@ class Components:
         return next((one for one in cameras if component_id in (None, one)), None)
 
     def _view(self, component_id: int) -> Component:
-        mav_type, heard_s = self._heard[component_id]
+        mav_type, received_s = self._last_heartbeats[component_id]
         lost = self._is_lost(component_id)
-        age_s = self._clock.monotonic_s() - heard_s
-        heard_unix_s = round(self._clock.unix_s() - age_s, 3) if lost else None
-        return Component(component_id, self._kind(component_id), mav_type, lost, heard_unix_s)
+        age_s = self._clock.monotonic_s() - received_s
+        received_unix_s = round(self._clock.unix_s() - age_s, 3) if lost else None
+        return Component(component_id, self._kind(component_id), mav_type, lost, received_unix_s)
 
     def _is_lost(self, component_id: int) -> bool:
-        return self._clock.monotonic_s() - self._heard[component_id][1] > LOST_AFTER_S
+        return self._clock.monotonic_s() - self._last_heartbeats[component_id][1] > LOST_AFTER_S
 
     def _kind(self, component_id: int) -> str:
         if component_id == self._autopilot:
             return "autopilot"
-        of_type = KIND_OF_TYPE.get(self._heard[component_id][0])
+        of_type = KIND_OF_TYPE.get(self._last_heartbeats[component_id][0])
         return of_type or KIND_OF_ID.get(component_id, "other")
 
     def _name(self, component_id: int) -> str:

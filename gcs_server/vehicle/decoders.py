@@ -143,21 +143,23 @@ def gps(payloads: Payloads) -> Decoded:
 def battery(payloads: Payloads) -> Decoded:
     """BATTERY_STATUS, or SYS_STATUS until the first BATTERY_STATUS is received."""
     status = d.MAVLINK_MSG_ID_BATTERY_STATUS
-    all_ = [_one_battery(instance_of(k), p) for k, p in sorted(payloads.items()) if message_of(k) == status]
-    if not all_:
-        return _battery_of_system(payloads[d.MAVLINK_MSG_ID_SYS_STATUS]), None
-    least = min(
-        all_, key=lambda b: (101 if b.remaining_percent is None else b.remaining_percent, b.battery_id)
+    batteries = [
+        _one_battery(instance_of(k), p) for k, p in sorted(payloads.items()) if message_of(k) == status
+    ]
+    if not batteries:
+        return _battery_from_sys_status(payloads[d.MAVLINK_MSG_ID_SYS_STATUS]), None
+    lowest = min(
+        batteries, key=lambda b: (101 if b.remaining_percent is None else b.remaining_percent, b.battery_id)
     )
     value = samples.Battery(
-        least.remaining_percent,
-        least.voltage_v,
-        least.current_a,
-        least.consumed_mah,
-        least.time_remaining_s,
-        least.cell_voltages_v,
-        least.battery_id,
-        tuple(all_) if len(all_) > 1 else (),
+        lowest.remaining_percent,
+        lowest.voltage_v,
+        lowest.current_a,
+        lowest.consumed_mah,
+        lowest.time_remaining_s,
+        lowest.cell_voltages_v,
+        lowest.battery_id,
+        tuple(batteries) if len(batteries) > 1 else (),
     )
     return value, None
 
@@ -176,11 +178,11 @@ def _one_battery(battery_id: int, payload: bytes) -> samples.BatteryReading:
         current_a=None if current_ca in UNKNOWN_CURRENTS else current_ca / 100,
         consumed_mah=None if consumed_mah == -1 else consumed_mah,
         time_remaining_s=time_s if time_s > 0 else None,
-        cell_voltages_v=_of_cells(cells),
+        cell_voltages_v=_cell_voltages_v(cells),
     )
 
 
-def _of_cells(millivolts: list[int]) -> tuple[float, ...] | None:
+def _cell_voltages_v(millivolts: list[int]) -> tuple[float, ...] | None:
     """Cell voltages. A single value is the total voltage; a total above 65.5 V is split over several
     values."""
     if len(millivolts) < 2 or max(millivolts) > MAX_CELL_MV:
@@ -188,7 +190,7 @@ def _of_cells(millivolts: list[int]) -> tuple[float, ...] | None:
     return tuple(mv / 1e3 for mv in millivolts)
 
 
-def _battery_of_system(payload: bytes) -> samples.Battery:
+def _battery_from_sys_status(payload: bytes) -> samples.Battery:
     _, _, _, _, millivolt, current_ca, *_, remaining = _sys_status.unpack_from(payload)
     return samples.Battery(
         remaining_percent=remaining if 0 <= remaining <= 100 else None,
@@ -209,12 +211,12 @@ def home(payloads: Payloads) -> Decoded:
 def motors(payloads: Payloads) -> Decoded:
     """SERVO_OUTPUT_RAW: outputs up to the last used one."""
     unpacked = [(instance_of(key), _servo.unpack_from(payload)) for key, payload in sorted(payloads.items())]
-    groups = tuple(samples.OutputGroup(port, _in_use(values[1:9])) for port, values in unpacked)
+    groups = tuple(samples.OutputGroup(port, _used_outputs(values[1:9])) for port, values in unpacked)
     boot_s = unpacked[0][1][0] / 1e6
     return samples.Motors(groups[0].pwm_us, groups if len(groups) > 1 else ()), boot_s
 
 
-def _in_use(outputs: tuple[int, ...]) -> tuple[int, ...]:
+def _used_outputs(outputs: tuple[int, ...]) -> tuple[int, ...]:
     used = [n for n, pwm_us in enumerate(outputs, 1) if pwm_us not in (0, 0xFFFF)]
     return outputs[: used[-1]] if used else ()
 

@@ -37,10 +37,10 @@ SILENT_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
 """Tolerance of boot times, including radio delays [s]."""
 BOOT_TIME_EVERY_S = 0.5
-ASK_EVERY_S = 1.0
-ASK_TIMES = 5
-ASK_RARELY_S = 30.0
-"""Period of requests for the version after the first `ASK_TIMES`."""
+REQUEST_PERIOD_S = 1.0
+MAX_REQUESTS = 5
+SLOW_REQUEST_PERIOD_S = 30.0
+"""Period of requests for the version after the first `MAX_REQUESTS`."""
 BOOT_TIME_IDS = frozenset(
     {
         d.MAVLINK_MSG_ID_ATTITUDE,
@@ -54,7 +54,7 @@ _boot_ms = struct.Struct("<I")
 
 MAVLINK, ROS2 = "MAVLink", "ROS 2"
 """Protocols of links."""
-HEARD_WITHIN_S = 1.5
+RECEIVED_WITHIN_S = 1.5
 """A link is preferred only if its newest message is less than this older than the newest of all links [s]."""
 
 
@@ -84,7 +84,7 @@ class Endpoint:
     """Time of the vehicle's boot on this server's monotonic clock, from the newest frame."""
     boot_next_s: float = float("-inf")
     requests_sent: int = 0
-    ask_next_s: float = 0.0
+    next_request_s: float = 0.0
     refused_until_s: float = float("-inf")
     """Time until which new vehicles of this endpoint are refused, because there is no room
     (`population.py`)."""
@@ -98,13 +98,15 @@ class Endpoint:
             self.boot_next_s = self.received_s + BOOT_TIME_EVERY_S
             self.boot_at_s = self.received_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 
-    def ask_version(self, now_s: float) -> None:
+    def request_version(self, now_s: float) -> None:
         """Requests AUTOPILOT_VERSION, which contains the uid; sends nothing to a recording."""
         if self.connection.link.replay:
-            self.ask_next_s = float("inf")
+            self.next_request_s = float("inf")
             return
         self.requests_sent += 1
-        self.ask_next_s = now_s + (ASK_EVERY_S if self.requests_sent < ASK_TIMES else ASK_RARELY_S)
+        self.next_request_s = now_s + (
+            REQUEST_PERIOD_S if self.requests_sent < MAX_REQUESTS else SLOW_REQUEST_PERIOD_S
+        )
         request = d.MAVLink_command_long_message(
             self.system_id,
             self.component_id,
@@ -131,7 +133,7 @@ def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint
     if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
-    return [e for e in matching if newest_s - e.received_s < HEARD_WITHIN_S] or endpoints
+    return [e for e in matching if newest_s - e.received_s < RECEIVED_WITHIN_S] or endpoints
 
 
 def protocol_in_use(endpoints: Sequence[Endpoint], wanted: str) -> str:

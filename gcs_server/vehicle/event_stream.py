@@ -14,8 +14,8 @@ Item = TypeVar("Item")
 MAX_GAP = 64
 """A larger gap means that the vehicle restarted or the link was lost, so that the events are no longer
 available."""
-ASK_EVERY_S = 0.25
-ASK_TIMES = 12
+REQUEST_PERIOD_S = 0.25
+MAX_REQUESTS = 12
 RESET_FLAG = 1
 """MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET."""
 
@@ -32,7 +32,7 @@ class EventStream(Generic[Item]):
     _newest: int = 0
     """Newest sequence number known."""
     _requests: int = 0
-    _next_ask_s: float = float("-inf")
+    _next_request_s: float = float("-inf")
 
     def take(self, sequence: int, item: Item) -> list[Item]:
         """Takes an event; returns the events that are now in order. Empty for a repeat, or if an earlier
@@ -80,16 +80,16 @@ class EventStream(Generic[Item]):
     def wanted(self, now_s: float) -> tuple[int, int] | None:
         """(first, last) to request now; None if nothing is missing or the last request is recent."""
         missing = self.missing
-        if missing is None or now_s < self._next_ask_s or self._requests >= ASK_TIMES:
+        if missing is None or now_s < self._next_request_s or self._requests >= MAX_REQUESTS:
             return None
         self._requests += 1
-        self._next_ask_s = now_s + ASK_EVERY_S
+        self._next_request_s = now_s + REQUEST_PERIOD_S
         return missing
 
     def give_up(self, now_s: float) -> list[Item]:
         """Skips a gap after all requests for it have failed; returns the events that are then in order."""
         missing = self.missing
-        if missing is None or self._requests < ASK_TIMES or now_s < self._next_ask_s:
+        if missing is None or self._requests < MAX_REQUESTS or now_s < self._next_request_s:
             return []
         return self._skip_to(missing[1] + 1)
 

@@ -27,7 +27,7 @@ from gcs_server.vehicle.population import (
 from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
-LOOK_AGAIN_S = 0.25
+RECHECK_PERIOD_S = 0.25
 """Period at which a vehicle to remove is searched on a full link [s]."""
 OTHER_MARK = "~"
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -189,8 +189,8 @@ class Fleet(FrameSink):
         for endpoint in list(self._endpoints.values()):
             if endpoint.vehicle is None:
                 self._assign(endpoint)
-            if endpoint.version is None and now_s >= endpoint.ask_next_s:
-                endpoint.ask_version(now_s)
+            if endpoint.version is None and now_s >= endpoint.next_request_s:
+                endpoint.request_version(now_s)
         for vehicle in list(self._vehicles.values()):
             vehicle.isolation.run("the regular work", vehicle.tick)
 
@@ -217,7 +217,7 @@ class Fleet(FrameSink):
             received_s=now_s,
         )
         self._endpoints[(connection, peer.name, frame.system_id)] = endpoint
-        endpoint.ask_version(now_s)
+        endpoint.request_version(now_s)
         return endpoint
 
     def _may_have_endpoint(self, connection: Connection, now_s: float) -> bool:
@@ -231,7 +231,7 @@ class Fleet(FrameSink):
         for endpoint in silent:
             self._forget(endpoint)
         if not silent:
-            self._full_until_s[connection.name] = now_s + LOOK_AGAIN_S
+            self._full_until_s[connection.name] = now_s + RECHECK_PERIOD_S
         return bool(silent)
 
     def _has_room(self, endpoint: Endpoint) -> bool:
@@ -297,7 +297,7 @@ class Fleet(FrameSink):
         )
         link = endpoint.connection.link
         vehicle = Vehicle(vehicle_id, identity, link.clock or self._clock, self._own_ids, self._supervisor)
-        vehicle.events.subscribe(lambda event: None if link.quiet else self._publish(event))
+        vehicle.events.subscribe(lambda event: None if link.suppresses_events else self._publish(event))
         vehicle.attach(endpoint)
         self._vehicles[vehicle_id] = vehicle
         self._ordered = None

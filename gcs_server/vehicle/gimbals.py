@@ -70,8 +70,8 @@ def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalA
         order, address, messages = managed.get(device, (0, unmanaged, {}))
         for msg_id in ATTITUDE_IDS:
             sent = [f for f in attitudes if f.msg_id == msg_id]
-            heard_s = max((f.received_monotonic_s for f in sent), default=0.0)
-            recent = [f for f in sent if heard_s - f.received_monotonic_s <= SILENT_AFTER_S]
+            received_s = max((f.received_monotonic_s for f in sent), default=0.0)
+            recent = [f for f in sent if received_s - f.received_monotonic_s <= SILENT_AFTER_S]
             if recent:
                 messages = {**messages, msg_id: recent[0]}
         found.append(((order, *device), address, messages))

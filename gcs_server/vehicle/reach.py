@@ -47,14 +47,14 @@ class Reach:
 def reach_of(endpoints: Sequence[Endpoint]) -> Reach:
     """The protocols of a vehicle with these endpoints."""
     newest_s = max((endpoint.received_s for endpoint in endpoints), default=0.0)
-    heard = {e.connection.protocol for e in endpoints if newest_s - e.received_s < SILENT_AFTER_S}
+    protocols = {e.connection.protocol for e in endpoints if newest_s - e.received_s < SILENT_AFTER_S}
     commands = protocol_in_use(endpoints, MAVLINK) if endpoints else None
     return Reach(
-        protocols=tuple(sorted(heard)),
+        protocols=tuple(sorted(protocols)),
         telemetry=commands,
         commands=commands,
         setpoints=protocol_in_use(endpoints, ROS2) if endpoints else None,
-        missing=FEATURES if heard and MAVLINK not in heard else (),
+        missing=FEATURES if protocols and MAVLINK not in protocols else (),
     )
 
 

@@ -323,7 +323,7 @@ class Vehicle:
         self.components.tick()
         self._event_logger.tick()
         self.health.tick()
-        self.gimbals.ask_limits()
+        self.gimbals.request_limits()
         if self._state.link_lost and not self._lost:
             self._lost = True
             self.events.add("link", self.clock.unix_s(), "Link lost", severity=d.MAV_SEVERITY_WARNING)

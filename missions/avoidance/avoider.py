@@ -37,7 +37,7 @@ FRESH_S = 1.0
 MAX_CLIMB_M = 15.0
 """Largest climb above the wanted altitude; the vehicle flies around higher obstacles."""
 CEILING_MARGIN_M = 0.7
-DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_SINK_M_S = 2.0, 1.5, 1.0
+DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_DESCENT_M_S = 2.0, 1.5, 1.0
 CLEAR_FOR_S = 0.5
 """The direct path must be clear for this long before the vehicle returns to it."""
 RETURNED_WITHIN_M = 1.0
@@ -329,4 +329,6 @@ def _yaw(here: MotionState, wanted: WantedMotion) -> float:
 
 def _clamp(climb_m_s: float, allowed: DetourLimits) -> float:
     """A climb speed within the limits of the detour and of the vehicle."""
-    return max(-min(DETOUR_SINK_M_S, allowed.sink_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s))
+    return max(
+        -min(DETOUR_DESCENT_M_S, allowed.descent_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s)
+    )

@@ -17,7 +17,7 @@ from missions.frames import Vector3
 
 CLEARANCE_M = 1.2
 """Horizontal distance from the vehicle's centre to any obstacle at its altitude."""
-NEAREST_M = 0.7
+MIN_CLEARANCE_M = 0.7
 """Minimum clearance, used when the vehicle or its goal is already near an obstacle."""
 OVER_M, BELOW_M = 1.0, 0.4
 """The vehicle climbs `OVER_M` above an obstacle. An obstacle blocks the path if its top is less than
@@ -59,7 +59,7 @@ def blocking_obstacles(
     at_altitude = points[top_m > up_m - BELOW_M]
     at_goal = points[top_m > -last[2] - BELOW_M]
     near_m = min(nearest_m(at_altitude, here.position_ned_m[:2]), nearest_m(at_goal, last[:2])) - 0.1
-    clearance_m = max(NEAREST_M, min(CLEARANCE_M, near_m))
+    clearance_m = max(MIN_CLEARANCE_M, min(CLEARANCE_M, near_m))
     away_m = np.hypot(points[:, 0] - here.position_ned_m[0], points[:, 1] - here.position_ned_m[1])
     blocking = (away_m < CLEARANCE_M) & (top_m <= up_m - BELOW_M)
     if goal_up_m < up_m - BELOW_M:  # a descent next to an obstacle that was not measured before
@@ -68,7 +68,7 @@ def blocking_obstacles(
     for begin, end in itertools.pairwise(path):
         columns, length_m = along(points, begin[:2], end[:2]), math.dist(begin[:2], end[:2])
         on_leg = (columns.along_m > 0.0) & (columns.along_m <= length_m) & (columns.across_m < clearance_m)
-        on_leg |= columns.from_end_m < NEAREST_M
+        on_leg |= columns.from_end_m < MIN_CLEARANCE_M
         on_leg &= top_m > min(-begin[2], -end[2]) - BELOW_M
         blocking |= on_leg
         level = on_leg & (top_m + top_uncertainty_m > up_m - ABOVE_M)
@@ -100,7 +100,9 @@ def first_on_line(scans: Iterable[Scan], here: Vector3, there: Vector3) -> float
         return None
     columns, length_m = along(np.array(hits), here[:2], there[:2]), math.dist(here[:2], there[:2])
     on_leg = (
-        (columns.along_m > 0.0) & (columns.along_m <= length_m + NEAREST_M) & (columns.across_m < NEAREST_M)
+        (columns.along_m > 0.0)
+        & (columns.along_m <= length_m + MIN_CLEARANCE_M)
+        & (columns.across_m < MIN_CLEARANCE_M)
     )
     on_leg &= columns.top_m > min(-here[2], -there[2]) - BELOW_M
     return float(columns.along_m[on_leg].min()) if on_leg.any() else None

@@ -76,7 +76,7 @@ def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.
         for north, east, down in scan.directions_ned:
             if abs(down) > LEVEL_MAX_SINE:
                 continue
-            off_rad = abs(wrap_pi(math.atan2(east, north) + turned_rad - heading_rad))
-            if off_rad <= half_rad and (best is None or scan.range_m > best):
+            difference_rad = abs(wrap_pi(math.atan2(east, north) + turned_rad - heading_rad))
+            if difference_rad <= half_rad and (best is None or scan.range_m > best):
                 best = scan.range_m
     return best

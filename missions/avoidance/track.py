@@ -17,7 +17,7 @@ pushed away."""
 TO_TRACK_M_S, TO_TRACK_PER_S = 1.0, 0.95
 """Largest speed towards the track [m/s], and its increase with the distance from it [1/s]: PX4's default gain
 of position (MPC_XY_P)."""
-SHORTEST_M = 0.5
+MIN_GOAL_DISTANCE_M = 0.5
 """A goal nearer than this gives the track no direction [m]."""
 
 
@@ -40,7 +40,7 @@ class Track:
         start_n, start_e = self._point_ne
         goal_n, goal_e, _ = wanted.position_ned_m
         length_m = math.dist(self._point_ne, (goal_n, goal_e))
-        if length_m > SHORTEST_M:
+        if length_m > MIN_GOAL_DISTANCE_M:
             un, ue = (goal_n - start_n) / length_m, (goal_e - start_e) / length_m
             along_m = (north - start_n) * un + (east - start_e) * ue
             self._point_ne = (start_n + un * along_m, start_e + ue * along_m)

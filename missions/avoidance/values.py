@@ -47,7 +47,7 @@ class DetourLimits:
 
     speed_m_s: float = math.inf
     climb_m_s: float = math.inf
-    sink_m_s: float = math.inf
+    descent_m_s: float = math.inf
     region: Region = UNLIMITED
     fence: FenceArea | None = None
     """Fence of the active mission."""

@@ -110,15 +110,15 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
         try:
             match feature.properties.get("role"):
                 case "item":
-                    items.append(_ITEM.validate_json(_document(feature)))
+                    items.append(_ITEM.validate_json(_json_without_role(feature)))
                 case "fence":
-                    fence.append(_zone(feature))
+                    fence.append(_read_fence_zone(feature))
                 case "rally":
-                    rally.append(RallyPoint.model_validate_json(_document(feature)))
+                    rally.append(RallyPoint.model_validate_json(_json_without_role(feature)))
                 case "home":
-                    home = HomePosition.model_validate_json(_document(feature))
+                    home = HomePosition.model_validate_json(_json_without_role(feature))
                 case _:
-                    _foreign(feature, options, items, areas)
+                    _add_foreign(feature, options, items, areas)
         except ValidationError as error:
             invalid = from_validation(error)
             raise PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix) from None
@@ -139,7 +139,7 @@ def _check_counts(items: Sequence[Any], fence: Sequence[Any], rally: Sequence[An
         raise PlanError("the file", reason, "Split the plan into smaller ones.")
 
 
-def _document(feature: Feature) -> str:
+def _json_without_role(feature: Feature) -> str:
     fields = {key: value for key, value in feature.properties.items() if key != "role"}
     if feature.geometry == "point":
         lon, lat, _ = feature.rings[0][0]
@@ -147,7 +147,7 @@ def _document(feature: Feature) -> str:
     return json.dumps(fields)
 
 
-def _zone(feature: Feature) -> FenceZone:
+def _read_fence_zone(feature: Feature) -> FenceZone:
     fields = {key: value for key, value in feature.properties.items() if key != "role"}
     points = [{"lat_deg": lat, "lon_deg": lon} for lon, lat, _ in feature.rings[0]] if feature.rings else []
     if fields.get("shape") == "circle":
@@ -157,7 +157,9 @@ def _zone(feature: Feature) -> FenceZone:
     return _ZONE.validate_json(json.dumps(fields))
 
 
-def _foreign(feature: Feature, options: ImportOptions, items: list[SimpleItem], areas: list[Area]) -> None:
+def _add_foreign(
+    feature: Feature, options: ImportOptions, items: list[SimpleItem], areas: list[Area]
+) -> None:
     if len(items) + sum(map(len, feature.rings)) > MAX_ITEMS:
         raise PlanError("its line or area", f"more than {MAX_ITEMS} points", "Simplify it.")
     if feature.geometry == "area":

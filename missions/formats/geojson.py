@@ -15,7 +15,7 @@ from missions import bounded_json
 from missions.errors import PlanError
 from missions.formats import features
 from missions.formats.features import Coordinate, Feature
-from missions.formats.qgc_item import a_list, an_object, number
+from missions.formats.qgc_item import require_list, require_number, require_object
 from missions.formats.results import Imported, ImportOptions, Written
 from missions.plan import Plan
 
@@ -28,23 +28,23 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     Raises:
         PlanError: The file is too large or not GeoJSON, a value is wrong, or a point has no altitude.
     """
-    document = an_object(bounded_json.load(data), "the file")
+    document = require_object(bounded_json.load(data), "the file")
     return features.to_plan(list(_features(document)), options or ImportOptions(), "The GeoJSON file")
 
 
 def _features(document: dict[str, Any]) -> Iterator[Feature]:
     match document.get("type"):
         case "FeatureCollection":
-            raws = a_list(document.get("features"), "field features")
+            raws = require_list(document.get("features"), "field features")
         case "Feature":
             raws = [document]
         case _:
             raws = [{"type": "Feature", "geometry": document}]
     for n, raw in enumerate(raws, start=1):
         place = f"feature {n}"
-        feature = an_object(raw, place)
+        feature = require_object(raw, place)
         properties = feature.get("properties")
-        properties = an_object({} if properties is None else properties, f"{place}, field properties")
+        properties = require_object({} if properties is None else properties, f"{place}, field properties")
         name = properties.get("name")
         name = name if isinstance(name, str) else ""
         kept = {key: value for key, value in properties.items() if key != "name"}
@@ -55,15 +55,15 @@ def _geometries(raw: Any, properties: dict[str, Any], name: str, place: str) -> 
     if raw is None:
         yield Feature("none", properties=properties, name=name)
         return
-    geometry = an_object(raw, f"{place}, field geometry")
+    geometry = require_object(raw, f"{place}, field geometry")
     kind, place = geometry.get("type"), f"{place}, field geometry"
     if kind == "GeometryCollection":
-        for each in a_list(geometry.get("geometries"), f"{place}.geometries"):
+        for each in require_list(geometry.get("geometries"), f"{place}.geometries"):
             yield from _geometries(each, properties, name, place)
         return
     raws = [geometry.get("coordinates")]
     if isinstance(kind, str) and kind in _PART_OF_MULTI:
-        raws, kind = a_list(geometry.get("coordinates"), f"{place}.coordinates"), _PART_OF_MULTI[kind]
+        raws, kind = require_list(geometry.get("coordinates"), f"{place}.coordinates"), _PART_OF_MULTI[kind]
     for coordinates in raws:
         yield _geometry(kind, coordinates, properties, name, f"{place}.coordinates")
 
@@ -75,7 +75,7 @@ def _geometry(kind: Any, raw: Any, properties: dict[str, Any], name: str, place:
         case "LineString":
             return Feature("line", (_ring(raw, place),), properties, name)
         case "Polygon":
-            rings = tuple(_ring(each, place) for each in a_list(raw, place))
+            rings = tuple(_ring(each, place) for each in require_list(raw, place))
             if not rings:
                 raise PlanError(place, "the polygon has no corners", "Correct the area.")
             return Feature("area", tuple(open_ring(ring) for ring in rings), properties, name)
@@ -85,7 +85,7 @@ def _geometry(kind: Any, raw: Any, properties: dict[str, Any], name: str, place:
 
 
 def _ring(raw: Any, place: str) -> tuple[Coordinate, ...]:
-    return tuple(_position(each, place) for each in a_list(raw, place))
+    return tuple(_position(each, place) for each in require_list(raw, place))
 
 
 def open_ring(ring: tuple[Coordinate, ...]) -> tuple[Coordinate, ...]:
@@ -94,11 +94,11 @@ def open_ring(ring: tuple[Coordinate, ...]) -> tuple[Coordinate, ...]:
 
 
 def _position(raw: Any, place: str) -> Coordinate:
-    values = a_list(raw, place)
+    values = require_list(raw, place)
     if len(values) < 2:
         raise PlanError(place, "a position has no longitude and latitude", "Write [longitude, latitude].")
-    lon, lat = (number(value, place) for value in values[:2])
-    return (lon, lat, number(values[2], place) if len(values) > 2 else None)
+    lon, lat = (require_number(value, place) for value in values[:2])
+    return (lon, lat, require_number(values[2], place) if len(values) > 2 else None)
 
 
 def write(plan: Plan) -> Written:

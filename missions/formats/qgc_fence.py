@@ -9,22 +9,22 @@ from pydantic import ValidationError
 
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
-from missions.formats.qgc_item import a_list, an_object, number, part_list
+from missions.formats.qgc_item import optional_list, require_list, require_number, require_object
 from missions.plan import Plan
 from missions.values import Altitude, FenceCircle, FencePolygon, FenceZone, HomePosition, Point, RallyPoint
 
 
 def read_fence(fence: dict[str, Any]) -> tuple[FenceZone, ...]:
     """The zones of a file: polygons, then circles."""
-    polygons = [_polygon(n, raw) for n, raw in enumerate(part_list(fence, "polygons", "geoFence"))]
-    circles = [_circle(n, raw) for n, raw in enumerate(part_list(fence, "circles", "geoFence"))]
+    polygons = [_polygon(n, raw) for n, raw in enumerate(optional_list(fence, "polygons", "geoFence"))]
+    circles = [_circle(n, raw) for n, raw in enumerate(optional_list(fence, "circles", "geoFence"))]
     return (*polygons, *circles)
 
 
 def _polygon(n: int, raw: Any) -> FencePolygon:
     place = f"geofence polygon {n + 1}"
-    part = an_object(raw, place)
-    corners = a_list(part.get("polygon"), f"{place}, field polygon")
+    part = require_object(raw, place)
+    corners = require_list(part.get("polygon"), f"{place}, field polygon")
     points = tuple(_point(each, f"{place}, field polygon[{k}]") for k, each in enumerate(corners))
     try:
         return FencePolygon(
@@ -36,10 +36,10 @@ def _polygon(n: int, raw: Any) -> FencePolygon:
 
 def _circle(n: int, raw: Any) -> FenceCircle:
     place = f"geofence circle {n + 1}"
-    part = an_object(raw, place)
-    circle = an_object(part.get("circle"), f"{place}, field circle")
+    part = require_object(raw, place)
+    circle = require_object(part.get("circle"), f"{place}, field circle")
     center = _point(circle.get("center"), f"{place}, field circle.center")
-    radius_m = number(circle.get("radius"), f"{place}, field circle.radius")
+    radius_m = require_number(circle.get("radius"), f"{place}, field circle.radius")
     try:
         return FenceCircle(
             inclusion=_inclusion(part, place),
@@ -64,10 +64,10 @@ def _inclusion(part: dict[str, Any], place: str) -> bool:
 
 
 def _point(raw: Any, place: str) -> Point:
-    values = a_list(raw, place)
+    values = require_list(raw, place)
     if len(values) < 2:
         raise PlanError(place, "it has no latitude and longitude", "Write [latitude, longitude].")
-    lat, lon = (number(value, f"{place}[{n}]") for n, value in enumerate(values[:2]))
+    lat, lon = (require_number(value, f"{place}[{n}]") for n, value in enumerate(values[:2]))
     try:
         return Point(lat_deg=lat, lon_deg=lon)
     except ValidationError as error:
@@ -106,7 +106,7 @@ def read_rally(n: int, raw: Any) -> RallyPoint:
     if len(raw) < 3:
         raise PlanError(place, "it has no altitude", "Write [latitude, longitude, altitude above home].")
     try:
-        altitude = Altitude(value_m=number(raw[2], f"{place}[2]"), reference="home")
+        altitude = Altitude(value_m=require_number(raw[2], f"{place}[2]"), reference="home")
     except ValidationError as error:
         raise _at(place, error) from None
     return RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude)

@@ -20,7 +20,7 @@ _MODE: dict[Reference, int] = {"home": _RELATIVE, "amsl": _ABSOLUTE, "terrain": 
 _MAV_FRAME_GLOBAL = 0
 
 
-def an_object(raw: Any, place: str) -> dict[str, Any]:
+def require_object(raw: Any, place: str) -> dict[str, Any]:
     """Returns the value if it is a JSON object.
 
     Raises:
@@ -31,7 +31,7 @@ def an_object(raw: Any, place: str) -> dict[str, Any]:
     return raw
 
 
-def a_list(raw: Any, place: str) -> list[Any]:
+def require_list(raw: Any, place: str) -> list[Any]:
     """Returns the value if it is a JSON list.
 
     Raises:
@@ -42,16 +42,16 @@ def a_list(raw: Any, place: str) -> list[Any]:
     return raw
 
 
-def part_list(parent: dict[str, Any], key: str, name: str) -> list[Any]:
+def optional_list(parent: dict[str, Any], key: str, name: str) -> list[Any]:
     """A list inside an object; empty if the key is missing.
 
     Raises:
         PlanError: The value is not a list.
     """
-    return a_list(parent.get(key, []), f"field {name}.{key}")
+    return require_list(parent.get(key, []), f"field {name}.{key}")
 
 
-def number(raw: Any, place: str) -> float:
+def require_number(raw: Any, place: str) -> float:
     """Returns the value if it is a finite number.
 
     Raises:
@@ -65,7 +65,7 @@ def number(raw: Any, place: str) -> float:
 
 
 def _integer(part: dict[str, Any], key: str, place: str) -> int:
-    value = number(part.get(key), f"{place}, field {key}")
+    value = require_number(part.get(key), f"{place}, field {key}")
     if not value.is_integer():
         raise PlanError(f"{place}, field {key}", "it is not a whole number", "Write a whole number.")
     return int(value)
@@ -78,11 +78,12 @@ def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
         PlanError: A value is wrong; the message starts with `place`.
     """
     command, frame = _integer(part, "command", place), _integer(part, "frame", place)
-    raws = a_list(part.get("params"), f"{place}, field params")
+    raws = require_list(part.get("params"), f"{place}, field params")
     if len(raws) != 7:
         raise PlanError(f"{place}, field params", f"it has {len(raws)} values, not 7", "Write seven values.")
     params = tuple(
-        None if raw is None else number(raw, f"{place}, field params[{n}]") for n, raw in enumerate(raws)
+        None if raw is None else require_number(raw, f"{place}, field params[{n}]")
+        for n, raw in enumerate(raws)
     )
     autocontinue = part.get("autoContinue", True)
     if not isinstance(autocontinue, bool):
@@ -93,20 +94,20 @@ def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
         item = item_of(command, frame, params, autocontinue=autocontinue, original=bounded_json.dump(part))
     except PlanError as error:
         raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
-    height = part.get("Altitude")
+    altitude = part.get("Altitude")
     if (
         isinstance(item, PlacedItem)
         and part.get("AltitudeMode") == _CALCULATED_ABOVE_TERRAIN
         and item.altitude.reference == "amsl"
-        and height is not None
+        and altitude is not None
     ):
-        return item.model_copy(update={"altitude": _above_terrain(height, item.altitude.value_m, place)})
+        return item.model_copy(update={"altitude": _above_terrain(altitude, item.altitude.value_m, place)})
     return item
 
 
-def _above_terrain(height: Any, amsl_m: float, place: str) -> Altitude:
+def _above_terrain(altitude: Any, amsl_m: float, place: str) -> Altitude:
     try:
-        value_m = number(height, f"{place}, field Altitude")
+        value_m = require_number(altitude, f"{place}, field Altitude")
         return Altitude(value_m=value_m, reference="terrain", resolved_amsl_m=amsl_m)
     except ValidationError as error:
         invalid = from_validation(error)
@@ -123,13 +124,13 @@ def original_jump_id(item: SimpleItem) -> int | None:
     """The doJumpId of an item in the file that it was read from."""
     if item.original is None:
         return None
-    value = an_object(bounded_json.load(item.original), "field original").get("doJumpId")
+    value = require_object(bounded_json.load(item.original), "field original").get("doJumpId")
     return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
 def simple_object(item: SimpleItem, item_jump_id: int) -> dict[str, Any]:
     """A SimpleItem as QGroundControl writes it."""
-    params = [_tidy(value) for value in params_of(item)]
+    params = [_int_if_whole(value) for value in params_of(item)]
     frame = frame_of(item, FILE_FRAME)
     command = item.command if isinstance(item, CommandItem) else item.COMMAND
     altitude: dict[str, Any] = {}
@@ -137,10 +138,10 @@ def simple_object(item: SimpleItem, item_jump_id: int) -> dict[str, Any]:
         amsl_m = item.altitude.resolved_amsl_m
         mode = _MODE[item.altitude.reference]
         if amsl_m is not None:
-            frame, mode, params[6] = _MAV_FRAME_GLOBAL, _CALCULATED_ABOVE_TERRAIN, _tidy(amsl_m)
+            frame, mode, params[6] = _MAV_FRAME_GLOBAL, _CALCULATED_ABOVE_TERRAIN, _int_if_whole(amsl_m)
         altitude = {
-            "AMSLAltAboveTerrain": None if amsl_m is None else _tidy(amsl_m),
-            "Altitude": _tidy(item.altitude.value_m),
+            "AMSLAltAboveTerrain": None if amsl_m is None else _int_if_whole(amsl_m),
+            "Altitude": _int_if_whole(item.altitude.value_m),
             "AltitudeMode": mode,
         }
     return {
@@ -154,6 +155,6 @@ def simple_object(item: SimpleItem, item_jump_id: int) -> dict[str, Any]:
     }
 
 
-def _tidy(value: float | None) -> float | int | None:
+def _int_if_whole(value: float | None) -> float | int | None:
     """Converts whole numbers to int, so that they are written without a decimal point."""
     return int(value) if value is not None and float(value).is_integer() else value

@@ -17,7 +17,7 @@ from missions import bounded_json
 from missions.errors import PlanError, from_validation
 from missions.formats import qgc_item
 from missions.formats.qgc_fence import read_fence, read_rally, write_fence, write_rally
-from missions.formats.qgc_item import a_list, an_object, number, part_list
+from missions.formats.qgc_item import optional_list, require_list, require_number, require_object
 from missions.formats.results import Imported, Written
 from missions.items import CommandItem, Jump
 from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_count
@@ -35,17 +35,17 @@ def read(data: bytes | str) -> Imported:
         PlanError: The file is too large, not JSON or not a plan, or a value is wrong; the error names item,
             field and fix.
     """
-    document = an_object(bounded_json.load(data), "the file")
+    document = require_object(bounded_json.load(data), "the file")
     if document.get("fileType") != "Plan":
         raise PlanError("field fileType", 'it is not "Plan"', "Choose a .plan file.")
     for part, version in _VERSIONS.items():
         if part in document:
-            _check_version(an_object(document[part], f"field {part}"), part, version)
-    mission = an_object(document.get("mission"), "field mission")
-    items, notes = _read_items(a_list(mission.get("items"), "field mission.items"))
-    fence = an_object(document.get("geoFence", {}), "field geoFence")
-    rally = an_object(document.get("rallyPoints", {}), "field rallyPoints")
-    points = part_list(rally, "points", "rallyPoints")
+            _check_version(require_object(document[part], f"field {part}"), part, version)
+    mission = require_object(document.get("mission"), "field mission")
+    items, notes = _read_items(require_list(mission.get("items"), "field mission.items"))
+    fence = require_object(document.get("geoFence", {}), "field geoFence")
+    rally = require_object(document.get("rallyPoints", {}), "field rallyPoints")
+    points = optional_list(rally, "points", "rallyPoints")
     try:
         plan = Plan(
             items=items,
@@ -117,10 +117,10 @@ def _empty() -> dict[str, Any]:
 
 def _checked(original: str) -> dict[str, Any]:
     """The original document, checked again because the plan's JSON may have been edited."""
-    document = an_object(bounded_json.load(original), "field original")
+    document = require_object(bounded_json.load(original), "field original")
     for key in ("mission", *(key for key in ("geoFence", "rallyPoints") if key in document)):
-        an_object(document.get(key), f"field original, field {key}")
-    part_list(document.get("rallyPoints", {}), "points", "original.rallyPoints")
+        require_object(document.get(key), f"field original, field {key}")
+    optional_list(document.get("rallyPoints", {}), "points", "original.rallyPoints")
     return document
 
 
@@ -139,12 +139,12 @@ def _home(mission: dict[str, Any]) -> HomePosition | None:
     if raw is None:
         return None
     place = "field mission.plannedHomePosition"
-    values = a_list(raw, place)
+    values = require_list(raw, place)
     if len(values) != 3:
         raise PlanError(place, f"it has {len(values)} numbers, not 3", "Write latitude, longitude, altitude.")
     if values[2] is None:
         return None
-    lat, lon, alt = (number(value, f"{place}[{n}]") for n, value in enumerate(values))
+    lat, lon, alt = (require_number(value, f"{place}[{n}]") for n, value in enumerate(values))
     try:
         return HomePosition(lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
     except ValidationError as error:
@@ -156,7 +156,7 @@ def _speed(mission: dict[str, Any], key: str) -> float | None:
     raw = mission.get(key)
     if raw is None:
         return None
-    value = number(raw, f"field mission.{key}")
+    value = require_number(raw, f"field mission.{key}")
     return value if value > 0.0 else None
 
 
@@ -168,7 +168,7 @@ def _read_items(raws: list[Any]) -> tuple[tuple[PlanItem, ...], tuple[str, ...]]
     ids: list[int] = []
     notes: list[str] = []
     for n, each in enumerate(raws, start=1):
-        part = an_object(each, f"item {n}")
+        part = require_object(each, f"item {n}")
         if part.get("type") == "SimpleItem":
             items.append(qgc_item.read_simple(part, f"item {n}"))
             ids.append(qgc_item.jump_id(part, len(ids)))
@@ -190,7 +190,10 @@ def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[
     transects = part.get("TransectStyleComplexItem")
     if isinstance(transects, dict) and "Items" in transects:
         place = f"item {n}, field TransectStyleComplexItem.Items"
-        inner = [an_object(raw, f"{place}[{k}]") for k, raw in enumerate(a_list(transects["Items"], place))]
+        inner = [
+            require_object(raw, f"{place}[{k}]")
+            for k, raw in enumerate(require_list(transects["Items"], place))
+        ]
     items = tuple(qgc_item.read_simple(each, f"item {n}, part {k}") for k, each in enumerate(inner, start=1))
     original = bounded_json.dump(_without_items(part))
     try:
@@ -234,7 +237,7 @@ def _write_items(plan: Plan) -> list[Any]:
         if not isinstance(item, ComplexItem):
             written += parts
             continue
-        raw = an_object(bounded_json.load(item.original), "the complex item")
+        raw = require_object(bounded_json.load(item.original), "the complex item")
         transects = raw.get("TransectStyleComplexItem")
         if isinstance(transects, dict) and "Items" in transects:
             transects["Items"] = parts
@@ -272,7 +275,7 @@ def _write_simple(
         fresh["params"][0] = ids[target] if target < len(ids) else max(ids) + 1
     if item.original is None:
         return fresh
-    raw = an_object(bounded_json.load(item.original), "the item")
+    raw = require_object(bounded_json.load(item.original), "the item")
     as_read = _with_targets(qgc_item.read_simple(raw, "the item"), index_of)
     if as_read != item:
         return {**raw, **fresh}

@@ -129,9 +129,9 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
             yield MissionFinding(*found, place, fix="Raise its points.")
 
 
-def geodetic(places_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
+def geodetic(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
     """Latitudes, longitudes [deg] and altitudes AMSL [m] of local positions (N, 3)."""
-    found = np.array([origin.to_geodetic((n, e, d)) for n, e, d in places_ned_m.tolist()])
+    found = np.array([origin.to_geodetic((n, e, d)) for n, e, d in positions_ned_m.tolist()])
     return found[:, 0], found[:, 1], found[:, 2]
 
 

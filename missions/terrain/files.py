@@ -29,7 +29,7 @@ from missions.terrain.ground import Ground
 MAX_CELLS = 4_000_000
 """Limit of one `Ground`; a larger area is read with a coarser grid."""
 MARGIN_CELLS = 2
-LOWEST_M, HIGHEST_M = -1_000.0, 9_000.0
+MIN_ALT_AMSL_M, MAX_ALT_AMSL_M = -1_000.0, 9_000.0
 """Range of land altitudes on earth; a value outside means no data."""
 WGS84 = CRS.from_epsg(4326)
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT"}
@@ -189,7 +189,7 @@ def _read(path: Path, file: ElevationFile, grid: _Grid) -> NDArray[np.float32]:
         except RasterioError as error:
             raise PlanError(f"the elevation file {path.name}", f"it cannot be read ({error})", FIX) from error
         found = (found * data.scales[0] + data.offsets[0]).astype(np.float32)
-    found[(found < LOWEST_M) | (found > HIGHEST_M)] = np.nan
+    found[(found < MIN_ALT_AMSL_M) | (found > MAX_ALT_AMSL_M)] = np.nan
     return found
 
 

@@ -36,13 +36,13 @@ def plan_profile(plan: Plan, ground: Ground) -> Profile:
     home = plan.planned_home
     if home is None:
         return ()
-    places = [(home.lat_deg, home.lon_deg)]
-    places += [
+    positions = [(home.lat_deg, home.lon_deg)]
+    positions += [
         (item.lat_deg, item.lon_deg)
         for _, item in plan.simple_items()
         if isinstance(item, PlacedItem) and is_flown_to(item)
     ]
-    return _thinned(_lines(places, ground), home.alt_amsl_m)
+    return _thinned(_lines(positions, ground), home.alt_amsl_m)
 
 
 def mission_profile(legs: Sequence[Leg], origin: LocalOrigin, start_down_m: float, ground: Ground) -> Profile:
@@ -50,16 +50,16 @@ def mission_profile(legs: Sequence[Leg], origin: LocalOrigin, start_down_m: floa
     rows = [point[1:] for leg in legs if leg.main for point in leg.points]
     if not rows:
         return ()
-    places = np.array(rows)
-    steps_m = np.hypot(*np.diff(places[:, :2], axis=0).T)
-    lat_deg, lon_deg, _ = geodetic(places, origin)
+    positions = np.array(rows)
+    steps_m = np.hypot(*np.diff(positions[:, :2], axis=0).T)
+    lat_deg, lon_deg, _ = geodetic(positions, origin)
     along_m = np.concatenate(([0.0], np.cumsum(steps_m)))
     return _thinned([(along_m, ground.at(lat_deg, lon_deg))], origin.alt_amsl_m - start_down_m)
 
 
-def _lines(places: Sequence[tuple[float, float]], ground: Ground) -> Iterable[tuple[Floats, Floats]]:
+def _lines(positions: Sequence[tuple[float, float]], ground: Ground) -> Iterable[tuple[Floats, Floats]]:
     along_m = 0.0
-    for start, end in itertools.pairwise(places):
+    for start, end in itertools.pairwise(positions):
         line = between(start, end, ground.spacing_m)
         length_m = distance_m(*start, *end)
         yield along_m + line[:, 2] * length_m, ground.at(line[:, 0], line[:, 1])

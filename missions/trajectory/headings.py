@@ -17,7 +17,7 @@ PART_RAD = 0.2
 """Largest heading change of one part of a piece; the yaw is exact at the ends of each part."""
 MAX_PARTS = 64
 MAX_HALVINGS = 16
-NEAREST_M = 0.5
+MIN_TARGET_DISTANCE_M = 0.5
 """Horizontal distance to the target below which the vehicle keeps its heading [m]."""
 TURN_RAD = 1e-6
 """Smaller heading differences need no turn on the spot."""
@@ -82,8 +82,10 @@ def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
     north, east, _ = heading.position_ned_m
     for _ in range(MAX_HALVINGS):
         n, e = north - pieces.points[..., 0], east - pieces.points[..., 1]
-        over = np.minimum(np.hypot(n, e)[:, 0], np.hypot(n, e)[:, -1]) < NEAREST_M
-        wide = ((_total_turn(np.arctan2(e, n)) > PART_RAD) | over) & (pieces.spans > 2.0 * NEAREST_M)
+        over = np.minimum(np.hypot(n, e)[:, 0], np.hypot(n, e)[:, -1]) < MIN_TARGET_DISTANCE_M
+        wide = ((_total_turn(np.arctan2(e, n)) > PART_RAD) | over) & (
+            pieces.spans > 2.0 * MIN_TARGET_DISTANCE_M
+        )
         if not wide.any():
             break
         pieces = pieces.split(np.where(wide, 2, 1))
@@ -106,7 +108,7 @@ def _direction(first: Array, second: Array) -> tuple[Array, Array]:
 def _bearing(position: Array, first: Array, heading: LookAt) -> tuple[Array, Array]:
     n, e = heading.position_ned_m[0] - position[:, 0], heading.position_ned_m[1] - position[:, 1]
     size = n**2 + e**2
-    far = size >= NEAREST_M**2
+    far = size >= MIN_TARGET_DISTANCE_M**2
     rate = (e * first[:, 0] - n * first[:, 1]) / np.where(far, size, 1.0)
     return np.where(far, np.arctan2(e, n), np.nan), np.where(far, rate, 0.0)
 

@@ -15,7 +15,7 @@ REVERSAL = math.cos(math.radians(170.0))
 """The vehicle stops at sharper turns, because a bend would be nearly a cusp."""
 STRAIGHT = 1e-9
 """Smaller changes of direction do not count as corners."""
-SHORTEST_CORNER_M = 0.01
+MIN_CORNER_M = 0.01
 BEND = 0.1
 """Position of the third control point of a bend, as a fraction of the length that the bend cuts off the leg.
 0.1 gave the shortest flight times for bends of 30° to 150°."""
@@ -85,7 +85,7 @@ def _corners(
             continue
         if difference < STRAIGHT:
             stops[k] = False
-        elif cosine > REVERSAL and points[k].corner_m >= SHORTEST_CORNER_M:
+        elif cosine > REVERSAL and points[k].corner_m >= MIN_CORNER_M:
             stops[k] = False
             room_m = 0.5 * min(float(sizes[k - 1]), float(sizes[k]))
             cuts[k] = min(points[k].corner_m / (DEVIATION * difference), room_m)

@@ -58,19 +58,19 @@ def arc(
     _check_center(center_ned_m)
     sweep = math.tau * turns
     sign = 1.0 if clockwise else -1.0
-    growth, rise = (end_m - radius_m) / sweep, -climb_m / sweep
+    radius_m_per_rad, down_m_per_rad = (end_m - radius_m) / sweep, -climb_m / sweep
 
     def shape(angle: Array) -> tuple[Array, Array, Array]:
         bearing = start_angle_ned_rad + sign * angle
-        radius = radius_m + growth * angle
+        radius = radius_m + radius_m_per_rad * angle
         outward = np.stack((np.cos(bearing), np.sin(bearing), np.zeros_like(angle)), axis=1)
         tangent_direction = sign * np.stack((-np.sin(bearing), np.cos(bearing), np.zeros_like(angle)), axis=1)
         r = radius[:, None]
         position = np.array(center_ned_m) + r * outward
-        position[:, 2] += rise * angle
-        first = growth * outward + r * tangent_direction
-        first[:, 2] = rise
-        return position, first, 2.0 * growth * tangent_direction - r * outward
+        position[:, 2] += down_m_per_rad * angle
+        first = radius_m_per_rad * outward + r * tangent_direction
+        first[:, 2] = down_m_per_rad
+        return position, first, 2.0 * radius_m_per_rad * tangent_direction - r * outward
 
     return _along(shape, sweep, math.ceil(turns * PIECES_PER_TURN))
 
@@ -102,7 +102,7 @@ def figure_eight(
     _check("width_m", width_m, 0.2, 20_000.0)
     _check_center(center_ned_m)
     c, s = math.cos(heading_ned_rad), math.sin(heading_ned_rad)
-    turned = np.array([[c, s, 0.0], [-s, c, 0.0]])
+    rotation = np.array([[c, s, 0.0], [-s, c, 0.0]])
     begin = 0.0 if start_at_center else math.pi / 2.0
 
     def shape(angle: Array) -> tuple[Array, Array, Array]:
@@ -111,7 +111,7 @@ def figure_eight(
         offset = np.stack((half_m * np.sin(t), width_m / 2.0 * np.sin(2.0 * t)), axis=1)
         first = np.stack((half_m * np.cos(t), width_m * np.cos(2.0 * t)), axis=1)
         second = np.stack((-half_m * np.sin(t), -2.0 * width_m * np.sin(2.0 * t)), axis=1)
-        return np.array(center_ned_m) + offset @ turned, first @ turned, second @ turned
+        return np.array(center_ned_m) + offset @ rotation, first @ rotation, second @ rotation
 
     return _along(shape, math.tau * rounds, 2 * math.ceil(rounds * PIECES_PER_TURN))
 

@@ -51,7 +51,7 @@ def undescribed(operation, answer):
     return None
 
 
-async def with_a_vehicle(data, story):
+async def with_a_vehicle(data, scenario):
     """Runs the application in memory with a scripted vehicle on simulated time, without processes and
     sockets."""
     (data / "maps").mkdir()
@@ -75,7 +75,7 @@ async def with_a_vehicle(data, story):
         ) as client:
             await asyncio.sleep(10.0)
             assert server.fleet.get("1").topic("home")
-            await story(client)
+            await scenario(client)
     finally:
         await server.fleet.close()
         await server.supervisor.close()
@@ -87,7 +87,7 @@ def test_each_answer_to_a_generated_request_is_described_and_none_is_5xx(part, t
     maker = Maker(description(), SEED + part)
     found, met = {}, set()
 
-    async def story(client):
+    async def scenario(client):
         for method, path, operation in operations()[part::4]:
             for made in maker.requests(method, path, operation, COUNT):
                 headers = {name: value.encode() for name, value in made.headers.items()}
@@ -100,7 +100,7 @@ def test_each_answer_to_a_generated_request_is_described_and_none_is_5xx(part, t
                 if wrong is not None:
                     found[f"{made.method} {path}: {wrong}"] = made
 
-    in_jumps(lambda: with_a_vehicle(tmp_path, story))
+    in_jumps(lambda: with_a_vehicle(tmp_path, scenario))
     assert found == {}
     assert {200, 422} <= met, "no request passed the checks"
 

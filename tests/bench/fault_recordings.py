@@ -15,7 +15,7 @@ THIN = Path(__file__).resolve().parents[1] / "data" / "faults.json"
 
 TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
 """Times after the fault at which errors are compared."""
-LONGEST_S = 65.0
+MAX_TIME_S = 65.0
 """Afterwards all vehicles lie on the ground."""
 FLAGS = {
     "estimator_status_flags": (
@@ -81,7 +81,7 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
         first["stimulus"],
         bool(now[first["columns"].index("armed")]),
         sum(run["header"]["time_boot_s_at_t0"] for run in runs) / len(runs),
-        min(LONGEST_S, *(float(run["rows"][-1][0]) for run in runs)),
+        min(MAX_TIME_S, *(float(run["rows"][-1][0]) for run in runs)),
         tuple(map(_course, runs)),
     )
 

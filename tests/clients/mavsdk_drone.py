@@ -15,7 +15,7 @@ from tests.station import free_port, running, wait_until
 
 SPEED = 3
 """As a multiple of real time; MAVSDK's timeouts use the real clock."""
-PATIENCE_S = 200.0
+TIMEOUT_S = 200.0
 """Limit for one test: a flight of two minutes, also on a machine too busy to run faster than real time."""
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from tests.clients.any_mavsdk import Drone, connected
 
-METRES_A_DEGREE = 111_195.0
+METRES_PER_DEGREE = 111_195.0
 GRAVITY_M_S2 = 9.80665
 SIDES = 6
 
@@ -35,7 +35,7 @@ async def first(stream: AsyncIterator[Any]) -> Any:
     raise SystemExit("the stream ended without a value")
 
 
-async def ask_for_mode(drone: Drone, ask: Callable[[], Awaitable[None]], mode: str) -> None:
+async def request_mode(drone: Drone, ask: Callable[[], Awaitable[None]], mode: str) -> None:
     """Asks for a flight mode, up to three times.
 
     PX4 acknowledges DO_SET_MODE twice. MAVSDK takes the second acknowledgement for that of its next
@@ -52,23 +52,23 @@ async def ask_for_mode(drone: Drone, ask: Callable[[], Awaitable[None]], mode: s
 async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> None:
     """A go-to during take-off is flown; Return directly after Hold ends in Return."""
     home = await first(drone.stream("home"))
-    lat_deg = home.latitude_deg + 40.0 / METRES_A_DEGREE
+    lat_deg = home.latitude_deg + 40.0 / METRES_PER_DEGREE
     await drone.action.arm()
     await drone.action.takeoff()
     await drone.action.goto_location(lat_deg, home.longitude_deg, home.absolute_altitude_m + 10.0, 0.0)
     await drone.until(
         "position",
-        lambda p: abs(p.latitude_deg - lat_deg) * METRES_A_DEGREE < 2.0 and p.relative_altitude_m > 8.0,
+        lambda p: abs(p.latitude_deg - lat_deg) * METRES_PER_DEGREE < 2.0 and p.relative_altitude_m > 8.0,
         "arrival",
     )
     await drone.action.hold()
-    await ask_for_mode(drone, drone.action.return_to_launch, "RETURN_TO_LAUNCH")
+    await request_mode(drone, drone.action.return_to_launch, "RETURN_TO_LAUNCH")
 
 
 async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
     """A mission is started directly after its upload to an armed vehicle."""
     home = await first(drone.stream("home"))
-    lat, lon = round((home.latitude_deg + 8.0 / METRES_A_DEGREE) * 1e7), round(home.longitude_deg * 1e7)
+    lat, lon = round((home.latitude_deg + 8.0 / METRES_PER_DEGREE) * 1e7), round(home.longitude_deg * 1e7)
     item = drone.types("mission_raw").MissionItem
     relative, takeoff, waypoint, land = 6, 22, 16, 21
     plan = [
@@ -81,7 +81,7 @@ async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
     await drone.until("in_air", lambda flies: flies, "the take-off")
     await drone.until_disarmed()
     place = await first(drone.stream("position"))
-    away_m = (place.latitude_deg - home.latitude_deg) * METRES_A_DEGREE
+    away_m = (place.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
     check(abs(away_m - 8.0) < 2.0, f"landed {away_m:.1f} m north of home instead of 8")
 
 
@@ -92,7 +92,7 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     home = await first(drone.stream("home"))
     await drone.telemetry.set_rate_ground_truth(10.0)
     ground_m = (await first(drone.stream("ground_truth"))).absolute_altitude_m
-    lat_deg = home.latitude_deg + 60.0 / METRES_A_DEGREE
+    lat_deg = home.latitude_deg + 60.0 / METRES_PER_DEGREE
     target_alt_m = home.absolute_altitude_m
 
     def config(height_m: float, mode: str) -> Any:
@@ -122,7 +122,7 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     low_and_away: list[Any] = []
 
     def near(place: Any) -> bool:
-        north_m = (place.latitude_deg - home.latitude_deg) * METRES_A_DEGREE
+        north_m = (place.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
         if north_m > 3.0 and place.relative_altitude_m < 12.0:
             low_and_away.append(place)
         return north_m > 30.0
@@ -147,23 +147,23 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
 async def sticks_with_gaps(drone: Drone, _: Path) -> None:
     """Alternating half a second of stick positions and half a second without them: the vehicle takes off and
     climbs."""
-    wanted, sends = [0.0, 0.0, 0.0, 0.0], True
+    sticks, sends = [0.0, 0.0, 0.0, 0.0], True
 
     async def pilot() -> None:
         while True:
             if sends:
-                await drone.manual_control.set_manual_control_input(*wanted)
+                await drone.manual_control.set_manual_control_input(*sticks)
             await asyncio.sleep(0.03)
 
     # The failsafe that would react to each gap is disabled.
     await drone.param.set_param_int("NAV_RCL_ACT", 0)
-    hand = asyncio.ensure_future(pilot())
+    pilot_task = asyncio.ensure_future(pilot())
     await asyncio.sleep(0.5)
     await drone.manual_control.start_position_control()
     await drone.until_mode("POSCTL")
     await drone.action.arm()
     await asyncio.sleep(0.5)
-    wanted[2] = 0.9
+    sticks[2] = 0.9
     height_m = 0.0
     for _gap in range(40):
         sends = True
@@ -173,8 +173,8 @@ async def sticks_with_gaps(drone: Drone, _: Path) -> None:
         height_m = (await first(drone.stream("position"))).relative_altitude_m
         if height_m > 3.0:
             break
-    check(height_m > 3.0, f"after forty pushes of the throttle it is {height_m:.1f} m high")
-    hand.cancel()
+    check(height_m > 3.0, f"after forty throttle inputs the vehicle is {height_m:.1f} m high")
+    pilot_task.cancel()
 
 
 async def files_ten_times_over(drone: Drone, folder: Path) -> None:

@@ -15,11 +15,11 @@ from tests.station import running, wait_until
 
 LAT, LON = 47.3977432, 8.54559422
 NORTH_M = 15.0
-METRES_A_DEGREE = 111_195.0
+METRES_PER_DEGREE = 111_195.0
 WAYPOINTS = f"""QGC WPL 110
 0\t1\t3\t22\t0\t0\t0\t0\t{LAT}\t{LON}\t8\t1
-1\t0\t3\t16\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_A_DEGREE}\t{LON}\t8\t1
-2\t0\t3\t21\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_A_DEGREE}\t{LON}\t0\t1
+1\t0\t3\t16\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_PER_DEGREE}\t{LON}\t8\t1
+2\t0\t3\t21\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_PER_DEGREE}\t{LON}\t0\t1
 """
 
 Say = Callable[[str], None]
@@ -99,7 +99,7 @@ def test_mavproxy_uploads_waypoints_which_are_flown_and_reads_them_back(
         wait_until(lambda: (tmp_path / "back.txt").exists(), "the waypoints read back", 30)
         rows = [line.split() for line in (tmp_path / "back.txt").read_text(encoding="utf-8").splitlines()[1:]]
         assert [int(row[3]) for row in rows] == [22, 16, 21]
-        assert abs(float(rows[1][8]) - (LAT + NORTH_M / METRES_A_DEGREE)) < 1e-6
+        assert abs(float(rows[1][8]) - (LAT + NORTH_M / METRES_PER_DEGREE)) < 1e-6
         # MAVProxy's `mode` command does not support PX4's modes.
         type_command("long DO_SET_MODE 1 4 4 0 0 0 0")
         watched.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")

@@ -11,11 +11,11 @@ import pytest
 from mavsdk.camera import CameraError, CameraResult, Mode, PhotosRange
 from mavsdk.ftp import FtpError, FtpResult
 
-from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
 
 WIDTH_PX, HEIGHT_PX = 320, 240
 
-pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
 def test_pictures_are_taken_listed_downloaded_and_deleted(tmp_path: Path) -> None:
@@ -23,7 +23,7 @@ def test_pictures_are_taken_listed_downloaded_and_deleted(tmp_path: Path) -> Non
 
 
 async def _photograph(folder: Path) -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone(more=["--camera"]) as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone(more=["--camera"]) as drone:
         camera = drone.camera
         listed = await until(camera.camera_list(), lambda found: found.cameras, "a camera", 40)
         (model,) = listed.cameras

@@ -12,23 +12,23 @@ from mavsdk.failure import FailureError, FailureResult, FailureType, FailureUnit
 from mavsdk.follow_me import Config, TargetLocation
 from mavsdk.telemetry import FlightMode, LandedState, Position
 
-from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, land, take_off, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, land, take_off, until
 
-METRES_A_DEGREE = 111_195.0
+METRES_PER_DEGREE = 111_195.0
 
-pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
 def offset(at: Position, north_m: float, east_m: float) -> tuple[float, float]:
     """Latitude and longitude at this distance from a position."""
-    per_degree = METRES_A_DEGREE * math.cos(math.radians(at.latitude_deg))
-    return at.latitude_deg + north_m / METRES_A_DEGREE, at.longitude_deg + east_m / per_degree
+    per_degree = METRES_PER_DEGREE * math.cos(math.radians(at.latitude_deg))
+    return at.latitude_deg + north_m / METRES_PER_DEGREE, at.longitude_deg + east_m / per_degree
 
 
 def distance_m(at: Position, lat_deg: float, lon_deg: float) -> float:
-    per_degree = METRES_A_DEGREE * math.cos(math.radians(lat_deg))
+    per_degree = METRES_PER_DEGREE * math.cos(math.radians(lat_deg))
     return math.hypot(
-        (at.latitude_deg - lat_deg) * METRES_A_DEGREE, (at.longitude_deg - lon_deg) * per_degree
+        (at.latitude_deg - lat_deg) * METRES_PER_DEGREE, (at.longitude_deg - lon_deg) * per_degree
     )
 
 
@@ -41,7 +41,7 @@ def test_goto_orbit_and_return() -> None:
 
 
 async def _goto_orbit_and_return() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         with pytest.raises(ActionError) as refused:
             await drone.action.terminate()
         assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
@@ -58,7 +58,7 @@ async def _goto_orbit_and_return() -> None:
         await drone.action.goto_location(lat, lon, home.absolute_altitude_m + 10.0, 90.0)
         there = await until(drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "there")
         assert there.relative_altitude_m == pytest.approx(10.0, abs=1.5)
-        await until(drone.telemetry.heading(), lambda h: abs(h.heading_deg - 90.0) < 5.0, "nose to the east")
+        await until(drone.telemetry.heading(), lambda h: abs(h.heading_deg - 90.0) < 5.0, "heading east")
 
         await drone.action.set_current_speed(4.0)
         await drone.action.do_orbit(
@@ -66,14 +66,14 @@ async def _goto_orbit_and_return() -> None:
         )
         seen: set[int] = set()
 
-        def around(position: Position) -> bool:
+        def is_full_circle(position: Position) -> bool:
             away_m = distance_m(position, lat, lon)
             if abs(away_m - 6.0) < 1.0:
                 angle = math.atan2(position.longitude_deg - lon, position.latitude_deg - lat)
                 seen.add(round(angle / math.radians(45.0)) % 8)
             return len(seen) == 8
 
-        await until(drone.telemetry.position(), around, "a whole circle at 6 m")
+        await until(drone.telemetry.position(), is_full_circle, "a whole circle at 6 m")
 
         await drone.action.hold()
         await _mode(drone, FlightMode.HOLD)
@@ -81,7 +81,7 @@ async def _goto_orbit_and_return() -> None:
         assert await drone.action.get_return_to_launch_altitude() == pytest.approx(14.0)
         await drone.action.return_to_launch()
         await _mode(drone, FlightMode.RETURN_TO_LAUNCH)
-        await until(drone.telemetry.position(), lambda p: p.relative_altitude_m > 12.5, "the return's height")
+        await until(drone.telemetry.position(), lambda p: p.relative_altitude_m > 12.5, "the return altitude")
         await until(drone.telemetry.armed(), lambda armed: not armed, "home and disarmed")
         end = await first(drone.telemetry.position())
         assert distance_m(end, home.latitude_deg, home.longitude_deg) < 1.5
@@ -92,7 +92,7 @@ def test_follow_me_keeps_its_distance_from_a_target_that_moves() -> None:
 
 
 async def _follow() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         home = await first(drone.telemetry.home())
         config = Config(8.0, 6.0, 0.1, Config.FollowAltitudeMode.CONSTANT, 5.0, 180.0)
         await drone.follow_me.set_config(config)
@@ -137,7 +137,7 @@ def test_manual_control_flies_position_and_altitude() -> None:
 
 
 async def _manual() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         wanted = [0.0, 0.0, 0.5, 0.0]
 
         async def sticks() -> None:
@@ -145,7 +145,7 @@ async def _manual() -> None:
                 await drone.manual_control.set_manual_control_input(*wanted)
                 await asyncio.sleep(0.03)
 
-        pilot = asyncio.ensure_future(sticks())
+        pilot_task = asyncio.ensure_future(sticks())
         await asyncio.sleep(0.3)
         await take_off(drone, 5.0)
         await drone.manual_control.start_position_control()
@@ -162,15 +162,15 @@ async def _manual() -> None:
         wanted[:] = [0.0, 0.0, 0.5, 0.0]
         await until(ned(), lambda n: abs(n.velocity.down_m_s) < 0.3, "constant altitude")
         await land(drone)
-        pilot.cancel()
+        pilot_task.cancel()
 
 
 def test_failures_are_injected_only_if_failure_injection_is_enabled() -> None:
-    asyncio.run(_fail())
+    asyncio.run(_inject_failures())
 
 
-async def _fail() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+async def _inject_failures() -> None:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         # Enabled in simulation, disabled on a real vehicle.
         assert await drone.param.get_param_int("SYS_FAILURE_EN") == 1
         await drone.param.set_param_int("SYS_FAILURE_EN", 0)

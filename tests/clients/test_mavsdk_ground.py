@@ -19,9 +19,9 @@ from mavsdk.telemetry import TelemetryError
 from mavsdk.tune import SongElement, TuneDescription
 from pyulog import ULog
 
-from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
 
-pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 BUSY_S = 1.0
 """Like PX4, the vehicle denies a calibration for 0.6 s after it has reported the end of another."""
 
@@ -35,7 +35,7 @@ def test_parameters_console_files_and_logs(tmp_path: Path) -> None:
 
 
 async def _stores(folder: Path) -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         await _parameters(drone)
         await _console(drone)
         await _files(drone, folder)
@@ -109,7 +109,7 @@ def test_every_telemetry_stream_and_all_vehicle_information() -> None:
 
 
 async def _streams() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         for name in RATES:
             await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
         for name in NOT_IN_PX4:
@@ -137,7 +137,7 @@ def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
 
 
 async def _calibrate() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         for what in ("calibrate_gyro", "calibrate_level_horizon"):
             steps = await all_of(getattr(drone.calibration, what)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
@@ -159,7 +159,7 @@ def test_the_gimbal_is_controlled_turned_and_released() -> None:
 
 
 async def _gimbal() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         gimbal = drone.gimbal
         listed = await until(gimbal.gimbal_list(), lambda found: found.gimbals, "a gimbal", 40)
         number = listed.gimbals[0].gimbal_id

@@ -20,9 +20,9 @@ from mavsdk.offboard import (
 )
 from mavsdk.telemetry import FlightMode, PositionVelocityNed
 
-from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, land, take_off, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, land, take_off, until
 
-pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
 def test_every_kind_of_setpoint_is_flown() -> None:
@@ -30,7 +30,7 @@ def test_every_kind_of_setpoint_is_flown() -> None:
 
 
 async def _fly() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         with pytest.raises(OffboardError) as refused:
             await drone.offboard.start()
         assert refused.value._result.result is OffboardResult.Result.NO_SETPOINT_SET

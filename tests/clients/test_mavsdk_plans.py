@@ -13,11 +13,11 @@ from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.mission_raw import MissionItem as RawItem
 from mavsdk.telemetry import FlightMode
 
-from tests.clients.mavsdk_drone import PATIENCE_S, connected_drone, first, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
 
 LAT, LON = 47.3977432, 8.54559422
 
-pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
 def item(north_m: float, *, up_m: float = 10.0, fly_through: bool = True) -> MissionItem:
@@ -45,7 +45,7 @@ def test_a_mission_is_flown_paused_resumed_and_ended_by_return() -> None:
 
 
 async def _mission() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         mission = drone.mission
         # Without a mission the mode can be selected, but the vehicle cannot be armed in it.
         await mission.start_mission()
@@ -85,7 +85,7 @@ def test_raw_plans_of_all_three_types_are_downloaded_as_uploaded() -> None:
 
 
 async def _raw() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         plans = drone.mission_raw
         changed = asyncio.ensure_future(first(plans.mission_changed(), 40))
         await asyncio.sleep(0.2)
@@ -144,7 +144,7 @@ def test_a_qgroundcontrol_plan_is_imported_uploaded_and_flown_to_its_landing() -
 
 
 async def _imported() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         plans = drone.mission_raw
         read = await plans.import_qgroundcontrol_mission_from_string(json.dumps(QGC_PLAN))
         assert (len(read.mission_items), len(read.rally_items)) == (3, 1)
@@ -163,7 +163,7 @@ def test_a_fence_of_polygon_and_circle_is_stored_and_cleared() -> None:
 
 
 async def _fence() -> None:
-    async with asyncio.timeout(PATIENCE_S), connected_drone() as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         square = [
             Point(LAT + n, LON + e) for n, e in ((1e-3, 1e-3), (1e-3, -1e-3), (-1e-3, -1e-3), (-1e-3, 1e-3))
         ]

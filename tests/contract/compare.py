@@ -145,7 +145,7 @@ def compare(dialogue: Dialogue, answer: Answer, hashes: rules.Hashes | None = No
     out: list[Row] = []
     out += _reports(theirs, answer)
     out += _states(theirs, answer)
-    mine = [h for h in answer.heard if h.name not in STATE_MESSAGES and not _in_report(h)]
+    mine = [h for h in answer.received if h.name not in STATE_MESSAGES and not _in_report(h)]
     rest = [h for h in theirs if h.name not in STATE_MESSAGES and not _in_report(h)]
     mine, rest = (
         [
@@ -174,15 +174,15 @@ def _reads(dialogue: Dialogue) -> bool:
     )
 
 
-def _in_report(heard: Received) -> bool:
-    if heard.name != "EVENT":
+def _in_report(message: Received) -> bool:
+    if message.name != "EVENT":
         return False
-    event_id = heard.values["id"]
+    event_id = message.values["id"]
     return event_id in (SUMMARY, HEALTH) or EVENT_NAMES.get(event_id, "").startswith("check_")
 
 
-def _joined(heard: list[Received], kind: str) -> list[Received]:
-    same = [h for h in heard if h.name == kind]
+def _joined(messages: list[Received], kind: str) -> list[Received]:
+    same = [h for h in messages if h.name == kind]
     if kind == "STATUSTEXT":
         texts: dict[int, Received] = {}
         for h in same:
@@ -216,9 +216,9 @@ def _ftp(payload: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _key(heard: Received) -> Any:
-    v = heard.values
-    match heard.name:
+def _key(message: Received) -> Any:
+    v = message.values
+    match message.name:
         case "COMMAND_ACK" | "COMMAND_LONG" | "COMMAND_INT":
             return v["command"]
         case "STATUSTEXT":
@@ -270,14 +270,14 @@ def _align(
     return out
 
 
-def _row_name(what: str, heard: Received) -> str:
+def _row_name(what: str, message: Received) -> str:
     """A row's name: the message that is missing or additional."""
-    return f"({what}) {str(_key(heard)).strip()}".strip()
+    return f"({what}) {str(_key(message)).strip()}".strip()
 
 
-def _distinct(heard: list[Received]) -> list[Received]:
+def _distinct(messages: list[Received]) -> list[Received]:
     """One message of each kind in sorted order: a thinned recording has neither numbers nor order."""
-    return [h for _, h in sorted({str(_key(h)): h for h in heard}.items())]
+    return [h for _, h in sorted({str(_key(h)): h for h in messages}.items())]
 
 
 def _plain(value: Any) -> Any:
@@ -371,7 +371,7 @@ def _states(theirs: list[Received], answer: Answer) -> list[Row]:
     for real in theirs:
         if real.name not in STATE_MESSAGES:
             continue
-        own = [h for h in (*answer.heard, *answer.after) if h.name == real.name]
+        own = [h for h in (*answer.received, *answer.after) if h.name == real.name]
         if real.name in answer.before:
             own.insert(0, answer.before[real.name])
         found = [_fields(real.name, real.values, h.values) for h in own]

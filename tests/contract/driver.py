@@ -52,7 +52,7 @@ GO_ON = ("in fact armed", "commanded", "running", "sent while", "timed out just 
 class Answer:
     """What the simulator did in one dialogue."""
 
-    heard: list[Received] = field(default_factory=list)
+    received: list[Received] = field(default_factory=list)
     before: dict[str, Received] = field(default_factory=list)  # type: ignore[arg-type]
     """Newest sample of each state message before the dialogue."""
     after: list[Received] = field(default_factory=list)
@@ -227,7 +227,7 @@ class Player:
         for name in ECHOES if "echo_at_end" in dialogue else ():
             if ("gcs", name) in vehicle.last:
                 answer.echo[name] = vehicle.last["gcs", name][1]
-        answer.heard = [
+        answer.received = [
             Received(t - start_s, n, v)
             for t, link, n, v in vehicle.log
             if link == via and (n != "PING" or v["target_system"] != 0)

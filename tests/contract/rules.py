@@ -50,19 +50,19 @@ def ends(ours: list[Received], note: str | None) -> list[Received]:
     return [*ours[:first], *ours[first:][-last:]]
 
 
-def without_begun_before(heard: list[Received]) -> list[Received]:
+def without_begun_before(received: list[Received]) -> list[Received]:
     """Messages without repeats of commands that the autopilot sent itself before the dialogue began."""
-    return [h for h in heard if not _begun_before(h)]
+    return [h for h in received if not _begun_before(h)]
 
 
-def _begun_before(heard: Received) -> bool:
-    values = heard.values
-    if heard.name != "COMMAND_LONG" or values.get("target_component", 0) != _AUTOPILOT_TO_ALL:
+def _begun_before(message: Received) -> bool:
+    values = message.values
+    if message.name != "COMMAND_LONG" or values.get("target_component", 0) != _AUTOPILOT_TO_ALL:
         return False
     repeat = values["confirmation"]
     if not 1 <= repeat <= REPEATS:
         return False
-    return heard.dt_s < FIRST_REPEAT_S + (repeat - 1) * REPEAT_S - REPEAT_JITTER_S
+    return message.dt_s < FIRST_REPEAT_S + (repeat - 1) * REPEAT_S - REPEAT_JITTER_S
 
 
 def without_edge(ours: list[Received], theirs: list[Received], end_s: float) -> list[Received]:
@@ -74,9 +74,9 @@ def without_edge(ours: list[Received], theirs: list[Received], end_s: float) -> 
     ]
 
 
-def _also(heard: Received, theirs: list[Received]) -> bool:
-    field = "text" if heard.name == "STATUSTEXT" else "id"
-    return any(h.name == heard.name and h.values[field] == heard.values[field] for h in theirs)
+def _also(message: Received, theirs: list[Received]) -> bool:
+    field = "text" if message.name == "STATUSTEXT" else "id"
+    return any(h.name == message.name and h.values[field] == message.values[field] for h in theirs)
 
 
 def overtaken(missing: list[Received], extra: list[Received], key: Key) -> list[tuple[Received, Received]]:

@@ -76,10 +76,14 @@ def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str
     return [(time_s - boot_s, m.name, dict(m.values)) for time_s, via, m in station.log if via == link]
 
 
-def changes(heard: Received, name: str, value_of: Any, until_s: float, lasting_s: float = 0.0) -> list[Any]:
+def changes(
+    received: Received, name: str, value_of: Any, until_s: float, lasting_s: float = 0.0
+) -> list[Any]:
     """The values of `value_of` for a message's fields, whenever the value is new and remains for a while."""
     values = [
-        (time_s, value_of(fields)) for time_s, n, fields in heard if n == name and READY_S < time_s < until_s
+        (time_s, value_of(fields))
+        for time_s, n, fields in received
+        if n == name and READY_S < time_s < until_s
     ]
     runs = itertools.groupby((row for row in values if row[1] is not None), key=lambda row: row[1])
     spans = [(value, [time_s for time_s, _ in run]) for value, run in runs]
@@ -107,8 +111,8 @@ def event(fields: dict[str, Any]) -> str | None:
     return None if name.startswith("logger") else name
 
 
-def disarmed_s(heard: Received) -> float:
-    flown = [t for t, n, f in heard if n == "HEARTBEAT" and f["base_mode"] & 128]
+def disarmed_s(received: Received) -> float:
+    flown = [t for t, n, f in received if n == "HEARTBEAT" and f["base_mode"] & 128]
     return flown[-1] + 1.5
 
 
@@ -119,7 +123,7 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
     end_s = real[-1][0]
     ours = fly(sent, boot_s, end_s, *FLIGHTS[name])
 
-    counts = [Counter(n for t, n, _ in heard if READY_S < t < end_s) for heard in (real, ours)]
+    counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, ours)]
     rarer = {
         n: (counts[0][n], counts[1][n])
         for n in counts[0] | counts[1]

@@ -16,8 +16,8 @@ def text(dt_s: float, words: str) -> Received:
     return Received(dt_s, "STATUSTEXT", {"text": words, "severity": 6})
 
 
-def key(heard: Received) -> str:
-    return heard.values["text"]
+def key(message: Received) -> str:
+    return message.values["text"]
 
 
 def own_command(dt_s: float, confirmation: int, component: int = 0) -> Received:

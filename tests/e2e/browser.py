@@ -25,7 +25,7 @@ ARGUMENTS = [
     "--disable-background-networking",
 ]
 """WebGL is rendered in software; rendering the whole page in software would take another core."""
-PATIENCE_MS = 30_000
+TIMEOUT_MS = 30_000
 """Chromium renders in software, and the machine may be busy."""
 
 COARSE = 0.5
@@ -69,7 +69,7 @@ def chromium() -> Generator[Browser]:
     Raises:
         pytest.fail.Exception: neither is installed; the message has the command that installs it.
     """
-    expect.set_options(timeout=PATIENCE_MS)
+    expect.set_options(timeout=TIMEOUT_MS)
     with sync_playwright() as playwright:
         try:
             browser = playwright.chromium.launch(executable_path=installed_chromium(), args=ARGUMENTS)
@@ -170,7 +170,7 @@ def opened(
         color_scheme=theme,
         device_scale_factor=COARSE if coarse else 1,
     )
-    context.set_default_timeout(PATIENCE_MS)
+    context.set_default_timeout(TIMEOUT_MS)
     page = context.new_page()
     page.add_init_script(same_client(client_id))
     if script:

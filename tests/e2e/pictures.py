@@ -1,4 +1,4 @@
-"""Takes pictures of the page in front of a flying vehicle, in both themes."""
+"""Takes pictures of the page while a vehicle is flying, in both themes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from playwright.sync_api import Browser, Page
 from gcs_server.client import SyncVehicle
 from tests.station import wait_until
 
-LARGEST_BYTES = 100_000
+MAX_BYTES = 100_000
 QUALITIES = (85, 78, 70, 60, 50)
 SCHEMES: tuple[Any, ...] = ("dark", "light")
 SIZE, TABLET = (1440, 900), (1024, 768)
-LOOK_EVERY_MS = 300
-"""How long a window must not change to count as complete: 3D view and map render slowly in software."""
-ANIMATED = """() => Promise.all(document.getAnimations()
+UNCHANGED_FOR_MS = 300
+"""A window without a change for this time counts as complete: 3D view and map render slowly in software."""
+WAIT_FOR_ANIMATIONS = """() => Promise.all(document.getAnimations()
   .filter((a) => a.effect?.getComputedTiming().endTime < Infinity)
   .map((a) => a.finished.catch(() => null)))"""
 """Waits for the end of all finite animations."""
@@ -50,19 +50,19 @@ def save(page: Page, path: Path) -> None:
     for quality in QUALITIES:
         answer = session.send("Page.captureScreenshot", {"format": "webp", "quality": quality})
         data = base64.b64decode(answer["data"])
-        if len(data) <= LARGEST_BYTES:
+        if len(data) <= MAX_BYTES:
             break
     path.write_bytes(data)
     session.detach()
     print(f"  {path.name}: {len(data) / 1000:.0f} kB", flush=True)
 
 
-def until_still(page: Page, longest_s: float = 6.0) -> None:
-    """Waits until the window does not change, at most this long, since a vehicle in flight always moves."""
+def wait_until_unchanged(page: Page, longest_s: float = 6.0) -> None:
+    """Waits until the window does not change; at most `longest_s`, because a flying vehicle always moves."""
     seen = [b""]
 
     def unchanged() -> bool:
-        page.wait_for_timeout(LOOK_EVERY_MS)
+        page.wait_for_timeout(UNCHANGED_FOR_MS)
         seen.append(page.screenshot(type="jpeg", quality=10))
         return seen[-1] == seen[-2]
 
@@ -70,13 +70,15 @@ def until_still(page: Page, longest_s: float = 6.0) -> None:
         wait_until(unchanged, "a still window", longest_s)
 
 
-def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
-    """One state in both themes; `keep` restores what would expire meanwhile."""
+def save_in_both_themes(
+    page: Page, folder: Path, name: str, renew: Callable[[], object] = lambda: None
+) -> None:
+    """Saves one state in both themes; `renew` renews what would expire meanwhile."""
     for theme in SCHEMES:
         page.emulate_media(color_scheme=theme)
-        until_still(page, 3)
-        keep()
-        page.evaluate(ANIMATED)
+        wait_until_unchanged(page, 3)
+        renew()
+        page.evaluate(WAIT_FOR_ANIMATIONS)
         save(page, folder / f"{name}-{theme}.webp")
     page.emulate_media(color_scheme="dark")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from playwright.sync_api import Locator, Page
 
 from tests.e2e.browser import choose
-from tests.e2e.pictures import SIZE, PictureSetup, shoot, until_still
+from tests.e2e.pictures import SIZE, PictureSetup, save_in_both_themes, wait_until_unchanged
 from tests.e2e.plan_page import EXAMPLES, imported_tower
 from tests.e2e.plan_page import dry_run as flown_in_simulation
 
@@ -22,7 +22,7 @@ def opened_room(page: Page, zoom: str | None = None) -> Locator:
     page.get_by_role("toolbar", name="Map").wait_for()
     if zoom is not None:
         page.get_by_role("button", name=zoom).click()
-    until_still(page, 2)
+    wait_until_unchanged(page, 2)
     return room
 
 
@@ -36,7 +36,7 @@ def click(page: Page, places: tuple[tuple[float, float], ...]) -> None:
     """Clicks several positions one after the other."""
     for x, y in places:
         page.mouse.click(SIZE[0] * x, SIZE[1] * y)
-        until_still(page, 1)  # two quick clicks are a double click, which completes the area
+        wait_until_unchanged(page, 1)  # two quick clicks are a double click, which completes the area
 
 
 def plan(at: PictureSetup) -> None:
@@ -57,8 +57,8 @@ def plan(at: PictureSetup) -> None:
     room.get_by_role("button", name="Add geofence").click()
     room.get_by_role("option", name="Waypoint").nth(2).click()
     page.mouse.move(0, 0)
-    until_still(page, 3)
-    shoot(page, at.folder, "plan")
+    wait_until_unchanged(page, 3)
+    save_in_both_themes(page, at.folder, "plan")
     left(page)
 
 
@@ -70,8 +70,8 @@ def mission(at: PictureSetup) -> None:
     room.get_by_role("option", name="Up beside the tower").click()
     page.get_by_role("button", name="Zoom in").click()
     page.mouse.move(0, 0)
-    until_still(page, 4)
-    shoot(page, at.folder, "mission")
+    wait_until_unchanged(page, 4)
+    save_in_both_themes(page, at.folder, "mission")
     left(page)
 
 
@@ -91,6 +91,6 @@ def dry_run(at: PictureSetup) -> None:
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
         scrub.press(key)
     page.mouse.move(0, 0)
-    until_still(page, 3)
-    shoot(page, at.folder, "dry-run")
+    wait_until_unchanged(page, 3)
+    save_in_both_themes(page, at.folder, "dry-run")
     left(page)

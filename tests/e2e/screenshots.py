@@ -25,9 +25,9 @@ from tests.e2e.pictures import (
     TABLET,
     PictureSetup,
     save,
-    shoot,
+    save_in_both_themes,
     until_pill,
-    until_still,
+    wait_until_unchanged,
 )
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
@@ -41,8 +41,8 @@ def flying(at: PictureSetup) -> None:
     assert home is not None
     at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
     at.drone.until(lambda v: (v["topics"]["hud"]["value"]["groundspeed_m_s"] or 0) > 4, what="its speed")
-    until_still(at.page, 2)
-    shoot(at.page, at.folder, "fly")
+    wait_until_unchanged(at.page, 2)
+    save_in_both_themes(at.page, at.folder, "fly")
 
 
 def places(at: PictureSetup) -> None:
@@ -50,17 +50,17 @@ def places(at: PictureSetup) -> None:
     page = at.page
     page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
-    until_still(page, 3)
+    wait_until_unchanged(page, 3)
     page.mouse.click(SIZE[0] * 0.5, SIZE[1] * 0.34)
     page.get_by_role("dialog").wait_for()
-    shoot(page, at.folder, "map")
+    save_in_both_themes(page, at.folder, "map")
     page.keyboard.press("Escape")
     page.keyboard.press("m")
 
 
 def confirmation(at: PictureSetup) -> None:
     """The confirmation of Return."""
-    shoot(at.page, at.folder, "confirm", lambda: at.page.keyboard.press("r"))
+    save_in_both_themes(at.page, at.folder, "confirm", lambda: at.page.keyboard.press("r"))
     at.page.keyboard.press("Escape")
 
 
@@ -77,7 +77,7 @@ def offboard(at: PictureSetup) -> None:
         card.get_by_role("button", name="N 5 m more").click()
         card.get_by_role("button", name="E 5 m more").click()
 
-    shoot(page, at.folder, "offboard", ahead)
+    save_in_both_themes(page, at.folder, "offboard", ahead)
     page.keyboard.press("h")
     until_pill(page, "Holding")
 
@@ -95,16 +95,16 @@ def room(at: PictureSetup) -> None:
     dock.get_by_role("button", name="Start…").click()
     hold_space(page)
     until_pill(page, "Offboard")
-    until_still(page, 4)
+    wait_until_unchanged(page, 4)
     north.fill("2")
     east.fill("14")
     up.fill("10")
     dock.get_by_role("button", name="Send").click()
-    until_still(page, 5)
+    wait_until_unchanged(page, 5)
     north.fill("16")
     east.fill("4")
     up.fill("14")
-    shoot(page, at.folder, "room")
+    save_in_both_themes(page, at.folder, "room")
     page.keyboard.press("Tab")
     dock.get_by_role("button", name="Stop", exact=True).click()
     page.get_by_role("button", name="Close the offboard room").click()
@@ -121,8 +121,8 @@ def drag(at: PictureSetup) -> None:
     dock.get_by_role("button", name="Back to vehicle").click()
     for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
-    until_still(page, 5)
-    shoot(page, at.folder, "drag")
+    wait_until_unchanged(page, 5)
+    save_in_both_themes(page, at.folder, "drag")
     page.get_by_role("button", name="Close the offboard room").click()
 
 
@@ -136,7 +136,7 @@ def gimbal(at: PictureSetup) -> None:
     box = card.locator("svg.enabled").bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] * 0.6)
-    shoot(page, at.folder, "gimbal")
+    save_in_both_themes(page, at.folder, "gimbal")
 
 
 def refused(at: PictureSetup) -> None:
@@ -145,7 +145,7 @@ def refused(at: PictureSetup) -> None:
     page.keyboard.press("Shift+A")
     hold_space(page)
     page.locator(".place").get_by_role("alert").wait_for()
-    shoot(page, at.folder, "refused")
+    save_in_both_themes(page, at.folder, "refused")
     page.keyboard.press("Escape")
 
 
@@ -160,7 +160,7 @@ def tablet(at: PictureSetup) -> None:
         page.add_init_script(same_client(CLIENT_ID))
         page.goto(at.url)
         until_pill(page, "Holding")
-        until_still(page, 6)  # its 3D view loads again
+        wait_until_unchanged(page, 6)  # its 3D view loads again
         save(page, at.folder / f"tablet-{theme}.webp")
         context.close()
     at.page.goto(at.url)
@@ -184,7 +184,7 @@ def beside(at: PictureSetup) -> Generator[SyncVehicle]:
 def two(at: PictureSetup) -> None:
     """A second vehicle is connected and flies."""
     with beside(at):
-        shoot(at.page, at.folder, "two")
+        save_in_both_themes(at.page, at.folder, "two")
 
 
 def group(at: PictureSetup) -> None:
@@ -194,7 +194,7 @@ def group(at: PictureSetup) -> None:
         home = at.drone.topic("home")
         assert home is not None
         second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
-        until_still(page, 4)
+        wait_until_unchanged(page, 4)
         page.keyboard.press("m")
         page.keyboard.press("p")
         dock = page.get_by_role("region", name="Offboard room")
@@ -206,8 +206,8 @@ def group(at: PictureSetup) -> None:
         dock.get_by_role("button", name="Start group…").click()
         hold_space(page)
         dock.get_by_text("Flying", exact=True).wait_for()
-        until_still(page, 3)
-        shoot(page, at.folder, "group")
+        wait_until_unchanged(page, 3)
+        save_in_both_themes(page, at.folder, "group")
         dock.get_by_role("button", name="Hold group").click()
         until_pill(page, "Holding")
         page.get_by_role("button", name="Close the offboard room").click()
@@ -219,8 +219,8 @@ def lost(at: PictureSetup) -> None:
     os.killpg(at.simulator.pid, signal.SIGSTOP)
     try:
         until_pill(at.page, "Connection lost")
-        until_still(at.page, 3)
-        shoot(at.page, at.folder, "lost")
+        wait_until_unchanged(at.page, 3)
+        save_in_both_themes(at.page, at.folder, "lost")
     finally:
         os.killpg(at.simulator.pid, signal.SIGCONT)
 
@@ -236,8 +236,8 @@ def replay(at: PictureSetup) -> None:
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
     page.mouse.move(0, 0)
-    until_still(page, 4)
-    shoot(page, at.folder, "replay")
+    wait_until_unchanged(page, 4)
+    save_in_both_themes(page, at.folder, "replay")
 
 
 STATES: tuple[Callable[[PictureSetup], None], ...] = (

@@ -48,7 +48,7 @@ def test_control_is_requested_and_granted_denied_or_taken_by_force(url: str) -> 
 
 
 def test_a_program_that_waits_for_control_gets_it(url: str) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with (
             Gcs(url, client="anna", client_id="a2") as one,
             Gcs(url, client="bob", client_id="b2") as two,
@@ -71,7 +71,7 @@ def test_a_program_that_waits_for_control_gets_it(url: str) -> None:
                 group.create_task(answer(True))
                 assert (await bob.request(wait_s=10))["yours"]
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_the_end_of_a_program_releases_control_for_the_next(url: str) -> None:

@@ -102,7 +102,7 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
         ):
             await asyncio.sleep(60)
 
-    async def story() -> None:
+    async def scenario() -> None:
         if how == "timeout":
             with pytest.raises(TimeoutError):
                 async with asyncio.timeout(4):
@@ -117,7 +117,7 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
         with pytest.raises(asyncio.CancelledError):
             await task
 
-    asyncio.run(story())
+    asyncio.run(scenario())
     ends_in_hold(drone)
 
 

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import PATIENCE_MS, Watched, chromium, in_both_themes
+from tests.e2e.browser import TIMEOUT_MS, Watched, chromium, in_both_themes
 from tests.station import free_port, running, server_command, wait_until
 
 pytestmark = pytest.mark.browser
@@ -39,7 +39,7 @@ def link(tmp_path: Path) -> Iterator[str]:
 def visit(browser: Browser, link: str) -> tuple[Page, Watched]:
     """A browser without a cookie of this server."""
     page = browser.new_context(color_scheme="dark").new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     page.route(
         "**/scene/**", lambda route: route.fulfill(content_type="text/plain", body="")
     )  # there is no cookie

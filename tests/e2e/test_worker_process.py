@@ -65,11 +65,11 @@ def test_cancelling_ends_the_process_even_if_it_ignores_signals(stubborn):
     """
 
     async def run():
-        heard = asyncio.get_running_loop().create_future()
+        printed = asyncio.get_running_loop().create_future()
         task = asyncio.ensure_future(
-            run_process(program(body), lambda text, _: heard.done() or heard.set_result(int(text)))
+            run_process(program(body), lambda text, _: printed.done() or printed.set_result(int(text)))
         )
-        pid = await heard
+        pid = await printed
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task

@@ -27,7 +27,7 @@ LATE_S = 0.02
 """How much longer than a period the gap between two setpoints may be; added to the delay of the machine
 itself."""
 GROWTH_MB = 100.0
-LOOK_EVERY_S = 0.2
+CHECK_PERIOD_S = 0.2
 VALID_FOR_S = 600
 
 
@@ -66,7 +66,7 @@ class AttackedFlight:
 
     def _watch(self, over: threading.Event, before_mb: float) -> None:
         with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "pilot"}) as client:
-            while not over.wait(LOOK_EVERY_S):
+            while not over.wait(CHECK_PERIOD_S):
                 for path in ("/api/v1/vehicles/101", "/api/v1/vehicles", "/api/v1/vehicles/101/offboard"):
                     self.statuses.add(client.get(path).status_code)
                 self.grown_mb = max(self.grown_mb, self._memory_mb() - before_mb)

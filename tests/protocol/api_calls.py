@@ -76,7 +76,7 @@ def view(response):
     return json.loads(response.body)
 
 
-def with_routes(jump, story, *, flying=True, loss=0.0, seed=0):
+def with_routes(jump, scenario, *, flying=True, loss=0.0, seed=0):
     """Runs a test with a flying vehicle and the server's routes, on simulated time."""
 
     async def run():
@@ -89,7 +89,9 @@ def with_routes(jump, story, *, flying=True, loss=0.0, seed=0):
             await seconds(1.5)
             station = station_of(world)
             station.authority.start()
-            await story(SimpleNamespace(world=world, station=station, vehicle=vehicle, autopilot=autopilot))
+            await scenario(
+                SimpleNamespace(world=world, station=station, vehicle=vehicle, autopilot=autopilot)
+            )
         finally:
             await world.close()
 

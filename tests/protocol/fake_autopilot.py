@@ -39,7 +39,7 @@ class FakeAutopilot:
         self.parser = sim.MAVLink(None)
         self.loop = asyncio.get_running_loop()
         self.armed, self.mode, self.landed = False, HOLD, 1
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
         self.refuse: dict[int, int] = {}
         self.silent_commands: set[int] = set()
         self.arm_denied = False
@@ -172,7 +172,7 @@ class FakeAutopilot:
         self.send(sim.MAVLink_command_ack_message(command, result, progress, 0, 255, 190))
 
     def handle(self, message: Any) -> None:
-        self.heard.append(message)
+        self.received.append(message)
         if any(handler(message) for handler in self.handlers):
             return
         kind = message.get_type()
@@ -296,6 +296,6 @@ class FakeAutopilot:
     def commands(self, command: int) -> list[Any]:
         return [
             m
-            for m in self.heard
+            for m in self.received
             if m.get_type().startswith("COMMAND_") and getattr(m, "command", None) == command
         ]

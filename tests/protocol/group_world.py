@@ -13,7 +13,7 @@ DEG_M = math.radians(1) * 6_371_000.0
 STREAM_PERIOD_S = 0.02
 
 
-def with_routes(jump, story, *, count=3, spacing_m=10.0):
+def with_routes(jump, scenario, *, count=3, spacing_m=10.0):
     """Runs a test with vehicles 1, 2, … in a row to the east, in flight, each with its own local origin."""
 
     async def run():
@@ -37,7 +37,7 @@ def with_routes(jump, story, *, count=3, spacing_m=10.0):
             await seconds(2.5)
             station = station_of(world)
             vehicles = {v: world.fleet.get(v) for v in autopilots}
-            await story(
+            await scenario(
                 SimpleNamespace(
                     world=world,
                     station=station,

@@ -45,9 +45,9 @@ class World:
         link.autopilots[peer] = autopilot  # type: ignore[attr-defined]
         return autopilot
 
-    async def ready(self, vehicle_id: str = "1", patience_s: float = 20.0) -> Any:
+    async def ready(self, vehicle_id: str = "1", timeout_s: float = 20.0) -> Any:
         """The vehicle, once its connection is good."""
-        end_s = self.loop.time() + patience_s
+        end_s = self.loop.time() + timeout_s
         while self.loop.time() < end_s:
             await asyncio.sleep(0.1)
             vehicles = {v.id: v for v in self.fleet.all()}
@@ -59,7 +59,7 @@ class World:
                 and vehicle.flight_state.landed_state != "unknown"
             ):
                 return vehicle
-        raise AssertionError(f"vehicle {vehicle_id} was not heard")
+        raise AssertionError(f"vehicle {vehicle_id} is not connected")
 
     async def close(self) -> None:
         faults = [c.link.faults for c in self.router._connections.values()]

@@ -106,8 +106,8 @@ class Modes:
     def x_m(self) -> float:
         return self.vehicle.topic("local_position").value.position_ned_m[0]
 
-    async def mode(self, mode: str, patience_s: float = 5.0) -> None:
-        await until(lambda: self.vehicle.status.mode == mode, patience_s)
+    async def mode(self, mode: str, timeout_s: float = 5.0) -> None:
+        await until(lambda: self.vehicle.status.mode == mode, timeout_s)
 
     async def flying(self) -> str:
         """Registers the mission and starts it from another station; returns its mode on the way."""

@@ -68,8 +68,8 @@ class OffboardAutopilot(FakeAutopilot):
         super().handle(message)
 
     def has_stream(self) -> bool:
-        heard = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
-        return bool(heard) and self.loop.time() - max(heard) <= OF_LOSS_S
+        received = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
+        return bool(received) and self.loop.time() - max(received) <= OF_LOSS_S
 
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24
@@ -111,7 +111,7 @@ class OffboardWorld(World):
         super().__init__(**settings)
         self.streamer = Streamer(self.clock, LoopStreams(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.supervisor.start("offboard-beat", self.streamer._beat)
+        self.supervisor.start("offboard-beat", self.streamer._update_loop)
         self.supervisor.start("stream", self._run_scheduler)
 
     async def _run_scheduler(self) -> None:
@@ -147,7 +147,7 @@ def sent_by_us(link: Any) -> int:
     return len(link.sent)
 
 
-def flight(jump, story, *, flying=True, loss=0.0, seed=0):
+def flight(jump, scenario, *, flying=True, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -157,7 +157,7 @@ def flight(jump, story, *, flying=True, loss=0.0, seed=0):
         try:
             vehicle = await world.ready()
             await seconds(1.5)
-            await story(world, vehicle, autopilot, link)
+            await scenario(world, vehicle, autopilot, link)
         finally:
             await world.close()
 

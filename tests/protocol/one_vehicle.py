@@ -4,14 +4,14 @@ LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 """The share of packets lost in each direction, and the seed of the losses."""
 
 
-def flight(kit, jump, story, *, loss=0.0, seed=0):
+def flight(kit, jump, scenario, *, loss=0.0, seed=0):
     async def run():
         world = kit.World()
         link = world.link()
         autopilot = world.autopilot(link, loss=loss, seed=seed)
         try:
             vehicle = await world.ready()
-            await story(world, vehicle, autopilot)
+            await scenario(world, vehicle, autopilot)
         finally:
             await world.close()
 

@@ -130,7 +130,7 @@ class Ros2World(World):
         streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])
         self.streamer = Streamer(self.clock, streams)
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.supervisor.start("offboard-beat", self.streamer._beat)
+        self.supervisor.start("offboard-beat", self.streamer._update_loop)
         self.supervisor.start("simulator", self._simulate)
 
     def _command(self, data: bytes, peer: Peer) -> None:
@@ -152,7 +152,7 @@ class Ros2World(World):
 
     async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
         """The vehicle, once it can be armed."""
-        vehicle = await self.ready(vehicle_id, patience_s=40)
+        vehicle = await self.ready(vehicle_id, timeout_s=40)
         await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
         return vehicle
 

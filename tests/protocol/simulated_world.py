@@ -60,7 +60,7 @@ class SimulatedWorld(OffboardWorld):
 
     async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
         """The vehicle, once it can be armed."""
-        vehicle = await self.ready(vehicle_id, patience_s=40)
+        vehicle = await self.ready(vehicle_id, timeout_s=40)
         await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
         return vehicle
 
@@ -72,14 +72,14 @@ class SimulatedWorld(OffboardWorld):
         return vehicle
 
 
-async def until(condition: Any, patience_s: float) -> None:
+async def until(condition: Any, timeout_s: float) -> None:
     """Checks the condition ten times a second.
 
     Raises:
         AssertionError: it was not true in time.
     """
-    for _ in range(int(patience_s * 10)):
+    for _ in range(int(timeout_s * 10)):
         if condition():
             return
         await asyncio.sleep(0.1)
-    raise AssertionError(f"it did not happen within {patience_s:g} s")
+    raise AssertionError(f"it did not happen within {timeout_s:g} s")

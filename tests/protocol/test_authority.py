@@ -30,9 +30,9 @@ def control_changes(vehicle):
 
 
 def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(jump):
-    async def story(at):
+    async def scenario(at):
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
-        heard = len(at.autopilot.commands(176))
+        received = len(at.autopilot.commands(176))
         for work in (
             lambda: vehicle_routes.rtl("1", at.station, BOB),
             lambda: vehicle_routes.disarm("1", at.station, BOB),
@@ -45,16 +45,16 @@ def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client
             ):
                 await work()
         await seconds(2)
-        assert len(at.autopilot.commands(176)) == heard
+        assert len(at.autopilot.commands(176)) == received
         assert not at.autopilot.commands(400)
         assert lines(at.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("what", ["hold", "land_now", "kill"])
 def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(jump, what):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         if what == "hold":
             await vehicle_routes.hold("1", at.station, BOB)
@@ -75,11 +75,11 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
         assert lines(at.station)[-1] == ("bob", what, "1", "ok")
         assert view(await control_routes.show("1", at.station, ANNA))["yours"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_land_now_without_confirmation_sends_nothing(jump):
-    async def story(at):
+    async def scenario(at):
         for said in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="does not name this vehicle"):
                 await vehicle_routes.land_now(
@@ -88,11 +88,11 @@ def test_land_now_without_confirmation_sends_nothing(jump):
         assert not mode_requests(at.autopilot, LAND)
         assert control_changes(at.vehicle) == []
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
-    async def story(at):
+    async def scenario(at):
         with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
             await offboard_routes.start("1", START, at.station, ANNA)
             why = control_models.RequestControl(reason="I see it")
@@ -112,11 +112,11 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
             assert at.autopilot.mode == HOLD
         assert [action for action, _ in control_changes(at.vehicle)] == ["taken", "requested", "granted"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump):
-    async def story(at):
+    async def scenario(at):
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA)
             with pytest.raises(Refused, match="has not been asked"):
@@ -130,11 +130,11 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump)
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
         assert lines(at.station)[-1] == ("bob", "control/take", "1", "ok")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_any_request_renews_control_and_disconnecting_releases_it(jump):
-    async def story(at):
+    async def scenario(at):
         await control_routes.take("1", at.station, ANNA)
         for _ in range(5):
             await seconds(20)
@@ -144,15 +144,15 @@ def test_any_request_renews_control_and_disconnecting_releases_it(jump):
         assert control_changes(at.vehicle)[-1][0] == "released"
         assert lines(at.station)[-1] == ("anna", "control/release", "1", "ok")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(UnknownVehicle):
             await control_routes.take("77", at.station, ANNA)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 # --- control expires ------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
     ],
 )
 def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, ends):
-    async def story(at):
+    async def scenario(at):
         at.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
         at.autopilot.mode = mode
         await seconds(2.5)
@@ -186,18 +186,18 @@ def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, end
         assert ours[0] == ("server", "control/expired", "1", "ok")
         assert ours[1:] == ([] if ends == mode else [("server", agreed, "1", "ok")])
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_expired_control_commands_nothing_on_the_ground(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilot.mode = MISSION
         await seconds(2.5)
         await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
         await seconds(40)
         assert not at.autopilot.commands(176)
 
-    with_routes(jump, story, flying=False)
+    with_routes(jump, scenario, flying=False)
 
 
 # --- external control -----------------------------------------------------------------------------
@@ -214,7 +214,7 @@ def transmitter(autopilot):
 
 
 def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
-    async def story(at):
+    async def scenario(at):
         transmitter(at.autopilot)
         await offboard_routes.start("1", START, at.station, ANNA)
         assert mode_lines(at.vehicle)[-1] == ("Mode Offboard", 5, "command")
@@ -226,11 +226,11 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
         cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         at.autopilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
         at.autopilot.mode = at.autopilot.requested_mode = RTL
@@ -243,11 +243,11 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
         )
         assert at.autopilot.mode == RTL
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(jump):
-    async def story(at):
+    async def scenario(at):
         await vehicle_routes.rtl("1", at.station, ANNA)
         await seconds(1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Return", 5, "command")
@@ -257,22 +257,22 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_failsafe_is_reported_as_failsafe(jump):
-    async def story(at):
+    async def scenario(at):
         await seconds(10)
         at.autopilot.mode = RTL
         at.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
         assert mode_lines(at.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
-    async def story(at):
+    async def scenario(at):
         await seconds(10)
         at.autopilot.mode = RTL
         at.autopilot.heartbeat()
@@ -282,11 +282,11 @@ def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
         await seconds(0.1)
         assert at.vehicle.mode_cause.source == "failsafe"
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
-    async def story(at):
+    async def scenario(at):
         await at.vehicle.gimbal.take_control()
         await seconds(2.5)
         taken = len(at.autopilot.commands(1001))
@@ -300,7 +300,7 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
         with pytest.raises(Refused, match="controlled by system 245"):
             await at.vehicle.gimbal.set_angles(-10, 0)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_recording_has_no_control_lease(jump):
@@ -324,7 +324,7 @@ def test_a_recording_has_no_control_lease(jump):
 
 
 def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_control(jump):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         await seconds(31)
         assert control_changes(at.vehicle)[-1][0] == "expired"
@@ -333,13 +333,13 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
         assert at.autopilot.mode == HOLD
         assert stream_request().valid_for_s == START.valid_for_s
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_stream_reports_its_clients_key(jump):
     first, second = Principal.of("anna", "one tab"), Principal.of("anna", "another tab")
 
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", START, at.station, first)
         status = at.vehicle.offboard.status()  # as the stream process reports it: a name without a key
         assert (status.client, status.client_key) == ("anna", first.key)
@@ -348,4 +348,4 @@ def test_a_stream_reports_its_clients_key(jump):
         await seconds(0.5)
         assert at.vehicle.offboard.status().client_key == second.key != first.key
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

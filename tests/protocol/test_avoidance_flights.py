@@ -71,7 +71,7 @@ class Flight:
             )
 
 
-def fly(jump, story):
+def fly(jump, scenario):
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         world = SimulatedWorld(sim=station.sim)
@@ -80,7 +80,7 @@ def fly(jump, story):
             flight = Flight(world, vehicle)
             await flight.begin()
             try:
-                await story(flight)
+                await scenario(flight)
             finally:
                 flight.streamed.cancel()
         finally:
@@ -91,18 +91,18 @@ def fly(jump, story):
 
 @pytest.mark.story
 def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
-    async def story(flight):
+    async def scenario(flight):
         await flight.offboard.operator.set(OperatorLimits(obstacle_brake=False), by="test")
         await flight.offboard.setpoint(to(GOAL))
         await until(lambda: not flight.whole(), 30)
         assert flight.at[0] < BOX_NORTH_M[0]
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 @pytest.mark.story
 def test_the_brake_stops_it_before_the_box_and_avoidance_enabled_in_flight_leads_it_over(jump):
-    async def story(flight):
+    async def scenario(flight):
         offboard = flight.offboard
         await offboard.setpoint(to(GOAL))
         await asyncio.sleep(10)
@@ -120,12 +120,12 @@ def test_the_brake_stops_it_before_the_box_and_avoidance_enabled_in_flight_leads
         offboard.avoidance.switch_off()
         await until(lambda: flight.avoidance.state is None, 2)
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
-    async def story(flight):
+    async def scenario(flight):
         await flight.offboard.avoidance.switch_on("around")
         points = tuple(PathPoint(t, (1.5 * t, 0.0, -2.0), 0.0) for t in (0.0, 6.0, 12.0))
         await flight.offboard.setpoint(StreamRequest(Path(points), 60.0, client="test"))
@@ -135,12 +135,12 @@ def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
         assert max(-down for _, _, down, _ in flight.track) < 3.0
         assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 @pytest.mark.story
 def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(jump):
-    async def story(flight):
+    async def scenario(flight):
         await flight.offboard.avoidance.switch_on("over")
         await flight.offboard.setpoint(to(GOAL))
         await until(lambda: flight.avoidance.state == "over", 20)
@@ -158,7 +158,7 @@ def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(
         await until(lambda: flight.near(GOAL), 60)
         assert flight.whole()
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(jump):

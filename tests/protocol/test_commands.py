@@ -15,7 +15,7 @@ from tests.protocol.one_vehicle import LOSS, flight
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         async def within(seconds, call):
             began = world.loop.time()
             await call
@@ -46,23 +46,23 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         assert not vehicle.status.armed
         assert autopilot.commands(400)[-1].param2 == 21196
 
-    flight(kit, jump, story, loss=loss, seed=seed)
+    flight(kit, jump, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, seed):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         for _ in range(5):
             await vehicle.command.arm()
             await vehicle.command.set_mode("position")
             await vehicle.command.set_mode("hold")
             await vehicle.command.disarm()
 
-    flight(kit, jump, story, loss=0.2, seed=100 + seed)
+    flight(kit, jump, scenario, loss=0.2, seed=100 + seed)
 
 
 def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         dropped = []
         autopilot.handlers.append(
             lambda m: (
@@ -77,12 +77,12 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
         await asyncio.sleep(10)
         assert len(autopilot.commands(400)) == 3
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
 def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(kit, jump, loss, seed):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(4)
         with pytest.raises(Rejected) as caught:
@@ -92,11 +92,11 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ki
             assert caught.value.reasons == ("Switching to Manual is currently not available",)
         assert vehicle.status.mode == "hold"
 
-    flight(kit, jump, story, loss=loss, seed=seed)
+    flight(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.arm_denied = True
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
         autopilot.event(27825120, 0x88, summary)
@@ -117,53 +117,53 @@ def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
         assert autopilot.commands(401)
         assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_disarming_in_flight_is_refused(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(3)
         with pytest.raises(Rejected, match="not landed"):
             await vehicle.command.disarm()
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.handlers.append(
             lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not autopilot.ack(400, 0)
         )
         with pytest.raises(Rejected, match="accepted the request to arm"):
             await vehicle.command.arm()
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.ack = lambda *_: None
         await vehicle.command.arm()
         await vehicle.command.set_mode("offboard")
         assert vehicle.status.mode == "offboard"
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_command_without_an_answer_fails_at_its_deadline(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.silent_commands.add(400)
         began = world.loop.time()
         with pytest.raises(NoReply) as caught:
             await vehicle.command.arm()
         assert world.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         def foreign(m):
             if m.get_type() == "COMMAND_LONG" and m.command == 400:
                 autopilot.send(kit.sim.MAVLink_command_ack_message(400, 2, 0, 0, 42, 1))
@@ -174,11 +174,11 @@ def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
         with pytest.raises(NoReply):
             await vehicle.command.arm()
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_progress_extends_the_deadline(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         fractions = []
 
         def slow(m):
@@ -190,8 +190,8 @@ def test_progress_extends_the_deadline(kit, jump):
             return True
 
         autopilot.handlers.append(slow)
-        heard = []
-        vehicle.events.subscribe(heard.append)
+        received = []
+        vehicle.events.subscribe(received.append)
 
         client = Principal.of("page-1", "a tab")
 
@@ -202,17 +202,17 @@ def test_progress_extends_the_deadline(kit, jump):
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
         assert 0.84 in fractions
-        news = [e for e in heard if e.kind == "progress"]
+        news = [e for e in received if e.kind == "progress"]
         assert news[0].text == f"Commanding vehicle {vehicle.id} to arm"
         wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
         assert wanted in [dict(e.data) for e in news]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # not stored in any history
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         def ints_only(m):
             return m.get_type() == "COMMAND_LONG" and m.command == 400 and not autopilot.ack(400, 8)
 
@@ -220,11 +220,11 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, ju
         await vehicle.command.arm()
         assert [m.get_type() for m in autopilot.commands(400)] == ["COMMAND_LONG", "COMMAND_INT"]
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_newer_command_ends_an_older_one(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.lift = lambda: None
         takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))
         await asyncio.sleep(3)
@@ -233,11 +233,11 @@ def test_a_newer_command_ends_an_older_one(kit, jump):
             await takeoff
         assert vehicle.status.mode == "hold"
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.silent_commands.add(400)
         waiting = asyncio.ensure_future(vehicle.command.arm())
         await asyncio.sleep(0.5)
@@ -252,7 +252,7 @@ def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
             await vehicle.command.hold()
         assert world.fleet.get("1") is vehicle
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(
@@ -274,18 +274,18 @@ def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
     ],
 )
 def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(kit, jump, call, field):
-    async def story(world, vehicle, autopilot):
-        before = len([m for m in autopilot.heard if m.get_type().startswith("COMMAND_")])
+    async def scenario(world, vehicle, autopilot):
+        before = len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
             await call(vehicle.command)
         assert caught.value.field == field
-        assert len([m for m in autopilot.heard if m.get_type().startswith("COMMAND_")]) == before
+        assert len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")]) == before
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
         autopilot.armed, autopilot.landed = True, 2
@@ -302,12 +302,12 @@ def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
             await vehicle.command.takeoff(10)
         assert not [c for c in (192, 22) if autopilot.commands(c)]
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
 def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, autopilot_type, kind):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, kind
         await asyncio.sleep(2)
         before = len(autopilot.commands(400))
@@ -316,4 +316,4 @@ def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, a
                 await call()
         assert len(autopilot.commands(400)) == before
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)

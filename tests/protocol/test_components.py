@@ -16,12 +16,12 @@ LEVEL, DOWN, HALF = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0], [0.
 DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
 
 
-def run_test(jump, story, world_of=World):
+def run_test(jump, scenario, world_of=World):
     async def run():
         world = world_of()
         try:
             autopilot = world.autopilot(world.link())
-            await story(world, autopilot, await world.ready())
+            await scenario(world, autopilot, await world.ready())
         finally:
             await world.close()
 
@@ -34,7 +34,7 @@ class OtherComponent:
     def __init__(self, autopilot, component_id, mav_type):
         self.autopilot, self.id, self.mav_type = autopilot, component_id, mav_type
         self.mav = sim.MAVLink(None, srcSystem=1, srcComponent=component_id)
-        self.heard, self.control = [], {}
+        self.received, self.control = [], {}
         autopilot.handlers.append(self.handle)
 
     def send(self, message):
@@ -67,7 +67,7 @@ class OtherComponent:
     def handle(self, message):
         if getattr(message, "target_component", 0) != self.id:
             return False
-        self.heard.append(message)
+        self.received.append(message)
         if message.get_type() != "COMMAND_LONG":
             return True
         if message.command == 512:
@@ -79,7 +79,7 @@ class OtherComponent:
         return True
 
     def commands(self, command):
-        return [m for m in self.heard if getattr(m, "command", None) == command]
+        return [m for m in self.received if getattr(m, "command", None) == command]
 
 
 async def repeated(seconds, *work):
@@ -95,7 +95,7 @@ def kinds(vehicle):
 
 
 def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         camera, companion = OtherComponent(autopilot, 101, 30), OtherComponent(autopilot, 191, 18)
         gimbal, other = OtherComponent(autopilot, 154, 26), OtherComponent(autopilot, 68, 0)
         await repeated(3, camera.heartbeat, companion.heartbeat, gimbal.heartbeat, other.heartbeat)
@@ -120,11 +120,11 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
             "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
         }  # fmt: skip
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_components_are_bounded(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         for component_id in range(2, 256):
             OtherComponent(autopilot, component_id, 0).heartbeat()
             await asyncio.sleep(0.01)
@@ -133,7 +133,7 @@ def test_components_are_bounded(jump):
         assert kinds(vehicle)[0] == (1, "autopilot", False)
         assert not vehicle.status.link_lost
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(jump):
@@ -158,7 +158,7 @@ def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle
 
 
 def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         battery = OtherComponent(autopilot, 180, 36)
         cells = [16000, *[65535] * 9]
         autopilot.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 80))
@@ -173,11 +173,11 @@ def test_batteries_and_distances_of_another_component_do_not_replace_the_autopil
         sensors = vehicle.topic("distance_sensors").value.sensors
         assert [(s.sensor_id, s.distance_m) for s in sensors] == [(0, 3.0), (1, 4.0)]
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         station = station_of(world)
         second = OtherComponent(autopilot, 171, 26)
         second.control[171] = (0, 0)
@@ -222,11 +222,11 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbals) == (171, ()), "the first has been silent for 3 s"
 
-    run_test(jump, story, OffboardWorld)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_two_devices_of_one_manager_are_distinguished(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         gimbals = OtherComponent(autopilot, 1, 2)
         autopilot.handlers.clear()
 
@@ -246,11 +246,11 @@ def test_two_devices_of_one_manager_are_distinguished(jump):
         assert [(m.param3, m.param7) for m in autopilot.commands(1000)] == [(1, 2), (3, 1)]
         assert [g.gimbal_device_id for g in vehicle.topic("gimbal").value.gimbals] == [1, 2]
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         liar = OtherComponent(autopilot, 171, 26)
         liar.control = {1: (42, 1)}
 
@@ -272,11 +272,11 @@ def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
         assert autopilot.control == (255, 190)
         assert liar.commands(1001) == []
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_picture_is_taken_by_the_connected_camera(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, second.heartbeat)
         await vehicle.camera.take_picture()
@@ -288,11 +288,11 @@ def test_a_picture_is_taken_by_the_connected_camera(jump):
         await vehicle.camera.take_picture()
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 2)
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_request_chooses_the_camera_by_its_component(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, first.heartbeat, second.heartbeat)
         station = station_of(world)
@@ -307,13 +307,13 @@ def test_a_request_chooses_the_camera_by_its_component(jump):
             await camera_routes.picture("1", station, ANNA, 102)
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
 
-    run_test(jump, story, OffboardWorld)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_the_error_about_a_missing_camera_names_the_requested_component(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         with pytest.raises(NoReply, match="No camera") as refused:
             await vehicle.camera.take_picture()
         assert "component 100" in refused.value.remedy
 
-    run_test(jump, story)
+    run_test(jump, scenario)

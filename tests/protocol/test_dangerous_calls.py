@@ -22,7 +22,7 @@ def setpoint_request(setpoint, **more):
     return SetpointRequest.model_validate({"setpoint": setpoint, **more})
 
 
-def with_two_equal_ids(jump, story):
+def with_two_equal_ids(jump, scenario):
     async def run():
         world = OffboardWorld()
         autopilots = {}
@@ -36,7 +36,7 @@ def with_two_equal_ids(jump, story):
                 await world.ready(vehicle_id)
             await seconds(1.5)
             first, second = (autopilots[world.fleet.get(i).links[0]] for i in ("1", "1~2"))
-            await story(world, station_of(world), first, second)
+            await scenario(world, station_of(world), first, second)
         finally:
             await world.close()
 
@@ -56,7 +56,7 @@ def with_two_equal_ids(jump, story):
     ],
 )
 def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         await seconds(1)
@@ -65,12 +65,12 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm)
             assert not autopilot.commands(400)
         assert lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
 def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
         await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         meant, other = (first, second) if vehicle_id == "1" else (second, first)
@@ -78,11 +78,11 @@ def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
         assert other.armed
         assert not other.commands(400)
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 def test_kill_is_sent_to_a_lost_vehicle(jump):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         first.send_raw = lambda raw: None
         await seconds(4)
         with pytest.raises(Disconnected):
@@ -93,24 +93,24 @@ def test_kill_is_sent_to_a_lost_vehicle(jump):
         assert not first.armed
         assert second.armed
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 def test_kill_of_an_unknown_vehicle_is_404(jump):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
         assert lines(station) == [("me", "kill", "3", "unknown_vehicle")]
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
     """While it gets setpoints, `1~2` is identified as `1` on another link: the id is removed and may be used
     again."""
 
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         gone, kept = world.fleet.get("1~2"), world.fleet.get("1")
         await gone.offboard.start(stream_request())
         world.fleet._merge(kept, gone)
@@ -124,11 +124,11 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
             "not_confirmed",
         ]
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 def test_a_handover_of_control_journals_both_clients(jump):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
@@ -161,11 +161,11 @@ def test_a_handover_of_control_journals_both_clients(jump):
         ]
         assert not second.setpoints
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 def test_hold_by_another_client_ends_the_stream(jump):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         assert first.mode == OFFBOARD
@@ -176,7 +176,7 @@ def test_hold_by_another_client_ends_the_stream(jump):
         assert len(first.setpoints) == sent
         assert "bert" in world.fleet.get("1").offboard.status().ended
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)
 
 
 BAD = [
@@ -219,7 +219,7 @@ def test_invalid_rates_are_refused_before_the_stream(bad):
     "place", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
 )
 def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, place):
-    async def story(world, station, first, second):
+    async def scenario(world, station, first, second):
         far = {"type": "position", "position_ned_m": place}
         with pytest.raises(Refused, match="at most 1000 m"):
             body = StartRequest.model_validate({"setpoint": far})
@@ -232,4 +232,4 @@ def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, p
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 
-    with_two_equal_ids(jump, story)
+    with_two_equal_ids(jump, scenario)

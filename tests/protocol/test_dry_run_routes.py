@@ -41,10 +41,12 @@ async def requested_by(at, by=ANNA, **more):
 def commands(autopilot):
     """Commands that would change something; the server's requests for messages do not count."""
     kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
-    heard = [
-        m for m in autopilot.heard if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))
+    received = [
+        m
+        for m in autopilot.received
+        if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))
     ]
-    return [m for m in heard if getattr(m, "command", 0) not in ASKS_FOR_MESSAGES]
+    return [m for m in received if getattr(m, "command", 0) not in ASKS_FOR_MESSAGES]
 
 
 def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(jump):

@@ -129,7 +129,7 @@ class Look:
                 b"NaN" not in sample for sample in self.encoded.new_samples(vehicle, sorted(ALL_TOPICS), {})
             )
             vehicle.offboard.available()
-        world.streamer.beat_once()
+        world.streamer.update_once()
         streams.step()
         assert streams.state("2").phase == "streaming", streams.state("2").last_end
         now_s = world.loop.time()
@@ -162,7 +162,7 @@ class Look:
                 StreamScheduler.engage(streams, vehicle.id, snapshot, number)
 
 
-def looked_at(story: Any) -> None:
+def looked_at(scenario: Any) -> None:
     async def run() -> None:
         world = OffboardWorld()
         try:
@@ -196,7 +196,7 @@ def looked_at(story: Any) -> None:
             assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
             look = Look(world, link)
             look.stream()
-            story(look)
+            scenario(look)
         finally:
             await world.close()
 
@@ -205,7 +205,7 @@ def looked_at(story: Any) -> None:
 
 @pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)
 def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
-    def story(look: Look) -> None:
+    def scenario(look: Look) -> None:
         good = dict(look.usual).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
         component = 154 if msg_id in gimbal_decoder.IDS else 1
         for n, payload in enumerate(payloads_of(msg_id, good, each=True)):
@@ -224,11 +224,11 @@ def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
         look.world.fleet.warnings()
         look.no_fault()
 
-    looked_at(story)
+    looked_at(scenario)
 
 
 def test_undecoded_messages_affect_no_other_vehicle():
-    def story(look: Look) -> None:
+    def scenario(look: Look) -> None:
         for msg_id in sorted(set(LAYOUTS) - set(DECODED)):
             look.both_as_usual()
             look.stream()
@@ -238,11 +238,11 @@ def test_undecoded_messages_affect_no_other_vehicle():
         look.world.fleet.tick()
         look.no_fault()
 
-    looked_at(story)
+    looked_at(scenario)
 
 
 def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
-    def story(look: Look) -> None:
+    def scenario(look: Look) -> None:
         name_and_type = struct.Struct("<fHH16sB")
         for name, value in itertools.product((*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS), FLOATS):
             look.both_as_usual()
@@ -254,4 +254,4 @@ def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
             look.bad.offboard.limits()
             look.everywhere()
 
-    looked_at(story)
+    looked_at(scenario)

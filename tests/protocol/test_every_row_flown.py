@@ -30,7 +30,7 @@ from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 
 
-def with_vehicle(jump, story, height_m=8.0):
+def with_vehicle(jump, scenario, height_m=8.0):
     """Runs a test that begins with one vehicle in Hold."""
 
     async def run():
@@ -38,7 +38,7 @@ def with_vehicle(jump, story, height_m=8.0):
         try:
             vehicle = await world.ready()
             await until(lambda: vehicle.status.mode == "hold" and vehicle.topic("home"), 10)
-            await story(world, vehicle)
+            await scenario(world, vehicle)
         finally:
             await world.close()
 
@@ -73,7 +73,7 @@ def off_m(vehicle, place):
 
 @pytest.mark.story
 def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
-    async def story(world, vehicle):
+    async def scenario(world, vehicle):
         started = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
         await seconds(6)
@@ -121,12 +121,12 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         await vehicle.offboard.stop()
         assert vehicle.status.mode == "hold"
 
-    with_vehicle(jump, story)
+    with_vehicle(jump, scenario)
 
 
 @pytest.mark.story
 def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
-    async def story(world, vehicle):
+    async def scenario(world, vehicle):
         thrust = 0.49
         await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
         await fly(vehicle, Attitude(q_from_euler(math.radians(6), 0.0, 0.0), thrust), 1.5)
@@ -147,14 +147,14 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
         assert off_m(vehicle, held) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
-    with_vehicle(jump, story, 12.0)
+    with_vehicle(jump, scenario, 12.0)
 
 
 def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
     """The simulator's internal interface accepts them; the server detects another program's Offboard and
     sends nothing."""
 
-    async def story(world, vehicle):
+    async def scenario(world, vehicle):
         offboard = world.sim.autopilots[0].offboard
 
         async def stream(work, duration_s):
@@ -179,11 +179,11 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
         assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120), group_of_four
         await vehicle.command.hold()
 
-    with_vehicle(jump, story)
+    with_vehicle(jump, scenario)
 
 
 def test_a_path_is_flown_in_time_without_its_client(jump):
-    async def story(world, vehicle):
+    async def scenario(world, vehicle):
         begin = local(vehicle).position_ned_m
         corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
         points = tuple(
@@ -211,11 +211,11 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
             await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=5.0), by="me")
             await vehicle.offboard.start(stream_request(Path(fast)))
 
-    with_vehicle(jump, story)
+    with_vehicle(jump, scenario)
 
 
 def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
-    async def story(world, vehicle):
+    async def scenario(world, vehicle):
         home = vehicle.topic("home").value
         await vehicle.offboard.operator.set(
             OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="me"
@@ -250,7 +250,7 @@ def test_a_fence_stops_it_and_targets_outside_are_refused(jump):
         assert farthest < 25.2
         await until(lambda: vehicle.status.mode == "hold", 8)
 
-    with_vehicle(jump, story)
+    with_vehicle(jump, scenario)
 
 
 @pytest.mark.story

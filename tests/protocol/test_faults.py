@@ -46,7 +46,7 @@ async def setpoints(at, client, duration_s, every_s=0.3):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
 def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, loss, seed):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", FIRST, at.station, ANNA)
         await setpoints(at, ANNA, 3.0)
         await seconds(
@@ -65,11 +65,11 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
         assert at.autopilot.failsafes == 0
         await vehicle_routes.rtl("1", at.station, BOB)  # the next client gets control
 
-    with_routes(jump, story, loss=loss, seed=seed)
+    with_routes(jump, scenario, loss=loss, seed=seed)
 
 
 def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
-    async def story(at):
+    async def scenario(at):
         with at.station.authority.connected(ANNA):  # the browser keeps its socket open, the page does not run
             await offboard_routes.start("1", FIRST, at.station, ANNA)
             await setpoints(at, ANNA, 3.0)
@@ -88,12 +88,12 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
             "stream held",
         ]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("agreed", ["nothing", "hold"])
 def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed):
-    async def story(at):
+    async def scenario(at):
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=agreed))
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), at.station, ANNA)
@@ -108,11 +108,11 @@ def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed
         assert narrative(at.vehicle) == ends
         assert at.autopilot.mode == (HOLD if agreed == "hold" else MISSION)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_returns(jump):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         at.autopilot.loss = 1.0
         await seconds(15)
@@ -131,11 +131,11 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_
             "control expired",
         ]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_vehicle(jump):
-    async def story(at):
+    async def scenario(at):
         with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
             await offboard_routes.start("1", LONG, at.station, ANNA)
             await control_routes.request("1", at.station, BOB)
@@ -167,12 +167,12 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
             "mode hold by command",
         ]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
 def test_a_pilot_takes_over_the_vehicle_by_position_mode(jump, loss, seed):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         held = len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
         at.autopilot.mode = at.autopilot.requested_mode = POSITION
@@ -187,11 +187,11 @@ def test_a_pilot_takes_over_the_vehicle_by_position_mode(jump, loss, seed):
             ["control expired"],
         )
 
-    with_routes(jump, story, loss=loss, seed=seed)
+    with_routes(jump, scenario, loss=loss, seed=seed)
 
 
 def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         at.autopilot.estimates = False
         await seconds(2.0)
@@ -204,4 +204,4 @@ def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
         events = narrative(at.vehicle)
         assert sorted(events[2:]) == ["mode land by failsafe", "stream left_offboard"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

@@ -10,11 +10,11 @@ from gcs_server.telemetry.hub import Encoded
 INFORMATION, VERSION = 280, 148
 
 
-def run_test(world, story):
+def run_test(world, scenario):
     async def run():
         w = world()
         try:
-            await story(w)
+            await scenario(w)
         finally:
             await w.close()
 
@@ -49,7 +49,7 @@ def answer_with_limits(kit, autopilot, lost=0):
 
 
 def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(kit, jump):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link())
         answer_with_limits(kit, autopilot, lost=2)
         vehicle = await world.ready()
@@ -66,34 +66,34 @@ def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(
         await asyncio.sleep(3)
         assert requests_for(autopilot, INFORMATION) == 4
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 @pytest.mark.parametrize(("autopilot_type", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
 def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_have_a_gimbal_manager(
     kit, jump, autopilot_type, gimbal, times
 ):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link())
         autopilot.autopilot_type, autopilot.gimbal = autopilot_type, gimbal
         await world.ready()
         await asyncio.sleep(30)
         assert requests_for(autopilot, INFORMATION) == times
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_its_first_heartbeat(kit, jump):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link())
         autopilot.version = False
-        heard = []
+        received = []
         world.fleet.on_vehicle_added(
-            lambda v: heard.append((v.identity.simulated, requests_for(autopilot, VERSION)))
+            lambda v: received.append((v.identity.simulated, requests_for(autopilot, VERSION)))
         )
         vehicle = await world.ready()
-        assert heard[0][0] is None
-        first = next(m for m in autopilot.heard if m.get_type() == "COMMAND_LONG")
+        assert received[0][0] is None
+        first = next(m for m in autopilot.received if m.get_type() == "COMMAND_LONG")
         assert int(first.param1) == VERSION
         assert vehicle.identity.simulated is None
         topics = Encoded(world.clock, world.fleet)
@@ -106,12 +106,12 @@ def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_it
         (again_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
         assert b'"simulated":true' in again_json
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 @pytest.mark.parametrize(("autopilot_type", "simulated"), [(12, False), (3, None)])
 def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, autopilot_type, simulated):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link(), uid=0x1122)
         autopilot.autopilot_type = autopilot_type
         autopilot.autopilot_version = lambda: autopilot.send(
@@ -123,4 +123,4 @@ def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, au
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.simulated is simulated
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))

@@ -9,11 +9,11 @@ from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehic
 HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
 
 
-def run_test(world, story):
+def run_test(world, scenario):
     async def run():
         w = world()
         try:
-            await story(w)
+            await scenario(w)
         finally:
             await w.close()
 
@@ -25,7 +25,7 @@ def ids(world):
 
 
 def test_a_simulator_is_identified_by_its_uid(kit, jump):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
         assert (vehicle.identity.simulated, vehicle.identity.replayed) == (True, False)
@@ -35,11 +35,11 @@ def test_a_simulator_is_identified_by_its_uid(kit, jump):
         with pytest.raises(UnknownVehicle):
             world.fleet.get("9")
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_several_vehicles_share_a_link(kit, jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         autopilots = [world.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
         await world.ready("3")
@@ -48,14 +48,14 @@ def test_several_vehicles_share_a_link(kit, jump):
         assert [p.armed for p in autopilots] == [False, True, False]
         assert world.fleet.warnings() == []
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 @pytest.mark.parametrize(
     ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
 )
 def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         one = world.autopilot(link, peer="a", uid=first)
         await world.ready("1")
@@ -72,11 +72,11 @@ def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second)
         assert "system id 1" in vehicle.identity.warnings[0]
         assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
-    async def story(world):
+    async def scenario(world):
         cable, radio = world.link("cable"), world.link("radio")
         world.autopilot(cable, uid=HARDWARE_A)
         second = world.autopilot(radio, uid=HARDWARE_A)
@@ -89,23 +89,23 @@ def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
         assert second.armed
         assert not vehicle.status.link_lost
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
 def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump, other_boot_s, expected):
-    async def story(world):
+    async def scenario(world):
         world.autopilot(world.link("gcs"))
         await world.ready()
         world.autopilot(world.link("api"), boot_s=other_boot_s)
         await asyncio.sleep(6)
         assert ids(world) == expected
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit, jump):
-    async def story(world):
+    async def scenario(world):
         one = world.autopilot(world.link("a"), uid=HARDWARE_A)
         two = world.autopilot(world.link("b"), uid=HARDWARE_A)
         for autopilot in (one, two):
@@ -118,11 +118,11 @@ def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit
         assert world.fleet.get("1").identity.warnings == ()
         assert any(e.kind == "vehicle_removed" for e in world.fleet.events.since())
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         first = world.autopilot(link, peer="a")
         await world.ready()
@@ -135,11 +135,11 @@ def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump)
         await world.fleet.get("1").command.arm()
         assert back.armed
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_other_stations_and_companions_are_not_vehicles(kit, jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         autopilot = world.autopilot(link)
         vehicle = await world.ready()
@@ -150,11 +150,11 @@ def test_other_stations_and_companions_are_not_vehicles(kit, jump):
         assert ids(world) == ["1"]
         assert vehicle.status.custom_mode == autopilot.mode
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(kit, jump):
-    async def story(world):
+    async def scenario(world):
         world.autopilot(world.link())
         await world.ready()
         replay = world.link("tape", replay=True)
@@ -174,42 +174,45 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(ki
         await world.router.remove_link("tape")
         assert ids(world) == ["1"]
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
         await world.ready("2")
-        before = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in autopilots]
+        before = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
         await asyncio.sleep(10)
-        after = [sum(m.get_type() == "HEARTBEAT" for m in p.heard) for p in autopilots]
+        after = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
         assert [a - b for a, b in zip(after, before, strict=True)] == pytest.approx([10, 10], abs=1)
-        assert (autopilots[0].heard[-1].get_srcSystem(), autopilots[0].heard[-1].get_srcComponent()) == (
+        assert (
+            autopilots[0].received[-1].get_srcSystem(),
+            autopilots[0].received[-1].get_srcComponent(),
+        ) == (
             42,
             190,
         )
         for autopilot in autopilots:  # numbered per peer, without gaps
-            seqs = [m.get_seq() for m in autopilot.heard]
+            seqs = [m.get_seq() for m in autopilot.received]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
-    jump(run_test(lambda: kit.World(system_id=42), story))
+    jump(run_test(lambda: kit.World(system_id=42), scenario))
 
 
 def test_stream_rates_are_not_changed(kit, jump):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link())
         await world.ready()
         await asyncio.sleep(30)
         assert autopilot.commands(511) == []
-        assert not [m for m in autopilot.heard if m.get_type() == "REQUEST_DATA_STREAM"]
+        assert not [m for m in autopilot.received if m.get_type() == "REQUEST_DATA_STREAM"]
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
         station = world.link("qgc", forward=True)
@@ -218,22 +221,22 @@ def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
         await world.ready("2")
         seen = {codec_system(data) for data, _ in station.sent}
         assert seen == {1, 2}
-        heard = [len(p.heard) for p in autopilots]
+        received = [len(p.received) for p in autopilots]
         before = [len(p.commands(400)) for p in autopilots]
         station.inject(
             kit.sim.MAVLink_command_long_message(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
         assert [len(p.commands(400)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
-        assert heard
+        assert received
         fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
-        heard = [len(p.heard) for p in autopilots]
+        received = [len(p.received) for p in autopilots]
         station.inject(kit.sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
         await asyncio.sleep(0.02)
-        assert not [m for p in autopilots for m in p.heard if m.get_type() == "PING"]
+        assert not [m for p in autopilots for m in p.received if m.get_type() == "PING"]
         assert ids(world) == ["1", "2"]
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def codec_system(data):
@@ -241,7 +244,7 @@ def codec_system(data):
 
 
 def test_links_are_added_and_removed_by_name(kit, jump):
-    async def story(world):
+    async def scenario(world):
         world.link("one")
         with pytest.raises(InvalidRequest, match="already"):
             world.link("one")
@@ -250,11 +253,11 @@ def test_links_are_added_and_removed_by_name(kit, jump):
         await world.router.remove_link("one")
         assert world.router.links() == []
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_texts_events_and_modes_become_one_line_each(kit, jump):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
         start = vehicle.events.last_index
@@ -279,11 +282,11 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
         ]
         assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jump):
-    async def story(world):
+    async def scenario(world):
         world.autopilot(world.link())
         vehicle = await world.ready()
         await asyncio.sleep(20)
@@ -295,11 +298,11 @@ def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jum
         oldest = vehicle.history(("global_position", "status"), 0)[0]
         assert world.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))
 
 
 def test_a_topic_is_decoded_once_for_each_message(kit, jump):
-    async def story(world):
+    async def scenario(world):
         world.autopilot(world.link())
         vehicle = await world.ready()
         assert vehicle.topic("home") is vehicle.topic("home")
@@ -307,4 +310,4 @@ def test_a_topic_is_decoded_once_for_each_message(kit, jump):
         with pytest.raises(KeyError):
             vehicle.topic("nothing")
 
-    jump(run_test(kit.World, story))
+    jump(run_test(kit.World, scenario))

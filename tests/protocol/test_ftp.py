@@ -16,7 +16,7 @@ FTP_ID = 110
 _header = struct.Struct("<HBBBBBBI")
 
 
-def story(kit, jump, work, *, loss=0.0, seed=0):
+def run_ftp(kit, jump, work, *, loss=0.0, seed=0):
     async def run():
         world = kit.World()
         autopilot = SimulatedAutopilot(world.link())
@@ -44,7 +44,7 @@ def test_a_file_is_read_completely_at_any_packet_loss(kit, jump, loss, seed):
         if not loss:  # in bursts of 40 kB, not piece by piece
             assert autopilot.count(FTP_ID) < 12
 
-    story(kit, jump, work, loss=loss, seed=seed)
+    run_ftp(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
@@ -64,7 +64,7 @@ def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
             await ftp.read("a" * 300)
         assert await ftp.read(PARAMETERS) == BUILT_IN[PARAMETERS]()
 
-    story(kit, jump, work)
+    run_ftp(kit, jump, work)
 
 
 def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
@@ -74,7 +74,7 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
         await reading  # and that server was killed here
         assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
 
-    story(kit, jump, work)
+    run_ftp(kit, jump, work)
 
 
 def test_a_repeated_request_has_the_same_number(kit, jump):
@@ -84,7 +84,7 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
         await ftp.read(PARAMETERS)
         asked = [
             _header.unpack_from(f[13:-2].ljust(12, b"\0"))
-            for f in autopilot.heard
+            for f in autopilot.received
             if f[7] == FTP_ID and not f[8]
         ]
         requests = {}
@@ -92,7 +92,7 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
             assert requests.setdefault(sequence, (opcode, offset)) == (opcode, offset)
         assert len(requests) < len(asked)  # some were repeated
 
-    story(kit, jump, work, loss=0.2, seed=8)
+    run_ftp(kit, jump, work, loss=0.2, seed=8)
 
 
 def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
@@ -110,7 +110,7 @@ def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
             await reading
         assert world.loop.time() - began < 6
 
-    story(kit, jump, work)
+    run_ftp(kit, jump, work)
 
 
 def test_a_vehicle_that_does_not_answer_is_reported_at_the_deadline(kit, jump):

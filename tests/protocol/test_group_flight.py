@@ -33,7 +33,7 @@ from tests.protocol.simulated_world import SimulatedWorld, until
 
 
 def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, {"1": place(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": place(4)})
         await seconds(1)
         changed = changes({"1": place(7), "3": place(7)}, valid_for_s=2.0)
@@ -57,11 +57,11 @@ def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump)
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changed, at.station, ANNA)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_an_empty_list_renews_the_setpoints_of_all(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH, valid_for_s=3.0)
         for _ in range(3):
             await seconds(2)
@@ -72,12 +72,12 @@ def test_an_empty_list_renews_the_setpoints_of_all(jump):
         ended = view(await group_routes.show("1", at.station))
         assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
 def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump, others_go_on):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH, others_go_on=others_go_on)
         await seconds(1)
         at.autopilots["2"].mode = at.autopilots["2"].requested_mode = POSITION  # its pilot
@@ -98,11 +98,11 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
                 await group_routes.setpoints("1", changes({"2": place(5)}), at.station, ANNA)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_lost_member_holds_the_others_within_two_seconds(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(2)
         at.autopilots["3"].alive = False
@@ -115,11 +115,11 @@ def test_a_lost_member_holds_the_others_within_two_seconds(jump):
         await seconds(8)
         assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_member_can_follow_another_of_the_group(jump):
-    async def story(at):
+    async def scenario(at):
         beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
         await begin(at, {"1": place(4), "2": beside})
         await seconds(2)
@@ -132,11 +132,11 @@ def test_a_member_can_follow_another_of_the_group(jump):
         with pytest.raises(NotTogether, match="would come within"):
             await group_routes.setpoints("1", changes({"2": nearer}), at.station, ANNA)
 
-    with_routes(jump, story, count=2)
+    with_routes(jump, scenario, count=2)
 
 
 def test_a_server_shutdown_holds_a_group_without_findings(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH)
         await seconds(1)
         stopped = await at.world.streamer.stop_all()
@@ -146,14 +146,14 @@ def test_a_server_shutdown_holds_a_group_without_findings(jump):
         shown = view(await group_routes.show("1", at.station))
         assert (shown["ended"], shown["findings"]) == ("The server was shut down.", [])
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 # With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. Without one for 3.5 s it
 # counts as lost, so none moves and the group cannot be flown.
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_with_every_fifth_packet_lost_a_group_starts_changes_and_is_held(jump, seed):
-    async def story(at):
+    async def scenario(at):
         for index, autopilot in enumerate(at.autopilots.values()):
             autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
         await begin(at, ALL_NORTH)
@@ -166,34 +166,34 @@ def test_with_every_fifth_packet_lost_a_group_starts_changes_and_is_held(jump, s
         assert set(modes(at).values()) == {HOLD}
         assert sum(autopilot.failsafes for autopilot in at.autopilots.values()) == 0
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
 def test_the_guard_works_while_the_event_loop_stalls_and_all_hold_after_a_second(jump, stall_s, code):
-    async def story(at):
+    async def scenario(at):
         await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(8)
         streamer = at.world.streamer
-        streamer.beat_once = lambda: None
+        streamer.update_once = lambda: None
         await seconds(stall_s)
-        del streamer.beat_once
+        del streamer.update_once
         await seconds(3)
         findings = view(await group_routes.show("1", at.station))["findings"]
         assert [finding["code"] for finding in findings] == ([] if code is None else [code])
         assert set(modes(at).values()) == ({OFFBOARD} if code is None else {HOLD})
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_killed_client_leaves_all_in_hold(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
         assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
         assert view(await group_routes.show("1", at.station))["ended"] == "Its setpoints expired."
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 # --- simulated PX4s -------------------------------------------------------------------------------
@@ -212,14 +212,16 @@ def apart_m(vehicles):
     return min(math.dist(on_earth(a), on_earth(b)) for a, b in itertools.combinations(vehicles, 2))
 
 
-def with_simulated_vehicles(jump, story, count=2):
+def with_simulated_vehicles(jump, scenario, count=2):
     async def run():
         world = SimulatedWorld(count)
         try:
             ids = [str(i + 1) for i in range(count)]
             async with asyncio.TaskGroup() as tasks:
                 flying = [tasks.create_task(world.in_the_air(v, 8.0)) for v in ids]
-            await story(SimpleNamespace(world=world, station=station_of(world)), [f.result() for f in flying])
+            await scenario(
+                SimpleNamespace(world=world, station=station_of(world)), [f.result() for f in flying]
+            )
         finally:
             await world.close()
 
@@ -228,7 +230,7 @@ def with_simulated_vehicles(jump, story, count=2):
 
 @pytest.mark.story
 def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minimum_distance(jump):
-    async def story(at, vehicles):
+    async def scenario(at, vehicles):
         await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=1)
         await until(lambda: apart_m(vehicles) > 22, 30)
         held = view(await group_routes.hold("1", at.station, ANNA))
@@ -260,4 +262,4 @@ def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minim
         said = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
         assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in said)
 
-    with_simulated_vehicles(jump, story)
+    with_simulated_vehicles(jump, scenario)

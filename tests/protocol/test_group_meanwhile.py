@@ -46,7 +46,7 @@ def leave(at, vehicle_id):
 
 
 def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monkeypatch):
-    async def story(at):
+    async def scenario(at):
         async def meanwhile():
             assert set(modes(at).values()) == {OFFBOARD}
             await seconds(6)  # the server waits for a mode that it has just requested
@@ -62,11 +62,11 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monk
         nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["state"] == "ended"
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
-    async def story(at):
+    async def scenario(at):
         async def meanwhile():
             await group_routes.hold("1", at.station, BOB)
 
@@ -78,11 +78,11 @@ def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
         nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["state"] == "ended"
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monkeypatch):
-    async def story(at):
+    async def scenario(at):
         async def meanwhile():
             alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
             await offboard_routes.start("3", alone, at.station, ANNA)
@@ -93,11 +93,11 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monk
         assert at.vehicles["3"].offboard.status().state == "streaming"
         assert not any(mode_requests(at.autopilots[v], OFFBOARD) for v in "12")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
-    async def story(at):
+    async def scenario(at):
         both = begin(at, {"1": place(4), "2": place(4)}), begin(at, {"2": place(4), "3": place(4)})
         answers = await asyncio.gather(*both, return_exceptions=True)
         refused = [answer for answer in answers if isinstance(answer, NotTogether)]
@@ -105,11 +105,11 @@ def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
         assert "Vehicle 2 is already in group 1" in str(refused[0])
         assert len(view(await group_routes.show_all(at.station))["groups"]) == 1
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
-    async def story(at):
+    async def scenario(at):
         async def meanwhile():
             north_m, _, down_m = at.autopilots["2"].ned
             at.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
@@ -120,12 +120,12 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypa
             await begin(at, ALL_NORTH)
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
 def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jump, monkeypatch, others_go_on):
-    async def story(at):
+    async def scenario(at):
         async def meanwhile():
             leave(at, "2")
             await seconds(6)
@@ -140,11 +140,11 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jum
         assert modes(at) == {"1": others, "2": POSITION, "3": others}
         assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(jump, monkeypatch):
-    async def story(at):
+    async def scenario(at):
         async def gone(call):
             reached = asyncio.Event()
 
@@ -174,4 +174,4 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
         await seconds(0.1)
         assert at.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

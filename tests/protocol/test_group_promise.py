@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gcs_server.streamer.offboard.streamer import BEAT_PERIOD_S
+from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Attitude, Position, Velocity
 from tests.protocol.api_calls import station_of
@@ -96,16 +96,16 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
             simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
             simulation.set_gusts(1.0)
             await asyncio.sleep(8.0)
-            beat, hurry = world.streamer.beat_once, world.clock.monotonic_s
+            beat, hurry = world.streamer.update_once, world.clock.monotonic_s
             next_s = 0.0
 
             def late():
                 nonlocal next_s
                 if hurry() >= next_s:
                     beat()
-                    next_s = hurry() + max(BEAT_PERIOD_S, chance.uniform(0.0, late_s))
+                    next_s = hurry() + max(SNAPSHOT_PERIOD_S, chance.uniform(0.0, late_s))
 
-            world.streamer.beat_once = late
+            world.streamer.update_once = late
             vehicles = [f.result() for f in flying]
             return {name: await one_encounter(at, vehicles, ENCOUNTERS[name]) for name in names}
         finally:

@@ -30,7 +30,7 @@ from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
 
 def test_all_are_switched_to_offboard_first_and_start_within_one_period(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilots["2"].take_offboard_after_s = 1.4
         started = await begin(at, ALL_NORTH)
         assert started["state"] == "waiting"
@@ -50,11 +50,11 @@ def test_all_are_switched_to_offboard_first_and_start_within_one_period(jump):
         assert [state for _, state, _ in at.group_changes] == ["starting", "waiting", "flying"]
         assert lines(at.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_the_start_returns_each_members_limits(jump):
-    async def story(at):
+    async def scenario(at):
         await at.vehicles["2"].offboard.operator.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
         limits = (await begin(at, ALL_NORTH))["limits"]
         assert {v: each["operator"]["speed_max_m_s"] for v, each in limits.items()} == {
@@ -64,11 +64,11 @@ def test_the_start_returns_each_members_limits(jump):
         }
         assert (limits["2"]["origin"]["set_by"], limits["2"]["origin"]["restored"]) == ("bob", False)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_the_start_time_can_be_given(jump):
-    async def story(at):
+    async def scenario(at):
         unix_s = at.world.clock.unix_s()
         instant_s = at.world.loop.time() + 8.0
         started = await begin(at, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
@@ -78,22 +78,22 @@ def test_the_start_time_can_be_given(jump):
         assert max(begun) - min(begun) < STREAM_PERIOD_S
         assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("ahead_s", [-5.0, 1.0, 400.0])
 def test_an_impossible_start_time_is_refused(jump, ahead_s):
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilots["3"].take_offboard_after_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 3.1)
@@ -101,11 +101,11 @@ def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
         assert set(modes(at).values()) == {HOLD}
         nobody_moved(at)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilots["2"].has_stream = lambda: False  # it refuses Offboard
         with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
             await begin(at, ALL_NORTH)
@@ -119,11 +119,11 @@ def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
         assert "Vehicle 2" in ended["ended"]
         assert lines(at.station)[-1][1:] == ("group/start", "1", "not_together")
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_vehicle_that_never_confirms_stops_all(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilots["3"].take_offboard_after_s = 30.0
         with pytest.raises(NotTogether, match="Vehicle 3: "):
             await begin(at, ALL_NORTH)
@@ -131,11 +131,11 @@ def test_a_vehicle_that_never_confirms_stops_all(jump):
         assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
         nobody_moved(at)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_sent(jump):
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
             far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
             await begin(at, {"1": place(4), "2": far})
@@ -154,11 +154,11 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
             await group_routes.show("7", at.station)
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(jump):
-    async def story(at):
+    async def scenario(at):
         alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, at.station, ANNA)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
@@ -170,11 +170,11 @@ def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(ju
         await seconds(1)
         assert set(modes(at).values()) == {OFFBOARD}
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_another_clients_control_of_one_member_refuses_the_group(jump):
-    async def story(at):
+    async def scenario(at):
         await vehicle_routes.hold("2", at.station, BOB)  # needs no control, and takes none
         at.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
@@ -192,11 +192,11 @@ def test_another_clients_control_of_one_member_refuses_the_group(jump):
         assert set(modes(at).values()) == {HOLD}
         assert lines(at.station)[-3:] == [("bob", "hold", v, "ok") for v in "321"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distance(jump):
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 10.0 m apart now") as refused:
             await begin(at, ALL_NORTH, minimum_separation_m=12)
         assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
@@ -212,11 +212,11 @@ def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distanc
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
         await begin(at, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": place(20)})
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_problem_before_the_common_start_prevents_all_motion(jump):
-    async def story(at):
+    async def scenario(at):
         started = asyncio.ensure_future(
             group_routes.start(
                 body(ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0, others_go_on=True),
@@ -231,11 +231,11 @@ def test_a_problem_before_the_common_start_prevents_all_motion(jump):
         assert modes(at) == {"1": POSITION, "2": HOLD, "3": HOLD}
         nobody_moved(at)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_hold_before_the_common_start_prevents_all_motion(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         await group_routes.hold("1", at.station, ANNA)
         await seconds(8)
@@ -243,11 +243,11 @@ def test_hold_before_the_common_start_prevents_all_motion(jump):
         nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["findings"] == []
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH)
         await seconds(1)
         member = at.vehicles["1"].offboard
@@ -263,11 +263,11 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump)
         await member.start(alone.to_stream_request(ANNA))
         assert member.status().owner == "operator"
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         other = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
         # Sent as the group's own setpoint: an operator's would be refused earlier.
@@ -278,4 +278,4 @@ def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump
         finding = view(await group_routes.show("1", at.station))["findings"][0]
         assert "Vehicle 1 was given another setpoint before the common start" in finding["text"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

@@ -11,7 +11,7 @@ from tests.protocol.sim_world import SimulatedAutopilot
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 
 
-def story(kit, jump, work, *, loss=0.0, seed=0, **options):
+def scenario(kit, jump, work, *, loss=0.0, seed=0, **options):
     async def run():
         world = kit.World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed, **options)
@@ -26,8 +26,8 @@ def story(kit, jump, work, *, loss=0.0, seed=0, **options):
     jump(run)
 
 
-async def until(world, true, what, patience_s=20.0):
-    end_s = world.loop.time() + patience_s
+async def until(world, true, what, timeout_s=20.0):
+    end_s = world.loop.time() + timeout_s
     while not true():
         assert world.loop.time() < end_s, what
         await world.clock.sleep(0.05)
@@ -68,7 +68,7 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
         await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
         assert truth()
 
-    story(kit, jump, work, loss=loss, seed=seed)
+    scenario(kit, jump, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
@@ -91,7 +91,7 @@ def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed)
         if not loss:
             assert autopilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
 
-    story(kit, jump, work, loss=loss, seed=seed)
+    scenario(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_the_report_is_requested_only_once(kit, jump):
@@ -128,4 +128,4 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
         assert vehicle.health.revision == seen + 1
         assert vehicle.health.readiness.known is False
 
-    story(kit, jump, work)
+    scenario(kit, jump, work)

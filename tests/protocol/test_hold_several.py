@@ -15,7 +15,7 @@ async def held(at, vehicles, client=BOB):
 
 
 def test_all_hold_at_once_without_control_and_their_streams_end(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, ALL_NORTH, ANNA)
         began_s = at.world.clock.monotonic_s()
         results = await held(at, ("3", "1", "2", "1"))
@@ -31,11 +31,11 @@ def test_all_hold_at_once_without_control_and_their_streams_end(jump):
         await seconds(2)
         assert {v: len(autopilot.setpoints) for v, autopilot in at.autopilots.items()} == before
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump):
-    async def story(at):
+    async def scenario(at):
         for autopilot in at.autopilots.values():
             autopilot.mode = MANUAL
         at.autopilots["2"].silent_commands.add(176)
@@ -46,21 +46,21 @@ def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump)
         assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
         assert modes(at) == {"1": HOLD, "2": MANUAL, "3": HOLD}
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_without_ids_all_armed_vehicles_hold(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilots["1"].armed = False
         await seconds(2)
         assert [r["vehicle"] for r in await held(at, None)] == ["2", "3"]
         assert mode_requests(at.autopilots["1"], HOLD) == []
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_an_error_for_one_is_raised_after_the_others_have_held(jump):
-    async def story(at):
+    async def scenario(at):
         for autopilot in at.autopilots.values():
             autopilot.mode = MANUAL
         await seconds(2)
@@ -73,4 +73,4 @@ def test_an_error_for_one_is_raised_after_the_others_have_held(jump):
             await held(at, ("1", "2", "3"))
         assert modes(at) == {"1": MANUAL, "2": HOLD, "3": HOLD}
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

@@ -14,7 +14,7 @@ SIZE = 20_000
 def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
     seen = {}
 
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         files = HostileFiles(autopilot, size, **behaviour)
         began_s = world.loop.time()
         with pytest.raises(error, match=words):
@@ -23,7 +23,7 @@ def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **be
         limit_s = TIME_SPARE_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
     return seen
 
 
@@ -78,20 +78,20 @@ def test_a_vehicle_that_answers_only_the_opening_gives_no_reply(kit, jump):
 
 
 def test_an_endless_directory_list_is_cancelled(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         HostileFiles(autopilot, SIZE, every_s=0.2)
         began_s = world.loop.time()
         with pytest.raises(FtpFailed, match="not finished within"):
             await FtpService(vehicle).list("etc")
         assert world.loop.time() - began_s < LIST_TIMEOUT_S + 1
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
     """All pieces of a burst are already queued when the reader runs."""
 
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         HostileFiles(
             autopilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)]
         )
@@ -113,4 +113,4 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
         assert len(content) == 239 * 1000
         assert most[0] <= 64
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)

@@ -18,11 +18,11 @@ from tests.protocol.offboard_world import OffboardWorld, stream_request
 BAD = [math.inf, -math.inf, math.nan, 1e38]
 
 
-def run_test(jump, story):
+def run_test(jump, scenario):
     async def run():
         world = OffboardWorld()
         try:
-            await story(world)
+            await scenario(world)
         finally:
             await world.close()
 
@@ -70,7 +70,7 @@ def spoil(autopilot, kind: str, **fields: float):
 
 @pytest.mark.parametrize("roll_rad", BAD)
 def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad):
-    async def story(world):
+    async def scenario(world):
         bad, _ = await two(world)
         heal = spoil(bad, "ATTITUDE", roll=roll_rad)
         await asyncio.sleep(0.1)
@@ -90,11 +90,11 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
         assert seen(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
         assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_an_invalid_home_keeps_the_last_valid_one(jump):
-    async def story(world):
+    async def scenario(world):
         bad, _ = await two(world)
         vehicle = world.fleet.get("1")
         spoil(bad, "HOME_POSITION", latitude=910_000_000)
@@ -102,12 +102,12 @@ def test_an_invalid_home_keeps_the_last_valid_one(jump):
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
         assert any("home" in w.text for w in world.fleet.warnings())
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 @pytest.mark.parametrize("value", BAD)
 def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_streams_continue(jump, value):
-    async def story(world):
+    async def scenario(world):
         bad, good = await two(world)
         vehicles = [world.fleet.get("1"), world.fleet.get("2")]
         for vehicle in vehicles:
@@ -126,11 +126,11 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
         assert vehicles[1].status.mode == "offboard"
         assert vehicles[0].status.mode == "land", "connected, and without an estimate for a position hold"
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(jump):
-    async def story(world):
+    async def scenario(world):
         bad, good = await two(world)
         for vehicle in world.fleet.all():
             await vehicle.offboard.start(stream_request())
@@ -153,7 +153,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         )
         assert good.setpoints[-1][0] > world.loop.time() - 0.05
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 class Socket:
@@ -177,7 +177,7 @@ class Socket:
 
 
 def test_a_lost_and_recovered_link_is_reported(jump):
-    async def story(world):
+    async def scenario(world):
         bad, _ = await two(world)
         hub, socket = Hub(world.clock, world.fleet), Socket()
         async with asyncio.TaskGroup() as group:
@@ -200,4 +200,4 @@ def test_a_lost_and_recovered_link_is_reported(jump):
             assert run_test == sorted(run_test), "each is newer than the one before"
             serving.cancel()
 
-    run_test(jump, story)
+    run_test(jump, scenario)

@@ -48,7 +48,7 @@ class HostileParams:
 
 
 def refreshed(kit, jump, answers, check, *, raises=None, **options):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, answers, **options)
         began_s = world.loop.time()
         if raises is None:
@@ -59,7 +59,7 @@ def refreshed(kit, jump, answers, check, *, raises=None, **options):
         assert world.loop.time() - began_s < READ_TIMEOUT_S + 60
         await check(vehicle, hostile)
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 async def answer_of(vehicle):
@@ -117,7 +117,7 @@ def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
 
 
 def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for n in range(MAX_PARAMETERS + 1000):
@@ -148,11 +148,11 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
         assert most[0] <= param_routes.VIEWED_AT_ONCE
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for kind, expected in ((INT32, True), (REAL32, False), (200, False)):
@@ -160,4 +160,4 @@ def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump)
             await asyncio.sleep(0.1)
             assert vehicle.params.known("A").is_integer is expected
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)

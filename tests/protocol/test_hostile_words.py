@@ -35,7 +35,7 @@ def lines(vehicle, *kinds):
 
 
 def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         autopilot.mode = kit.OFFBOARD
@@ -51,11 +51,11 @@ def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selecte
         assert vehicle.health.readiness.offers == ()
         assert len(reports) > seen
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_one_remains(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         for n in range(2000):
@@ -64,7 +64,7 @@ def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last
         assert 1 <= len(reports) <= 5
         assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, jump):
@@ -99,7 +99,7 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, j
 
 
 def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         for _ in range(100):
             autopilot.event(17980399, 0x66)
             await world.clock.sleep(1)
@@ -109,21 +109,21 @@ def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
         asked = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
         assert 1 <= len(asked) <= 3 * 6
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_status_text_describes_an_event_without_metadata(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         autopilot.event(99999, 0x44)
         autopilot.text("The text of it\t", 4)
         await world.clock.sleep(2)
         assert lines(vehicle, "event", "status_text") == ["The text of it"]
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_shown(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
         await world.clock.sleep(5)
@@ -135,7 +135,7 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_
         await world.clock.sleep(1)
         assert lines(vehicle, "status_text")[-1] == "Heard again"
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 @pytest.mark.parametrize("chunk", [0, 7, 19, 255])

@@ -9,12 +9,12 @@ from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
-def run_test(jump, story):
+def run_test(jump, scenario):
     async def run():
         world = World()
         try:
             autopilot = world.autopilot(world.link())
-            await story(world, autopilot, await world.ready())
+            await scenario(world, autopilot, await world.ready())
         finally:
             await world.close()
 
@@ -27,7 +27,7 @@ def battery(autopilot, battery_id, percent, millivolts):
 
 
 def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
-    async def story(_world, autopilot, vehicle):
+    async def scenario(_world, autopilot, vehicle):
         seen = set()
         for _ in range(10):
             for battery_id, percent in ((0, 80), (1, 35)):
@@ -45,22 +45,22 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
         value = vehicle.topic("battery").value
         assert (value.battery_id, value.batteries) == (0, ()), "the other has sent nothing for 10 s"
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_the_number_of_batteries_is_limited(jump):
-    async def story(_world, autopilot, vehicle):
+    async def scenario(_world, autopilot, vehicle):
         for battery_id in range(256):
             battery(autopilot, battery_id, 50, 16000)
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.1)
         assert len(vehicle.topic("battery").value.batteries) == 8
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_two_groups_of_outputs_are_stored_separately(jump):
-    async def story(_world, autopilot, vehicle):
+    async def scenario(_world, autopilot, vehicle):
         for _ in range(5):
             for port in (1, 0):
                 autopilot.send(sim.MAVLink_servo_output_raw_message(0, port, *[1500 + port] * 4, 0, 0, 0, 0))
@@ -71,7 +71,7 @@ def test_two_groups_of_outputs_are_stored_separately(jump):
         assert value.pwm_us == (1500,) * 4
         assert [(g.port, g.pwm_us) for g in value.groups] == [(0, (1500,) * 4), (1, (1501,) * 4)]
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def gimbal(autopilot, component, pitch_q):
@@ -84,7 +84,7 @@ def gimbal(autopilot, component, pitch_q):
 def test_of_two_gimbals_the_first_is_shown_until_it_stops_sending(jump):
     level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
-    async def story(_world, autopilot, vehicle):
+    async def scenario(_world, autopilot, vehicle):
         for component, q in ((171, down), (154, level)) * 5:
             gimbal(autopilot, component, q)
             await asyncio.sleep(0.1)
@@ -96,11 +96,11 @@ def test_of_two_gimbals_the_first_is_shown_until_it_stops_sending(jump):
             await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(-1.5708, abs=1e-2)
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
-    async def story(world, autopilot, vehicle):
+    async def scenario(world, autopilot, vehicle):
         companion = sim.MAVLink(None, srcSystem=1, srcComponent=191)
         before = vehicle.topic("global_position").value
         boot_at_s = vehicle.endpoints[0].boot_at_s
@@ -119,11 +119,11 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
         assert vehicle.identity.component_id == 1
         assert vehicle.endpoints[0].boot_at_s == pytest.approx(boot_at_s, abs=0.5)
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_topics_time_is_that_of_its_newest_sample(jump):
-    async def story(_world, autopilot, vehicle):
+    async def scenario(_world, autopilot, vehicle):
         def agree():
             for topic in TOPICS:
                 received_s = vehicle.topic_received_s(topic)
@@ -139,4 +139,4 @@ def test_a_topics_time_is_that_of_its_newest_sample(jump):
         assert vehicle.status.link_lost
         assert before_s < changed_s < agree(), "the lost connection is a new sample of the status"
 
-    run_test(jump, story)
+    run_test(jump, scenario)

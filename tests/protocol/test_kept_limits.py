@@ -32,7 +32,7 @@ def parse(kept):
     return LimitsRequest.model_validate(kept).to_limits()
 
 
-def with_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
+def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
     """One run of a server with this data folder, and a vehicle with system id 1 in flight."""
 
     async def run():
@@ -43,7 +43,7 @@ def with_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
         world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
-        for name, work in (("beat", world.streamer._beat), ("rounds", world._run_scheduler)):
+        for name, work in (("beat", world.streamer._update_loop), ("rounds", world._run_scheduler)):
             world.supervisor.start(name, work)
         world.router.start()
         world.fleet.start()
@@ -56,7 +56,7 @@ def with_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
         try:
             vehicle = await world.ready()
             await seconds(1.5)
-            await story(world, vehicle, store)
+            await scenario(world, vehicle, store)
         finally:
             await world.close()
             store.close()
@@ -65,11 +65,11 @@ def with_server(jump, folder, story, *, uid=7, version=True, twin_uid=None):
 
 
 def set_once(jump, folder, **options):
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         await vehicle.offboard.operator.set(LIMITS, by="anna")
         assert vehicle.offboard.operator.origin().kept
 
-    with_server(jump, folder, story, **options)
+    with_server(jump, folder, scenario, **options)
 
 
 @pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
@@ -105,12 +105,12 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
 def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(jump, tmp_path, before, after):
     set_once(jump, tmp_path, uid=before)
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert not vehicle.offboard.status().limits_origin.active
         assert codes(vehicle) == []
 
-    with_server(jump, tmp_path, story, uid=after)
+    with_server(jump, tmp_path, scenario, uid=after)
 
 
 def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
@@ -139,7 +139,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
 def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == LIMITS
         autopilot = next(iter(world.router._connections.values())).link.autopilots["peer"]
         autopilot.uid = 8
@@ -148,13 +148,13 @@ def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert "limits_other_vehicle" in codes(vehicle)
 
-    with_server(jump, tmp_path, story, uid=7)
+    with_server(jump, tmp_path, scenario, uid=7)
 
 
 def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         await vehicle.offboard.start(stream_request())
         origin = vehicle.offboard.status().limits_origin
         assert "has not sent its identity" in origin.warning
@@ -162,7 +162,7 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
         await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert "once the vehicle is identified" in vehicle.offboard.operator.origin().warning
 
-    with_server(jump, tmp_path, story, version=False)
+    with_server(jump, tmp_path, scenario, version=False)
 
 
 def test_removed_limits_stay_removed(jump, tmp_path):
@@ -173,11 +173,11 @@ def test_removed_limits_stay_removed(jump, tmp_path):
 
     with_server(jump, tmp_path, clear)
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         assert not vehicle.offboard.status().limits_origin.active
         assert codes(vehicle) == []
 
-    with_server(jump, tmp_path, story)
+    with_server(jump, tmp_path, scenario)
 
 
 def good(tmp_path):
@@ -207,7 +207,7 @@ def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
     path = tmp_path / f"uid-{7:016x}.json"
     path.write_bytes(CORRUPTIONS[name](good(tmp_path)))
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
         assert not origin.active
         assert "not in force" in origin.warning
@@ -219,7 +219,7 @@ def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
         assert vehicle.offboard.operator.origin().warning is None
         assert store.warnings() == []
 
-    with_server(jump, tmp_path, story)
+    with_server(jump, tmp_path, scenario)
     set_once(jump, tmp_path)
 
 
@@ -227,24 +227,24 @@ def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(jump, tmp_path)
     os.mkfifo(tmp_path / f"uid-{7:016x}.json")
     (tmp_path / f"uid-{8:016x}.json").mkdir()
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         assert "not a file" in vehicle.offboard.status().limits_origin.warning
 
-    with_server(jump, tmp_path, story)
+    with_server(jump, tmp_path, scenario)
 
 
 def test_an_unreadable_folder_is_reported_for_every_vehicle(jump, tmp_path):
     folder = tmp_path / "limits"
     folder.write_text("a file")
 
-    async def story(world, vehicle, store):
+    async def scenario(world, vehicle, store):
         assert "cannot be read" in vehicle.offboard.status().limits_origin.warning
         await vehicle.offboard.operator.set(LIMITS, by="anna")
         assert vehicle.offboard.limits().operator == LIMITS  # applied, not stored
         assert "lost when the server restarts" in vehicle.offboard.operator.origin().warning
         assert len(store.warnings()) == 2
 
-    with_server(jump, folder, story)
+    with_server(jump, folder, scenario)
 
 
 def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):

@@ -26,23 +26,23 @@ async def close(at, client, confirm=None, name="memory"):
 
 
 def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(jump):
-    async def story(at):
+    async def scenario(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         for confirm in (None, WORDS):
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
                 await close(at, BOB, confirm)
         assert lines(at.station)[-1] == ("bob", "links/remove", None, "not_in_control")
-        heard = len(at.autopilot.setpoints)
+        received = len(at.autopilot.setpoints)
         await seconds(1)
-        assert len(at.autopilot.setpoints) > heard + 30
+        assert len(at.autopilot.setpoints) > received + 30
         assert names(at) == ["memory"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("flown", ["streamed to", "armed", "armed and not controlled"])
 def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
-    async def story(at):
+    async def scenario(at):
         if flown == "streamed to":
             await offboard_routes.start("1", START, at.station, ANNA)
         elif flown == "armed":
@@ -57,11 +57,11 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
         assert names(at) == []
         assert ("anna", "links/remove", None, "ok") in lines(at.station)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_with_a_second_link_no_confirmation_is_needed(jump):
-    async def story(at):
+    async def scenario(at):
         second = at.world.link("second")
         at.world.offboard_autopilot(second).fly()
         await seconds(8)
@@ -69,32 +69,32 @@ def test_with_a_second_link_no_confirmation_is_needed(jump):
         await close(at, ANNA)
         assert names(at) == ["second"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_on_the_ground_a_link_is_closed_by_the_client_in_control_or_by_any_without_one(jump):
-    async def story(at):
+    async def scenario(at):
         await close(at, BOB)
         assert names(at) == []
         with pytest.raises(UnknownLink):
             await close(at, BOB)
 
-    with_routes(jump, story, flying=False)
+    with_routes(jump, scenario, flying=False)
 
 
 def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(jump):
-    async def story(at):
+    async def scenario(at):
         await control_routes.take("1", at.station, ANNA, YES)
         with pytest.raises(NotInControl):
             await close(at, BOB)
         await close(at, ANNA)
         assert names(at) == []
 
-    with_routes(jump, story, flying=False)
+    with_routes(jump, scenario, flying=False)
 
 
 def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
-    async def story(at):
+    async def scenario(at):
         take = control_models.TakeControl()
         await control_routes.take("1", at.station, ANNA, take)
         at.world.router.connection("memory").link.drop_peer("peer")
@@ -104,11 +104,11 @@ def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
         with pytest.raises(Refused, match="last link"):
             await close(at, ANNA)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)
 
 
 def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
-    async def story(at):
+    async def scenario(at):
         request = models.LinkRequest(url="udpin://127.0.0.1:0?forward=1", name="station")
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
@@ -122,4 +122,4 @@ def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
         await close(at, BOB, name="more")
         assert names(at) == ["memory"]
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

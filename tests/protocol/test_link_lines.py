@@ -5,11 +5,11 @@ import asyncio
 from gcs_server.mavlink import tlog_writer
 
 
-def run_test(kit, jump, story, **settings):
+def run_test(kit, jump, scenario, **settings):
     async def run():
         world = kit.World(**settings)
         try:
-            await story(world)
+            await scenario(world)
         finally:
             await world.close()
 
@@ -17,7 +17,7 @@ def run_test(kit, jump, story, **settings):
 
 
 def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         world.autopilot(link)
         await world.ready()
@@ -40,11 +40,11 @@ def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
         assert world.router.links()[0].frames_received > before.frames_received
         assert not world.fleet.get("1").status.link_lost
 
-    run_test(kit, jump, story)
+    run_test(kit, jump, scenario)
 
 
 def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, jump, tmp_path, monkeypatch):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         nothing = world.router.links()[0].recording
         assert (nothing.file, nothing.bytes, nothing.started_unix_s, nothing.stopped) == (None, 0, None, None)
@@ -67,12 +67,12 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
         assert world.router.connection(replay.name).info().recording is None
 
     monkeypatch.setattr(tlog_writer.TlogRecorder, "start", lambda self: None)
-    run_test(kit, jump, story, recording_dir=tmp_path, recording_keep_free_bytes=0)
+    run_test(kit, jump, scenario, recording_dir=tmp_path, recording_keep_free_bytes=0)
 
 
 def test_without_recording_it_is_null(kit, jump):
-    async def story(world):
+    async def scenario(world):
         world.link()
         assert world.router.links()[0].recording is None
 
-    run_test(kit, jump, story)
+    run_test(kit, jump, scenario)

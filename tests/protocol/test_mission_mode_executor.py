@@ -188,9 +188,9 @@ def test_the_operators_hold_during_the_take_off_ends_the_charge(jump: Any) -> No
 def test_refused_arming_starts_nothing(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await selected(at)
-        at.world.streamer._streams._record_beat, alive = (
+        at.world.streamer._streams._record_loop_message, alive = (
             lambda _: None,
-            at.world.streamer._streams._record_beat,
+            at.world.streamer._streams._record_loop_message,
         )
         await seconds(3)
         with pytest.raises(GcsError):
@@ -198,7 +198,7 @@ def test_refused_arming_starts_nothing(jump: Any) -> None:
         assert not at.vehicle.status.armed
         assert at.mission is None
         assert executor_commands(at) == []
-        at.world.streamer._streams._record_beat = alive
+        at.world.streamer._streams._record_loop_message = alive
 
     fly(jump, story, in_air=False)
 

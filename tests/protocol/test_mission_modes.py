@@ -121,12 +121,12 @@ def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
         await at.flying()
         streams = at.world.streamer._streams
         flight = at.station.missions.flight("1")
-        alive, tick = streams._record_beat, flight.tick
-        streams._record_beat, flight.tick = lambda _: None, lambda: None
+        alive, tick = streams._record_loop_message, flight.tick
+        streams._record_loop_message, flight.tick = lambda _: None, lambda: None
         began_s = at.world.loop.time()
         await at.mode("rtl")
         assert 1.0 < at.world.loop.time() - began_s < 2.5
-        streams._record_beat, flight.tick = alive, tick
+        streams._record_loop_message, flight.tick = alive, tick
         await until(lambda: at.mission == "suspended", 2)
 
     fly(jump, story)

@@ -51,18 +51,18 @@ PLACES = {"position", "position_global", "position_body", "path", "follow", "tra
     ],
 )
 def test_the_available_setpoints_follow_the_vehicles_estimates(jump, flags, impossible):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         sends_flags(autopilot, flags)
         await seconds(0.1)
         assert cannot(vehicle) == impossible
         for name in impossible - NEVER:
             assert "estimate" in vehicle.offboard.available()[name].why_not
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         await seconds(1.5)
         for setpoint, words in (
@@ -76,11 +76,11 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         assert autopilot.mode == OFFBOARD
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_setpoints_that_are_never_available_have_a_reason(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         for setpoint, error, words in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
             (Position((1.0, None, -5.0)), InvalidRequest, "north and east are needed together"),
@@ -91,11 +91,11 @@ def test_setpoints_that_are_never_available_have_a_reason(jump):
                 await vehicle.offboard.start(StreamRequest(setpoint))
         assert autopilot.setpoints == []
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
         await seconds(1.5)
@@ -109,27 +109,30 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
         assert abs(targets[-1][1].q[1]) < 1e-6
         assert [int(m.param3) for m in autopilot.commands(176)][-1] == 6  # Land has been requested
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_one(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
-        beat, world.streamer._streams.beat = world.streamer._streams.beat, lambda snapshots: None
+        beat, world.streamer._streams.update_snapshots = (
+            world.streamer._streams.update_snapshots,
+            lambda snapshots: None,
+        )
         await seconds(0.4)
         assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
         await seconds(1.6)
         assert world.loop.time() - targets[-1][0] > 0.3
-        world.streamer._streams.beat = beat
+        world.streamer._streams.update_snapshots = beat
         await seconds(0.2)
         assert "server_silent" in codes(vehicle)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),
             "MPC_TILTMAX_AIR": (9, 30.0),
@@ -154,11 +157,11 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
         with pytest.raises(Refused, match="limit of 60 m from home"):
             await vehicle.offboard.setpoint(stream_request(position=(70.0, 0.0, -5.0)))
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         await vehicle.offboard.operator.set(
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
@@ -168,22 +171,22 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ju
             await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
         assert autopilot.commands(176) == []
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
         place = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
         await vehicle.offboard.start(StreamRequest(place, 60.0))
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
         assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
         assert (before.action, before.after_s, before.transmitter) == ("position", 1.0, False)
@@ -201,11 +204,11 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
         with pytest.raises(Rejected, match="still has COM_OF_LOSS_T"):
             await vehicle.offboard.set_failsafe(None, 5.0)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_health_reports_the_time_until_the_failsafe(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.5)
         await vehicle.offboard.start(stream_request(valid_for_s=3.0))
@@ -219,11 +222,11 @@ def test_health_reports_the_time_until_the_failsafe(jump):
         assert health.echo is None  # this vehicle sends no COM_OF_LOSS_T
         assert health.position_error_m == pytest.approx(0.0, abs=0.01)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_limit_changed_in_flight_applies_at_once(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
         vehicle.params.known = lambda name: SimpleNamespace(value=known[name]) if name in known else None
@@ -231,11 +234,11 @@ def test_a_limit_changed_in_flight_applies_at_once(jump):
         assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
         await seconds(3)
         with pytest.raises(
@@ -243,4 +246,4 @@ def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
         ):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, story)
+    flight(jump, scenario)

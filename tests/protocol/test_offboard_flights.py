@@ -21,7 +21,7 @@ from tests.protocol.offboard_world import (
 
 
 def test_nothing_is_sent_after_stop(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(2)
         await vehicle.offboard.stop()
@@ -30,11 +30,11 @@ def test_nothing_is_sent_after_stop(jump):
         assert max(gaps_s(autopilot)) < 0.05
         assert autopilot.failsafes == 0
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(1)
         autopilot.mode = autopilot.requested_mode = POSITION
@@ -42,12 +42,12 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
         await silent(autopilot, link, settle_s=0.15)
         assert codes(vehicle) == ["left_offboard"]
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 @pytest.mark.parametrize("seed", range(21))
 def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         began = world.loop.time()
         await vehicle.offboard.start(stream_request())
         assert world.loop.time() - began < 12
@@ -61,12 +61,12 @@ def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
         assert autopilot.failsafes == 0
         await silent(autopilot, link)
 
-    flight(jump, story, loss=0.2, seed=seed)
+    flight(jump, scenario, loss=0.2, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(21))
 def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         command = vehicle.command
         calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
         for limit_s, call in calls:
@@ -75,14 +75,14 @@ def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
             assert world.loop.time() - began <= limit_s
         assert not autopilot.armed
 
-    flight(jump, story, loss=0.2, seed=seed)
+    flight(jump, scenario, loss=0.2, seed=seed)
 
 
 # --- starting -------------------------------------------------------------------------------------
 
 
 def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already has a setpoint stream"):
@@ -90,11 +90,11 @@ def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
         assert (await first).client == "a"
         assert autopilot.mode == OFFBOARD
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stop_before_the_offboard_request_prevents_it(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.5)
         await vehicle.offboard.stop()
@@ -104,11 +104,11 @@ def test_a_stop_before_the_offboard_request_prevents_it(jump):
         assert not mode_requests(autopilot, OFFBOARD)
         assert autopilot.mode == HOLD
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -121,11 +121,11 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
         assert autopilot.mode == HOLD
         await silent(autopilot, link)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stopped_start_affects_no_later_start(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await seconds(0.5)
         await vehicle.offboard.stop()
@@ -137,11 +137,11 @@ def test_a_stopped_start_affects_no_later_start(jump):
         assert vehicle.offboard.status().state == "streaming"
         assert autopilot.failsafes == 0
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -154,11 +154,11 @@ def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(j
         assert autopilot.mode == HOLD
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -171,11 +171,11 @@ def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(
         assert autopilot.mode == HOLD
         await silent(autopilot, link)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_offboard_that_is_reached_after_the_deadline_is_reversed(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
             await vehicle.offboard.start(stream_request())
@@ -183,22 +183,22 @@ def test_offboard_that_is_reached_after_the_deadline_is_reversed(jump):
         await seconds(10)
         assert autopilot.failsafes == 0 or isinstance(caught.value, Rejected)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_after_a_late_refusal_the_stream_ends_at_once(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False
         with pytest.raises(Rejected):
             await vehicle.offboard.start(stream_request())
         await silent(autopilot, link)
         assert autopilot.mode == HOLD
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.3)
         autopilot.alive = False
@@ -210,46 +210,46 @@ def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
         assert autopilot.failsafes == 0
         await silent(autopilot, link)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.start(stream_request(), rate_hz=2.0)
         await silent(autopilot, link)
         await vehicle.offboard.start(stream_request(), rate_hz=5.0)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.mode = autopilot.requested_mode = 4 << 16 | 4 << 24
         await seconds(2)
         assert vehicle.status.mode == "mission"
         await vehicle.offboard.start(stream_request())
         assert autopilot.mode == OFFBOARD
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
         assert autopilot.mode == HOLD, "armed now, it stays on the ground"
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, story, flying=False)
+    flight(jump, scenario, flying=False)
 
 
 # --- expiry ---------------------------------------------------------------------------------------
 
 
 def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         async def move():
             while True:
                 await seconds(0.01)
@@ -267,11 +267,11 @@ def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
         assert held.x == pytest.approx(at, abs=0.6), "10 m/s and 60 ms"
         moving.cancel()
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
         autopilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
         await seconds(2)
@@ -282,34 +282,34 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
         await seconds(8)
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
         autopilot.estimates = False
         await seconds(3)
         assert autopilot.mode == LAND
         assert not mode_requests(autopilot, HOLD)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         await seconds(9)
         assert autopilot.mode == HOLD
         assert autopilot.failsafes == 0
         assert codes(vehicle) == ["expired", "held"]
 
-    flight(jump, story, loss=0.2, seed=seed)
+    flight(jump, scenario, loss=0.2, seed=seed)
 
 
 def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         autopilot.refuse[176] = 1
         await seconds(9)
@@ -318,11 +318,11 @@ def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
         assert autopilot.failsafes == 1
         await silent(autopilot, link)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
         assert vehicle.offboard.status().state == "holding"
@@ -334,21 +334,21 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
         with pytest.raises(Refused, match="ending"):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_start_during_expiry_is_refused(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
         with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(stream_request())
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, action="land"))
         autopilot.silent_commands.add(176)
         await seconds(1)
@@ -358,11 +358,11 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
         await seconds(3)
         assert autopilot.mode == LAND
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stop_on_a_lost_link_is_repeated(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
         autopilot.silent_commands.add(176)
         with pytest.raises(NoReply):
@@ -373,11 +373,11 @@ def test_a_stop_on_a_lost_link_is_repeated(jump):
         assert autopilot.mode == HOLD
         await silent(autopilot, link)
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(client="a"))
         for number in range(10):
             client = "ab"[number % 2]
@@ -390,4 +390,4 @@ def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
         with pytest.raises(Refused, match="stopped"):
             await vehicle.offboard.setpoint(stream_request(client="a"))
 
-    flight(jump, story)
+    flight(jump, scenario)

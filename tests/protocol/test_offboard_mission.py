@@ -271,9 +271,9 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
     async def story(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.all.update
-        beat, streamer.beat_once, missions.all.update = streamer.beat_once, lambda: None, lambda: None
+        beat, streamer.update_once, missions.all.update = streamer.update_once, lambda: None, lambda: None
         await until(lambda: autopilot.mode == POSITION, 6)
-        streamer.beat_once, missions.all.update = beat, update
+        streamer.update_once, missions.all.update = beat, update
         await missions.reach("suspended", within_s=3)
         await silent(autopilot, None, settle_s=0.5)
         assert autopilot.failsafes == 1

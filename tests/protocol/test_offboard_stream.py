@@ -18,11 +18,11 @@ class Closed(Exception):
 
 
 class FakeSocket:
-    """The client's end of a socket: `say` sends, `heard` has the answers."""
+    """The client's end of a socket: `say` sends, `received` has the answers."""
 
     def __init__(self):
         self.inbox = asyncio.Queue()
-        self.heard = []
+        self.received = []
         self.closed = None
         self.reads = asyncio.Event()
         self.reads.set()
@@ -38,7 +38,7 @@ class FakeSocket:
 
     async def send_text(self, data):
         await self.reads.wait()
-        self.heard.append(json.loads(data))
+        self.received.append(json.loads(data))
 
     async def close(self, code=1000, reason=None):
         self.closed = (code, reason)
@@ -49,7 +49,7 @@ def north(metres, **more):
     return {"setpoint": place, "valid_for_s": 60, **more}
 
 
-def with_socket(jump, story, *, start=True):
+def with_socket(jump, scenario, *, start=True):
     async def fly(world, vehicle, autopilot, link):
         station = station_of(world)
         if start:
@@ -58,7 +58,7 @@ def with_socket(jump, story, *, start=True):
         server = SetpointSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
         serving = asyncio.ensure_future(server.serve())
         try:
-            await story(vehicle, autopilot, socket)
+            await scenario(vehicle, autopilot, socket)
         finally:
             socket.inbox.put_nowait(None)
             with suppress(ExceptionGroup):  # the socket's own end
@@ -68,34 +68,34 @@ def with_socket(jump, story, *, start=True):
 
 
 def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         for seq in range(1, 51):
             before = len(autopilot.setpoints)
             socket.say(seq=seq, **north(seq / 10))
             await seconds(0.0101)
             new = [m.x for _, m in autopilot.setpoints[before:]]
             assert any(x == pytest.approx(seq / 10) for x in new), (seq, new)
-        assert [a["seq"] for a in socket.heard] == list(range(1, 51))
-        last = socket.heard[-1]
+        assert [a["seq"] for a in socket.received] == list(range(1, 51))
+        last = socket.received[-1]
         assert last["applied"] == {"type": "position", "position_ned_m": [5.0, 0.0, -5.0], "yaw_ned_rad": 0.5}
         assert last["limited"] == []
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)
 
 
 def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         for seq in range(10):
             socket.say(seq=seq, **north(seq))
         socket.say(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
         await seconds(0.1)
-        answers = {a["seq"]: a for a in socket.heard}
+        answers = {a["seq"]: a for a in socket.received}
         assert answers[10]["error"]["field"] == "setpoint.position_ned_m.0"
         assert answers[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
         assert all(answers[seq] == {"seq": seq, "superseded": True} for seq in range(9))
         assert {m.x for _, m in autopilot.setpoints[-3:]} == {9.0}
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)
 
 
 @pytest.mark.parametrize(
@@ -156,32 +156,32 @@ def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
     ],
 )
 def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump, message, words, field):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         await seconds(0.1)
         before = (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask)
         socket.inbox.put_nowait(message)
         await seconds(0.1)
-        (answer,) = socket.heard
+        (answer,) = socket.received
         assert words in answer["error"]["detail"]
         assert field is None or answer["error"]["field"] == field
         assert (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask) == before
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)
 
 
 def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(jump):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         socket.say(seq=1, **north(1))
         await seconds(0.1)
-        assert socket.heard[0]["error"]["code"] == "refused"
-        assert "offboard/start" in socket.heard[0]["error"]["remedy"]
+        assert socket.received[0]["error"]["code"] == "refused"
+        assert "offboard/start" in socket.received[0]["error"]["remedy"]
         assert autopilot.setpoints == []
 
-    with_socket(jump, story, start=False)
+    with_socket(jump, scenario, start=False)
 
 
 def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         socket.reads.clear()
         for seq in range(1000):
             socket.say(seq=seq, **north(seq / 100))
@@ -189,17 +189,17 @@ def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
         assert autopilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
         socket.reads.set()
         await seconds(0.2)
-        assert len(socket.heard) <= 202  # the oldest answers were dropped
-        assert socket.heard[-1]["seq"] == 999
+        assert len(socket.received) <= 202  # the oldest answers were dropped
+        assert socket.received[-1]["seq"] == 999
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)
 
 
 @pytest.mark.parametrize(
     "text", ['{"' + "x" * 500_000 + '": 1}', "[" * 500_000, '{"type": "' + "y" * 500_000 + '"}']
 )
 def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_stream(jump, text):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         socket.reads.clear()
         for _ in range(100):
             socket.inbox.put_nowait(text)
@@ -209,14 +209,14 @@ def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_
         assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
         socket.reads.set()
         await seconds(0.2)
-        assert sum(len(json.dumps(answer)) for answer in socket.heard) < ANSWERS_BYTES + 10_000
-        assert socket.heard[-1]["seq"] == 7
+        assert sum(len(json.dumps(answer)) for answer in socket.received) < ANSWERS_BYTES + 10_000
+        assert socket.received[-1]["seq"] == 7
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)
 
 
 def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         for seq in range(FLOOD_PER_S + 10):
             socket.say(seq=seq, **north(seq / 1000, valid_for_s=0.5))
         await seconds(0.1)
@@ -225,11 +225,11 @@ def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
         assert autopilot.mode != OFFBOARD  # held, then Hold
         assert autopilot.failsafes == 0
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)
 
 
 def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
-    async def story(vehicle, autopilot, socket):
+    async def scenario(vehicle, autopilot, socket):
         socket.say(seq=1, **(north(3) | {"valid_for_s": 4}))
         await seconds(0.1)
         socket.inbox.put_nowait(None)
@@ -239,4 +239,4 @@ def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
         assert (autopilot.mode, autopilot.failsafes) != (OFFBOARD, 1)
         assert vehicle.offboard.status().state == "idle"
 
-    with_socket(jump, story)
+    with_socket(jump, scenario)

@@ -24,7 +24,7 @@ from tests.protocol.offboard_world import (
 
 
 def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(0.5)
         autopilot.ned = [80.0, -30.0, -5.0]
@@ -37,11 +37,11 @@ def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
         with pytest.raises(Refused):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
         autopilot.failsafes, autopilot.mode = 1, POSITION
@@ -57,11 +57,11 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
         autopilot.alive = False
@@ -71,11 +71,11 @@ def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
         await silent(autopilot, link, settle_s=1.2)
         assert codes(vehicle) == ["disarmed"]
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         autopilot.alive = False
         autopilot.silent_commands.add(176)
@@ -83,17 +83,17 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
         assert not vehicle.offboard.status().streaming
         assert codes(vehicle) == ["lost", "not_confirmed"]
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_kill_in_flight_ends_the_stream(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
         await silent(autopilot, link, settle_s=0.2)
         assert codes(vehicle) == ["disarmed"]
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
@@ -124,7 +124,7 @@ def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
 
 
 def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
         autopilot.take_offboard_after_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -145,11 +145,11 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
         with pytest.raises((Refused, Rejected)):
             await starting
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -161,12 +161,12 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
         with pytest.raises((Refused, Rejected)):
             await starting
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 @pytest.mark.parametrize("call", ["land", "rtl"])
 def test_the_stream_does_not_request_hold_during_another_command(jump, call):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
@@ -181,7 +181,7 @@ def test_the_stream_does_not_request_hold_during_another_command(jump, call):
         assert vehicle.status.mode == call
         assert autopilot.failsafes == 0
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 # --- receivers ------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
             await seconds(0.5)
             await vehicles[0].command.kill()
             for number, autopilot in enumerate(autopilots, 1):
-                addressed = [m for m in autopilot.heard if hasattr(m, "target_system")]
+                addressed = [m for m in autopilot.received if hasattr(m, "target_system")]
                 assert {m.target_system for m in addressed} == {number}
                 assert {m.target_component for m in addressed} == {1}
                 assert {m.x for _, m in autopilot.setpoints} == {float(number)}

@@ -25,7 +25,7 @@ async def read_inline(kind, packed, crc):
     return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
 
 
-def story(jump, work):
+def scenario(jump, work):
     async def run():
         world = OffboardWorld()
         autopilot = SimulatedAutopilot(world.link(), seed=1)
@@ -66,7 +66,7 @@ def test_reading_the_parameters_is_an_operation_with_progress(jump):
         assert now["result"] == {"received": 929, "source": "vehicle"}
         assert view(await refresh(at, ANNA, WAIT))["received"] == 929
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 def test_an_operation_is_cancelled_by_its_client_or_by_any_if_no_other_has_control(jump):
@@ -89,7 +89,7 @@ def test_an_operation_is_cancelled_by_its_client_or_by_any_if_no_other_has_contr
         assert at.vehicle.params.list.state == "failed"
         assert view(await refresh(at, ANNA, WAIT))["state"] == "ready"
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
@@ -109,7 +109,7 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
         assert json.loads(json.dumps(failed)) == failed
         await seconds(2)
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 def test_concurrent_reads_share_one_operation_and_one_request(jump):
@@ -118,4 +118,4 @@ def test_concurrent_reads_share_one_operation_and_one_request(jump):
         assert at.autopilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1
         assert len(at.station.operations.all()) == 1
 
-    story(jump, work)
+    scenario(jump, work)

@@ -26,7 +26,7 @@ async def read_inline(kind, packed, crc):
     return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
 
 
-def story(kit, jump, work, *, loss=0.0, seed=0, cache=None):
+def scenario(kit, jump, work, *, loss=0.0, seed=0, cache=None):
     async def run():
         world = kit.World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed)
@@ -66,7 +66,7 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
                 2,
             )  # the list, and the checksum twice
 
-    story(kit, jump, work, loss=loss, seed=seed)
+    scenario(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
@@ -93,8 +93,8 @@ def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
         await vehicle.params.refresh(ignore_cache=True)
         assert autopilot.count(LIST) == 2
 
-    story(kit, jump, first, cache=cache)
-    story(kit, jump, second, cache=cache)
+    scenario(kit, jump, first, cache=cache)
+    scenario(kit, jump, second, cache=cache)
 
 
 def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
@@ -113,7 +113,7 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
         assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
         assert (await params.set("COM_RC_OVERRIDE", 3)).value == 3
 
-    story(kit, jump, work)
+    scenario(kit, jump, work)
 
 
 def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, jump):
@@ -139,7 +139,7 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, 
         await world.clock.sleep(2)
         assert vehicle.params.list.state == "outdated"
 
-    story(kit, jump, work)
+    scenario(kit, jump, work)
 
 
 def test_a_vehicle_without_parameters_is_reported(kit, jump):
@@ -174,4 +174,4 @@ def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
         assert autopilot.count(FTP) == fetched  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
-    story(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)
+    scenario(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)

@@ -12,7 +12,7 @@ from tests.protocol.one_vehicle import LOSS, flight
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
         assert (await vehicle.params.set("MPC_XY_VEL_MAX", 9.3)).value == pytest.approx(9.3, abs=1e-6)
         for value in (-1, 0, 77, -8388607, 2**31 - 1):
@@ -20,11 +20,11 @@ def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
             assert (param.value, param.is_integer) == (value, True)
             assert autopilot.params["NAV_DLL_ACT"] == (6, value)
 
-    flight(kit, jump, story, loss=loss, seed=seed)
+    flight(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_refused_parameters_have_a_reason(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         with pytest.raises(NoReply, match="NO_SUCH"):
             await vehicle.params.get("NO_SUCH")
         for name in ("", "WAY_TOO_LONG_FOR_A_NAME", "SPACE D", "Ä"):
@@ -37,11 +37,11 @@ def test_refused_parameters_have_a_reason(kit, jump):
         with pytest.raises(Rejected, match="still has MPC_XY_VEL_MAX = 12"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 50)
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         station = [255, 190]
 
         def refuse(message):
@@ -61,12 +61,12 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
         with pytest.raises(Rejected, match="MPC_XY_VEL_MAX: the value is out of its range"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 500)
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_the_gimbal_is_controlled_pointed_and_released(kit, jump, loss, seed):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
         autopilot.control = (7, 8)
@@ -93,11 +93,11 @@ def test_the_gimbal_is_controlled_pointed_and_released(kit, jump, loss, seed):
         await vehicle.gimbal.release_control()
         assert autopilot.control == (0, 0)
 
-    flight(kit, jump, story, loss=loss, seed=seed)
+    flight(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
             with pytest.raises(InvalidRequest):
                 await vehicle.gimbal.set_angles(pitch, yaw)
@@ -107,7 +107,7 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
         with pytest.raises(NoReply, match="gimbal"):
             await vehicle.gimbal.set_angles(0, 0)
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
@@ -131,7 +131,7 @@ def turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, jump, loss, seed):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         turning(autopilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
         limited = await vehicle.gimbal.set_angles(-90, 0)
@@ -140,22 +140,22 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, 
         assert "pitch -45° instead of -90°" in limited.text
         assert await vehicle.gimbal.set_angles(-30, 0) is None
 
-    flight(kit, jump, story, loss=loss, seed=seed)
+    flight(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_without_wait_the_answer_is_the_acknowledgement(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
         began_s = world.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
         assert world.loop.time() - began_s < 0.3
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)
 
 
 def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit, jump):
-    async def story(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
         began_s = world.loop.time()
@@ -164,4 +164,4 @@ def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit
         autopilot.gimbal_attitude = lambda: None
         assert await vehicle.gimbal.set_angles(0, 0) is None
 
-    flight(kit, jump, story)
+    flight(kit, jump, scenario)

@@ -1,4 +1,4 @@
-"""Floods of vehicles that do not exist: limited, reported, removable, and never replacing a real one."""
+"""Many vehicles that do not exist: they are limited, reported and removable, and never replace a real one."""
 
 import asyncio
 import tracemalloc
@@ -19,28 +19,28 @@ from tests.protocol.offboard_world import OffboardWorld, stream_request
 HEARTBEAT = encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
 
 
-def run_test(jump, story):
+def run_test(jump, scenario):
     async def run():
         world = OffboardWorld()
         try:
-            await story(world)
+            await scenario(world)
         finally:
             await world.close()
 
     return jump(run)
 
 
-def fake(link, system, peer):
+def send_heartbeat(link, system, peer):
     link.inject(encode_frame(d.MAVLINK_MSG_ID_HEARTBEAT, HEARTBEAT, 0, system, 1), peer)
 
 
 def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         tracemalloc.start()
         for _ in range(10):
             for n in range(200):
-                fake(link, 9, f"10.0.0.1:{n}")
+                send_heartbeat(link, 9, f"10.0.0.1:{n}")
             await asyncio.sleep(1.0)
         grown = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
@@ -50,13 +50,13 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
         assert (warning.link, "system id 9" in warning.text) == ("memory", True)
         assert len([e for e in world.fleet.events.since() if e.kind == "warning"]) == 1, "reported once"
         await asyncio.sleep(70.0)
-        assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "it is over"
+        assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "the warning has ended"
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump):
-    async def story(world):
+    async def scenario(world):
         links = [world.link(name) for name in ("a", "b")]
         autopilot = world.offboard_autopilot(links[0], peer="real")
         autopilot.fly()
@@ -65,7 +65,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
         for _ in range(2):
             for n, link in enumerate(links):
                 for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
-                    fake(link, system, f"10.0.0.2:{system}")
+                    send_heartbeat(link, system, f"10.0.0.2:{system}")
             await asyncio.sleep(FORGETTABLE_AFTER_S + 5.0)
         assert len(world.fleet.all()) == MAX_VEHICLES
         assert world.fleet.get("1") is real
@@ -73,15 +73,15 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
         await asyncio.sleep(4.0)
         assert not real.status.link_lost
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         for system in range(2, 255):
-            fake(link, system, f"10.0.0.2:{system}")
+            send_heartbeat(link, system, f"10.0.0.2:{system}")
         await asyncio.sleep(3.0)
         assert len(world.fleet.all()) == MAX_ON_LINK
         world.autopilot(link, peer="real", system=1)
@@ -91,11 +91,11 @@ def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_ON_LINK
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
-    async def story(world):
+    async def scenario(world):
         world.fleet.on_vehicle_removed(world.streamer.detach)
         link = world.link()
         autopilot = world.offboard_autopilot(link)
@@ -120,17 +120,17 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
         await again.offboard.start(stream_request(valid_for_s=60.0))
         assert again.status.mode == "offboard"
 
-    run_test(jump, story)
+    run_test(jump, scenario)
 
 
 def test_equal_system_ids_give_one_warning(jump):
-    async def story(world):
+    async def scenario(world):
         link = world.link()
         for second in range(60):
             for n in range(MAX_OF_ONE_ID):
                 if second > 8 * n:
-                    fake(link, 9, f"10.0.0.1:{n}")
+                    send_heartbeat(link, 9, f"10.0.0.1:{n}")
             await asyncio.sleep(1.0)
         assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_OF_ONE_ID
 
-    run_test(jump, story)
+    run_test(jump, scenario)

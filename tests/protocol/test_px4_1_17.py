@@ -30,7 +30,7 @@ class NewerPx4:
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._sim = world.sim
-        self._parser, self._heard = sim.MAVLink(None), sim.MAVLink(None)
+        self._parser, self._received = sim.MAVLink(None), sim.MAVLink(None)
         self._packers: dict[tuple[int, int], Any] = {}
         self._answers = b""
         self.cruises = False
@@ -39,7 +39,7 @@ class NewerPx4:
 
     def feed(self, row: int, link: str, data: bytes) -> None:
         """Passes messages to the vehicle, except those that v1.17 refuses."""
-        for message in self._heard.parse_buffer(data) or []:
+        for message in self._received.parse_buffer(data) or []:
             name = getattr(message, "param_id", "")
             if name == REMOVED:
                 error = sim.MAVLink_param_error_message(
@@ -96,7 +96,7 @@ class NewerPx4:
 
 
 def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         world = SimulatedWorld()
         newer = NewerPx4(world)
         try:
@@ -134,4 +134,4 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any
         finally:
             await world.close()
 
-    jump(story)
+    jump(scenario)

@@ -39,7 +39,7 @@ def records(path):
 def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
     path = shared / "px4" / "tlogs" / name
 
-    async def story():
+    async def scenario():
         world = kit.World()
         link = world.link("tape", replay=True)
         theirs, newest, vehicle, compared = sim.MAVLink(None), {}, None, 0
@@ -65,7 +65,7 @@ def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
         finally:
             await world.close()
 
-    jump(story)
+    jump(scenario)
 
 
 def compare(vehicle, newest):

@@ -65,11 +65,11 @@ class SignedWorld(World):
         return self.router.connection(name).info()
 
 
-def with_signed_world(jump, story, tmp_path, **settings):
+def with_signed_world(jump, scenario, tmp_path, **settings):
     async def run():
         world = SignedWorld(tmp_path, **settings)
         try:
-            await story(world)
+            await scenario(world)
         finally:
             await world.close()
 
@@ -78,7 +78,7 @@ def with_signed_world(jump, story, tmp_path, **settings):
 
 @pytest.mark.parametrize("required", [True, False])
 def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(jump, tmp_path, required):
-    async def story(world):
+    async def scenario(world):
         autopilot = world.signed_autopilot(world.signed_link(required=required))
         vehicle = await world.ready()
         await vehicle.command.arm()
@@ -92,18 +92,18 @@ def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(jump, tmp_p
         assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
         assert info.frames_received > 20
 
-    with_signed_world(jump, story, tmp_path)
+    with_signed_world(jump, scenario, tmp_path)
 
 
 def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(jump, tmp_path):
-    async def story(world):
+    async def scenario(world):
         world.signed_autopilot(world.signed_link(), timestamp=0)
         await world.ready()
         report = world.info().signing
         assert report.too_old > 0
         assert report.wrong_signature == report.unsigned == report.replayed == 0
 
-    with_signed_world(jump, story, tmp_path)
+    with_signed_world(jump, scenario, tmp_path)
 
 
 def intruder_frames(world):
@@ -117,16 +117,16 @@ def intruder_frames(world):
 
 
 def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_path):
-    async def story(world):
+    async def scenario(world):
         link = world.signed_link()
         autopilot = world.signed_autopilot(link)
         station = world.link("station", forward=True)
         station.inject(encode_frame(0, HEARTBEAT, 0, 254, 1), "qgc")
-        heard = []
+        received = []
         link_bytes = autopilot.link.inject
-        autopilot.link.inject = lambda data, peer: (heard.append(data), link_bytes(data, peer))
+        autopilot.link.inject = lambda data, peer: (received.append(data), link_bytes(data, peer))
         vehicle = await world.ready()
-        recorded = heard[-1]
+        recorded = received[-1]
         for _ in range(20):
             for raw in (*intruder_frames(world), recorded):
                 link.inject(raw, "intruder")
@@ -137,7 +137,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         report = world.info().signing
         assert (report.unsigned, report.wrong_signature) == (20, 20)
         assert report.replayed >= 20
-        assert {data for data, _ in station.sent} <= set(heard)
+        assert {data for data, _ in station.sent} <= set(received)
         texts = [text for kind, name, text in world.router.warnings() if (kind, name) == ("signing", "radio")]
         assert len(texts) == 3
         assert "signing=allowed" in texts[0]
@@ -145,7 +145,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         world.router._recorder.flush()
 
     folder = tmp_path / "recordings"
-    with_signed_world(jump, story, tmp_path, recording_dir=folder)
+    with_signed_world(jump, scenario, tmp_path, recording_dir=folder)
     (tape,) = folder.glob("*radio*.tlog")
     frames = [raw for _, raw in read_tlog(tape)]
     assert len(frames) > 20
@@ -157,7 +157,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
 
 
 def test_a_vehicle_with_another_key_is_not_flown_and_is_named(jump, tmp_path):
-    async def story(world):
+    async def scenario(world):
         link = world.signed_link()
         autopilot = world.signed_autopilot(link, key=OTHER, system=6)
         autopilot.receive = lambda _data: None
@@ -166,21 +166,21 @@ def test_a_vehicle_with_another_key_is_not_flown_and_is_named(jump, tmp_path):
         (warning,) = [text for kind, _, text in world.router.warnings() if kind == "signing"]
         assert warning.startswith("System 6 sends frames with a wrong signature")
 
-    with_signed_world(jump, story, tmp_path)
+    with_signed_world(jump, scenario, tmp_path)
 
 
 def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
-    async def story(world):
+    async def scenario(world):
         with pytest.raises(InvalidRequest, match="There is no signing key 'none'; known: field") as error:
             world.router.add_link("udpin://127.0.0.1:0?key=none", "one")
         assert error.value.field == "url"
         assert world.router.links() == []
 
-    with_signed_world(jump, story, tmp_path)
+    with_signed_world(jump, scenario, tmp_path)
 
 
 def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_path):
-    async def story(world):
+    async def scenario(world):
         link = world.link("plain")
         autopilot = world.signed_autopilot(link)
         autopilot.mav.signing.secret_key = OTHER
@@ -189,4 +189,4 @@ def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_pa
         assert world.info("plain").frames_unverified > 10
         assert world.info("plain").signing is None
 
-    with_signed_world(jump, story, tmp_path)
+    with_signed_world(jump, scenario, tmp_path)

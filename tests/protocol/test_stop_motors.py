@@ -37,7 +37,7 @@ def is_kill(message):
 def others(autopilot):
     """Other commands that fly the vehicle: arm, modes, take-off, go to."""
     return [
-        m for m in autopilot.heard if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)
+        m for m in autopilot.received if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)
     ]
 
 
@@ -56,7 +56,7 @@ def ignore_kill(autopilot, for_s):
 
 @pytest.mark.parametrize("name", list(CALLS))
 def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(jump, name):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         times = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
         await seconds(1.0)
@@ -70,11 +70,11 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(j
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
         await CALLS["hold"](vehicle)  # it has ended: commands are accepted again
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_stop_motors_ends_pending_commands(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.silent_commands.add(176)
         hold = asyncio.ensure_future(vehicle.command.hold())
         await seconds(0.2)
@@ -86,11 +86,11 @@ def test_stop_motors_ends_pending_commands(jump):
         await kill
         assert len(autopilot.commands(176)) == sent
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
         asked = len(autopilot.commands(176))
@@ -100,11 +100,11 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
         assert len(autopilot.commands(176)) == asked
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         asked = len(autopilot.commands(176))
         ignore_kill(autopilot, 2.0)
@@ -118,11 +118,11 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
         await stop
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
-    async def story(at):
+    async def scenario(at):
         await begin(at, {"1": place(), "2": place()})
         await seconds(2.0)
         times = ignore_kill(at.autopilots["1"], 3.0)
@@ -138,11 +138,11 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
         assert at.vehicles["2"].status.mode == "hold"
         assert at.autopilots["2"].armed
 
-    with_routes(jump, story, count=2)
+    with_routes(jump, scenario, count=2)
 
 
 def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         answers = itertools.cycle([2, 0, 4, 5])
         began_s = world.loop.time()
 
@@ -161,11 +161,11 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
         with pytest.raises(Rejected, match="refused to stop its motors"):
             await vehicle.command.kill()
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_stop_motors_continues_after_its_caller(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
@@ -177,11 +177,11 @@ def test_stop_motors_continues_after_its_caller(jump):
         assert not autopilot.armed
         await vehicle.command.hold()
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         quiet_raw = autopilot.send_raw
         autopilot.send_raw = lambda raw: None
         times = ignore_kill(autopilot, 100.0)
@@ -194,11 +194,11 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
         assert times[-1] - times[0] > 5.5
         autopilot.send_raw = quiet_raw
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         autopilot.armed, autopilot.landed = False, 1
         await seconds(2.0)
         late = []
@@ -222,12 +222,12 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
         await seconds(2.0)
         assert not autopilot.armed
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 @pytest.mark.parametrize(("deaf_s", "ends"), [(2.0, None), (20.0, HOLD)])
 def test_on_expiry_waits_for_stop_motors(jump, deaf_s, ends):
-    async def story(at):
+    async def scenario(at):
         at.autopilot.mode = MISSION
         await seconds(2.5)
         await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="hold"))
@@ -241,11 +241,11 @@ def test_on_expiry_waits_for_stop_motors(jump, deaf_s, ends):
         assert bool(at.autopilot.commands(176)) == (ends is not None)
         assert at.autopilot.mode == (ends or MISSION)
 
-    station_desk(jump, story)
+    station_desk(jump, scenario)
 
 
 def test_a_server_shutdown_waits_for_stop_motors(jump):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.1)
@@ -253,12 +253,12 @@ def test_a_server_shutdown_waits_for_stop_motors(jump):
         assert not autopilot.armed
         await kill
 
-    flight(jump, story)
+    flight(jump, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
 def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, loss, seed):
-    async def story(world, vehicle, autopilot, link):
+    async def scenario(world, vehicle, autopilot, link):
         dice = random.Random(seed)
         if dice.random() < 0.5:
             await vehicle.offboard.start(stream_request(valid_for_s=dice.uniform(0.5, 4.0), hold_for_s=0.2))
@@ -277,15 +277,15 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, los
         running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), dice.uniform(0.0, 4.0))))
         await seconds(dice.uniform(0.0, 2.0))
         ignore_kill(autopilot, dice.uniform(0.0, 3.0))
-        seen = len(autopilot.heard)
+        seen = len(autopilot.received)
         kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(dice.choice([1, 2]))]
         await asyncio.gather(*kills)
         assert not autopilot.armed
-        heard = autopilot.heard[seen:]
-        last = max(i for i, m in enumerate(heard) if is_kill(m))
-        first = next(i for i, m in enumerate(heard) if is_kill(m))
-        between = [m for m in heard[first : last + 1] if m in others(autopilot)]
+        received = autopilot.received[seen:]
+        last = max(i for i, m in enumerate(received) if is_kill(m))
+        first = next(i for i, m in enumerate(received) if is_kill(m))
+        between = [m for m in received[first : last + 1] if m in others(autopilot)]
         assert not between
         await asyncio.gather(*running)
 
-    flight(jump, story, loss=loss, seed=seed)
+    flight(jump, scenario, loss=loss, seed=seed)

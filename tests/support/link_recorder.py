@@ -20,17 +20,17 @@ class LinkRecorder:
     def _state(self):
         self.states.append(self.link.info().state)
 
-    async def until(self, good, patience_s=20.0):
+    async def until(self, good, timeout_s=20.0):
         """Polls until the condition is true.
 
         Raises:
             TimeoutError: it was not true in time.
         """
-        async with asyncio.timeout(patience_s):
+        async with asyncio.timeout(timeout_s):
             while not good():  # noqa: ASYNC110 polls real sockets
                 await asyncio.sleep(0.005)
 
 
-def run(story):
+def run(scenario):
     """Runs a coroutine function in a new event loop in real time."""
-    asyncio.run(story())
+    asyncio.run(scenario())

@@ -19,7 +19,7 @@ from vehicle_sim.simulation import Simulation
 SETTLED_S = 8.0
 LIFT_S = 1.0
 """After this time the land detector would report them as airborne."""
-LOOK_EVERY_STEPS = 10
+CHECK_EVERY_STEPS = 10
 """The interval at which the estimator publishes."""
 DISPLACED_M = 30.0
 NEW_COURSE_EVERY_S = 3.0
@@ -177,7 +177,7 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
         sim.step()
         if sim.sensors.gps_count != fixes:
             fixes_s.append((step - fault_step) * sim.dt_s)
-        if step < fault_step or step % LOOK_EVERY_STEPS:
+        if step < fault_step or step % CHECK_EVERY_STEPS:
             continue
         now_s = (step - fault_step) * sim.dt_s
         estimate = sim.estimate

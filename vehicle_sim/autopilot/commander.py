@@ -71,7 +71,7 @@ class Commander:
         self._landed_at_s = 0.0
         self._flew = False
         self._ticks = 0
-        self._checked_for: tuple[object, ...] = ()
+        self._checked_state: tuple[object, ...] = ()
         """The commander's state at the last check."""
 
     # --- commands --------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ class Commander:
             2, "Failsafe activated", "commander_failsafe_enter_generic", "IB",
             MODES[self.intended].custom_mode, Action.TERMINATE,
         )  # fmt: skip
-        self._end_flight()
+        self._terminate_flight()
         return True
 
     def run_checks(self) -> None:
@@ -231,10 +231,10 @@ class Commander:
 
     @property
     def settled(self) -> bool:
-        """Whether the vehicle is armed and in flight, no failsafe acts, and only the interval makes a check
-        due."""
-        quiet = self.failsafe.action is Action.NONE and self.monitors.quiet and not self.terminated
-        return quiet and self.armed and self._flew and self._checked_for == self._state()
+        """Whether the vehicle is armed and in flight without a failsafe, and its state has not changed since
+        the last check."""
+        normal = self.failsafe.action is Action.NONE and self.monitors.quiet and not self.terminated
+        return normal and self.armed and self._flew and self._checked_state == self._state()
 
     def _state(self) -> tuple[object, ...]:
         """State whose change makes a check due."""
@@ -257,7 +257,7 @@ class Commander:
         delay."""
         self._ticks += 1
         state = self._state()
-        changed, self._checked_for = state != self._checked_for, state
+        changed, self._checked_state = state != self._checked_state, state
         return changed or self._ticks % CHECK_EVERY_TICKS == 0 or self.failsafe.action is not Action.NONE
 
     def _load_plans(self) -> None:
@@ -271,11 +271,11 @@ class Commander:
         mission = self._navigator.mission
         taking_off = self.active is NavState.TAKEOFF and not self.landed
         if taking_off and not self.external.executor_in_charge and self._navigator.finished(self.active):
-            onward = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
-            self._continue_in(NavState.MISSION if onward else NavState.HOLD)
+            starts_mission = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
+            self._continue_in(NavState.MISSION if starts_mission else NavState.HOLD)
             return
-        over = mission.finished or not self.checks.has_mission
-        if over and self.active is NavState.MISSION and not self.landed:
+        ended = mission.finished or not self.checks.has_mission
+        if ended and self.active is NavState.MISSION and not self.landed:
             self._continue_in(NavState.HOLD)
 
     def _continue_in(self, mode: NavState) -> None:
@@ -323,7 +323,7 @@ class Commander:
         if decision == before:
             return
         if decision.action > Action.WARN:
-            self._act(decision.action)
+            self._execute(decision.action)
         elif before.action > Action.WARN:
             self._activate(self.intended)
 
@@ -332,18 +332,18 @@ class Commander:
         """The current decision of the failsafe."""
         return self._termination or self.failsafe_watch.decision
 
-    def _act(self, action: Action) -> None:
+    def _execute(self, action: Action) -> None:
         if action is Action.DISARM:
             self.disarm(Reason.FAILSAFE, force=True)
             return
         if action is Action.TERMINATE:
-            self._end_flight()
+            self._terminate_flight()
             return
         mode = ACTION_MODES.get(action)
         if mode is not None:
             self._activate(mode)
 
-    def _end_flight(self) -> None:
+    def _terminate_flight(self) -> None:
         self.terminated = True
         self._termination = Decision(Action.TERMINATE)
         self._commands.send(PARACHUTE, 2.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.kernels import Blocks, Column, Flags, Rows, formula, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import within
+from vehicle_sim.rotations import constrain
 from vehicle_sim.state import ROTOR_COUNT
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +74,7 @@ def _limit_signals(
     _desaturate(motors, mix[2], 1.0, 1.0 + _YAW_MARGIN, False)
     _desaturate(motors, mix[3], -1.0, 1.0, True)
     for k in range(ROTOR_COUNT):
-        motors[k] = within(motors[k], 0.0, 1.0)
+        motors[k] = constrain(motors[k], 0.0, 1.0)
 
 
 @formula
@@ -163,7 +163,7 @@ def _allocate(
         if not powered[i]:
             motors[i] = 0.0
             continue
-        roll, pitch, yaw = within(torque[i, 0], -1.0, 1.0), within(torque[i, 1], -1.0, 1.0), within(
+        roll, pitch, yaw = constrain(torque[i, 0], -1.0, 1.0), constrain(torque[i, 1], -1.0, 1.0), constrain(
             torque[i, 2], -1.0, 1.0
         )  # fmt: skip
         unsaturated = True

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import product, within
+from vehicle_sim.rotations import constrain, product
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -96,6 +96,6 @@ def _rotate_towards(
             roll += feed * 2.0 * (q[1] * q[3] - q[0] * q[2])
             pitch += feed * 2.0 * (q[2] * q[3] + q[0] * q[1])
             yaw += feed * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])
-        rates[i, 0] = within(roll, -limit[i, 0], limit[i, 0])
-        rates[i, 1] = within(pitch, -limit[i, 1], limit[i, 1])
-        rates[i, 2] = within(yaw, -limit[i, 2], limit[i, 2])
+        rates[i, 0] = constrain(roll, -limit[i, 0], limit[i, 0])
+        rates[i, 1] = constrain(pitch, -limit[i, 1], limit[i, 1])
+        rates[i, 2] = constrain(yaw, -limit[i, 2], limit[i, 2])

@@ -21,7 +21,7 @@ from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.kernels import Column, Flags, Integers, Rows, kernel
 from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import within
+from vehicle_sim.rotations import constrain
 from vehicle_sim.state import ROTOR_COUNT, EstimateState, TargetState
 
 FloatArray = NDArray[np.float64]
@@ -247,7 +247,7 @@ def _take_lower_levels(
             overrides = level[i] == _TRAJECTORY
         if level[i] == _DISARMED or (level[i] == _TRAJECTORY and not overrides):
             continue
-        target_thrust[i] = 0.0 if math.isnan(thrust[i]) else within(thrust[i], 0.0, 1.0)
+        target_thrust[i] = 0.0 if math.isnan(thrust[i]) else constrain(thrust[i], 0.0, 1.0)
         if level[i] >= _ATTITUDE:
             size = math.sqrt(q[i, 0] ** 2 + q[i, 1] ** 2 + q[i, 2] ** 2 + q[i, 3] ** 2)
             if math.isfinite(size) and size > _SHORTEST_QUATERNION:
@@ -257,7 +257,7 @@ def _take_lower_levels(
             for k in range(3):
                 rate = rates[i, k]
                 target_rates[i, k] = (
-                    0.0 if math.isnan(rate) else within(rate, -_FASTEST_RAD_S, _FASTEST_RAD_S)
+                    0.0 if math.isnan(rate) else constrain(rate, -_FASTEST_RAD_S, _FASTEST_RAD_S)
                 )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vehicle_sim.frames import GRAVITY_M_S2
 from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import within
+from vehicle_sim.rotations import constrain
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -125,6 +125,6 @@ def _update(
         if innovation * innovation < gate[i] * gate[i] * total:
             lowest, highest = max(default[i] - range_[i], 0.1), min(default[i] + range_[i], 0.9)
             value[i] = min(max(hover + gain * innovation, lowest), highest)
-            variance[i] = within((1.0 - gain * slope) * variance[i], 1e-10, 1.0)
-        squared = within(innovation * innovation, _MIN_NOISE_M2_S4, 40.0)
+            variance[i] = constrain((1.0 - gain * slope) * variance[i], 1e-10, 1.0)
+        squared = constrain(innovation * innovation, _MIN_NOISE_M2_S4, 40.0)
         noise[i] += share * (squared - noise[i])

@@ -15,7 +15,7 @@ from vehicle_sim.control.setpoints import Setpoints
 from vehicle_sim.frames import GRAVITY_M_S2
 from vehicle_sim.kernels import Column, Flags, Rows, formula, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import Three, within
+from vehicle_sim.rotations import Three, constrain
 from vehicle_sim.state import EstimateState, TargetState
 
 FloatArray = NDArray[np.float64]
@@ -191,7 +191,7 @@ def _integrate(
         error_e -= (wanted_e - made_e) * 2.0 / gain[0]
     integral[0] += error_n * integral_gain[0] * dt_s
     integral[1] += error_e * integral_gain[1] * dt_s
-    integral[2] = within(integral[2] + error_d * integral_gain[2] * dt_s, -GRAVITY_M_S2, GRAVITY_M_S2)
+    integral[2] = constrain(integral[2] + error_d * integral_gain[2] * dt_s, -GRAVITY_M_S2, GRAVITY_M_S2)
 
 
 @formula
@@ -217,7 +217,7 @@ def _zero_if_nan(value: float) -> float:
 @formula
 def _bounded(value: float) -> float:
     """Bounds values that cannot be flown (infinite, 1e30) against overflow; NaN stays NaN."""
-    return within(value, -_BOUND, _BOUND)
+    return constrain(value, -_BOUND, _BOUND)
 
 
 @formula
@@ -232,7 +232,7 @@ def _constrained(
     unit_n, unit_e = second_n / second, second_e / second
     along = first_n * unit_n + first_e * unit_e
     room = max(along * along - first * first + limit * limit, 0.0)
-    part = within(math.sqrt(room) - along, 0.0, second)
+    part = constrain(math.sqrt(room) - along, 0.0, second)
     return first_n + unit_n * part, first_e + unit_e * part
 
 
@@ -294,7 +294,7 @@ def _control(
         by_n, by_e, by_d = _position_control(wanted_position[i], position[i], position_p[i])
         velocity_setpoint[0] = _bounded(_sum(wanted_velocity[i, 0], by_n))
         velocity_setpoint[1] = _bounded(_sum(wanted_velocity[i, 1], by_e))
-        velocity_setpoint[2] = within(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, descent)
+        velocity_setpoint[2] = constrain(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, descent)
         if _length(velocity_setpoint[0], velocity_setpoint[1]) > limit[_SPEED_XY]:
             first_n, first_e = _zero_if_nan(by_n), _zero_if_nan(by_e)
             velocity_setpoint[0], velocity_setpoint[1] = _constrained(

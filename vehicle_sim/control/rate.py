@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import within
+from vehicle_sim.rotations import constrain
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -101,6 +101,6 @@ def _control_rates(
             growth = max(1.0 - error_ratio * error_ratio, 0.0) * error * i_dt[i, k]
             if landed[i] or unallocated[i, k] * growth > 0.0:
                 growth = 0.0
-            integral[i, k] = within(integral[i, k] + growth, -limit[i, k], limit[i, k])
+            integral[i, k] = constrain(integral[i, k] + growth, -limit[i, k], limit[i, k])
         yaw_torque[i] += yaw_gain[i] * (torque[i, 2] - yaw_torque[i])
         torque[i, 2] = yaw_torque[i]

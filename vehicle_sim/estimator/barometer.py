@@ -22,12 +22,12 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 BIAS_NOISE_M_SQRT_S = 0.125
-"""How fast the offset may change. The recorded offset follows a ramp by 0.1 to 0.12 of its lag per second."""
+"""Process noise of the offset. On recorded PX4, the offset corrects 0.1 to 0.12 of its error per second."""
 BIAS_GATE = 3.0
 SAMPLE_TIMEOUT_S = 0.4
 SMOOTHING = 0.2
 """Weight of a new sample in the smoothed height; a reset uses the smoothed height."""
-LARGEST_RATIO = 2.0
+MAX_RATIO = 2.0
 _RESET_VELOCITY_VARIANCE = 10.0
 
 
@@ -74,7 +74,7 @@ class Barometer:
         self._fusion.baro_hgt[i] = self._used[i]
         self._fusion.height_fused_at_s[i] = now_s
 
-    def stop_silent(self, now_s: float) -> None:
+    def stop_without_samples(self, now_s: float) -> None:
         """Stops the fusion of barometers without recent samples."""
         self._fusion.baro_hgt &= (now_s - self._received_at_s <= SAMPLE_TIMEOUT_S) & self._used
 
@@ -105,7 +105,7 @@ class Barometer:
         innovation = np.where(fresh, self.bias_m - alt_m - down, 0.0)
         sigma = np.sqrt(kalman.variance(POSITION + 2) + variance)
         normalized = innovation / sigma
-        np.copyto(self.ratio, np.minimum(np.abs(normalized) / self._gate, LARGEST_RATIO), where=fresh)
+        np.copyto(self.ratio, np.minimum(np.abs(normalized) / self._gate, MAX_RATIO), where=fresh)
         np.copyto(self.below_ratio, -normalized, where=fresh)
         in_use = fresh & fusion.baro_hgt
         learning = in_use & fusion.gps_hgt & (np.abs(normalized) < BIAS_GATE)

@@ -246,7 +246,7 @@ class Estimator:
         state.vertical_accuracy_m[:] = np.sqrt(variance[:, 5])
         state.speed_accuracy_m_s[:] = np.sqrt(variance[:, 0] + variance[:, 1])
         if self._predictions % _TIMEOUTS_EVERY_PREDICTIONS == 0:
-            self._stop_silent(now_s)
+            self._stop_without_samples(now_s)
         unaided_s = now_s - self._aided_at_s
         np.copyto(fusion.dead_reckoning, unaided_s > DEAD_RECKONING_AFTER_S + HORIZON_S)
         aided = unaided_s < self._no_aid_limit_s
@@ -254,11 +254,11 @@ class Estimator:
         state.valid_velocity[:] = aided
         state.valid_altitude[:] = self._started & ~fusion.fake_hgt
 
-    def _stop_silent(self, now_s: float) -> None:
+    def _stop_without_samples(self, now_s: float) -> None:
         """Stops the fusion of silent sensors; called about 12 times per second."""
-        self._gnss.stop_silent(now_s)
-        self._barometer.stop_silent(now_s)
-        self._magnetometer.stop_silent(now_s, self.kalman.horizontal_accel_m_s2)
+        self._gnss.stop_without_samples(now_s)
+        self._barometer.stop_without_samples(now_s)
+        self._magnetometer.stop_without_samples(now_s, self.kalman.horizontal_accel_m_s2)
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
     def _fuse(self, sensors: SensorState, counts: list[int], constrain: bool) -> None:

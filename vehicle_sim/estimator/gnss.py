@@ -37,7 +37,7 @@ reset."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
 VERTICAL_SPEED_FACTOR = 1.5
 """Factors of vertical noise: of GNSS velocity, and of the minimum position noise for GNSS height."""
-LARGEST_RATIO = 2.0
+MAX_RATIO = 2.0
 """Upper limit of the test ratios in ESTIMATOR_STATUS."""
 _CHECKS = {"EKF2_REQ_NSATS": 1, "EKF2_REQ_PDOP": 2, "EKF2_REQ_EPH": 4, "EKF2_REQ_EPV": 8, "EKF2_REQ_SACC": 16}
 """Bits of EKF2_GPS_CHECK."""
@@ -102,7 +102,7 @@ class Gnss:
         ):
             times[i] = -math.inf
 
-    def stop_silent(self, now_s: float) -> None:
+    def stop_without_samples(self, now_s: float) -> None:
         """Stops the fusion of receivers without a good fix for too long; called a few times per second."""
         fusion = self._fusion
         np.copyto(fusion.gps_receiving, now_s - self._received_at_s <= FIX_TIMEOUT_S)
@@ -213,7 +213,7 @@ class Gnss:
         ratio = np.abs(normalized)
         worst = np.stack([ratio[:, :3].max(axis=1), ratio[:, 3:5].max(axis=1), ratio[:, 5]], axis=1)
         worst /= self._gates[:, (1, 0, 0)]
-        np.copyto(self.ratio, np.minimum(worst, LARGEST_RATIO), where=passed[:, None])
+        np.copyto(self.ratio, np.minimum(worst, MAX_RATIO), where=passed[:, None])
         # Down is positive: an estimate below the measurement has a negative innovation.
         np.copyto(self.below_ratio, -np.minimum(normalized[:, 2], normalized[:, 5]), where=passed)
 

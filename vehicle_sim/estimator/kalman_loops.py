@@ -8,7 +8,7 @@ import numpy as np
 
 from vehicle_sim.frames import GRAVITY_M_S2
 from vehicle_sim.kernels import Blocks, Column, Flags, Rows, formula, kernel
-from vehicle_sim.rotations import product, rotated, turn, within, write_matrix
+from vehicle_sim.rotations import constrain, product, rotated, turn, write_matrix
 
 TILT, YAW, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS, FIELD, MAG_BIAS, SIZE = 0, 2, 3, 6, 9, 12, 15, 18, 21
 """First index of each error state; TILT and YAW are the rotation about north, east and down."""
@@ -33,7 +33,7 @@ def _apply_correction(
             vector[k] += change[VELOCITY + k, 0]
     for k in range(6):
         bias = GYRO_BIAS - VELOCITY + k
-        vector[bias] = within(vector[bias], -bias_limit[k], bias_limit[k])
+        vector[bias] = constrain(vector[bias], -bias_limit[k], bias_limit[k])
     north, east, down = 0.5 * change[TILT, 0], 0.5 * change[TILT + 1, 0], 0.5 * change[YAW, 0]
     if north == 0.0 and east == 0.0 and down == 0.0:
         return

@@ -33,7 +33,7 @@ FIELD_CHANGE_GAUSS = 0.01
 """A reset leaves the field as it is when it is this close to the known one."""
 SMOOTHING = 0.1
 """Weight of a new sample in the smoothed field; a reset uses the smoothed field."""
-LARGEST_RATIO = 2.0
+MAX_RATIO = 2.0
 NEVER_TYPE = 5
 """EKF2_MAG_TYPE: the magnetometer is not used."""
 HEADING_TYPE = 1
@@ -104,7 +104,7 @@ class Magnetometer:
         fusion.heading_good_for_control[i] = not fusion.mag[i]
         return self._declination_rad[i] - math.atan2(level_field[1], level_field[0])
 
-    def stop_silent(self, now_s: float, horizontal_accel_m_s2: FloatArray) -> None:
+    def stop_without_samples(self, now_s: float, horizontal_accel_m_s2: FloatArray) -> None:
         """Stops silent magnetometers and updates which vehicles accelerate enough for GNSS to show the
         heading.
 
@@ -241,7 +241,7 @@ class Magnetometer:
         cross_covariance, innovation_covariance = kalman.measurement_covariances(sensitivity, self._variance)
         sigma = np.sqrt(np.einsum("nii->ni", innovation_covariance))
         worst = (np.abs(innovation) / sigma).max(axis=1) / self._gate
-        np.copyto(self.ratio, np.minimum(worst, LARGEST_RATIO), where=used)
+        np.copyto(self.ratio, np.minimum(worst, MAX_RATIO), where=used)
         accepted = used & (worst <= 1.0)
         if not accepted.any():
             return accepted

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.frames import GRAVITY_M_S2, rotation_matrix, wrap_pi, yaw_of
 from vehicle_sim.kernels import Blocks, Rows, kernel
-from vehicle_sim.rotations import length, rotated, turn, within, write_matrix
+from vehicle_sim.rotations import constrain, length, rotated, turn, write_matrix
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,7 +34,7 @@ NOISE_STEP_S = 0.008
 """PX4 adds this noise once per filter step; this step length converts it to a density."""
 WORST_RATIO = 25.0
 """Innovations above five standard deviations count as five."""
-LEAST_WEIGHT = 1e-5
+MIN_WEIGHT = 1e-5
 MAX_HEADING_SIGMA_RAD = 0.262
 """Largest standard deviation at which the heading may be used."""
 _NOISE_PER_S = np.square([[[ACCEL_NOISE_M_S2]], [[ACCEL_NOISE_M_S2]], [[GYRO_NOISE_RAD_S]]]) * NOISE_STEP_S
@@ -161,7 +161,7 @@ class YawEstimator:
             covariance -= gain[:, None] * column
         density = np.exp(-0.5 * np.minimum(ratio, WORST_RATIO)) / np.sqrt(determinant)
         weights = np.maximum(self._weights * density, 1e-30)
-        weights = np.maximum(weights / weights.sum(axis=1, keepdims=True), LEAST_WEIGHT)
+        weights = np.maximum(weights / weights.sum(axis=1, keepdims=True), MIN_WEIGHT)
         np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=counts)
 
     def headings(self) -> tuple[FloatArray, FloatArray]:
@@ -201,7 +201,9 @@ def _turn_and_level(
         bias_gain = BIAS_GAIN_PER_S * dt_s if length(rx, ry, rz) < SLOW_RAD_S else 0.0
         gain_ned = rotated(matrix[i], delta_velocity[i, 0], delta_velocity[i, 1], delta_velocity[i, 2])
         for k in range(3):
-            bias[i, k] = within(bias[i, k] - bias_gain * correction[k], -BIAS_LIMIT_RAD_S, BIAS_LIMIT_RAD_S)
+            bias[i, k] = constrain(
+                bias[i, k] - bias_gain * correction[k], -BIAS_LIMIT_RAD_S, BIAS_LIMIT_RAD_S
+            )
             velocity_change[i, k] += gain_ned[k]
         turn(
             q[i],

@@ -1,4 +1,4 @@
-"""Arming checks of external components: PX4 asks all of them about three times a second.
+"""Arming checks of external components: PX4 sends them a request about three times a second.
 
 Times are recorded from PX4 v1.16. One request is sent every 0.312 s of vehicle time. A component that leaves
 four requests in a row unanswered is unresponsive; a new one may leave eleven.
@@ -15,8 +15,8 @@ SLOTS = 8
 NONE = -1
 """No mode, no arming check, no executor."""
 REQUEST_EVERY_US, ANSWER_WITHIN_US = 312_000, 50_000
-TOLERATED, TOLERATED_AT_FIRST = 3, 10
-"""Unanswered requests in a row that have no effect, after the first answer and before it."""
+TOLERATED_MISSES, TOLERATED_MISSES_AT_FIRST = 3, 10
+"""Number of unanswered requests in a row that have no effect: after the first answer, and before it."""
 RECOVERIES = 3
 """Number of answers after which an unresponsive component counts as responsive again."""
 REPLIES_KEPT = 4
@@ -59,7 +59,9 @@ class ArmingCheck:
     def miss(self) -> bool:
         """Counts an unanswered request; True: the component has just become unresponsive."""
         self.missed += 1
-        if self.unresponsive or self.missed <= (TOLERATED_AT_FIRST if self.reply is None else TOLERATED):
+        if self.unresponsive or self.missed <= (
+            TOLERATED_MISSES_AT_FIRST if self.reply is None else TOLERATED_MISSES
+        ):
             return False
         self.unresponsive = True
         self.times_unresponsive += 1

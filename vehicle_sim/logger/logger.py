@@ -36,7 +36,7 @@ BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
 UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
 MIN_FREE_BYTES: Final = 50 << 20
 """With less free space no log is started, and a running log ends."""
-LARGEST_BYTES: Final = 1 << 30
+MAX_BYTES: Final = 1 << 30
 """Maximum size of a log, so that a vehicle left running does not fill the disk."""
 CHECK_EVERY_US: Final = 5_000_000
 DEFAULT_PROFILE: Final = 1
@@ -182,7 +182,7 @@ class Logger:
             self._check_size()
 
     def _check_size(self) -> None:
-        if self.written_bytes >= LARGEST_BYTES:
+        if self.written_bytes >= MAX_BYTES:
             self.stop()
             self._announcer.text(4, "[logger] the log ends: it has grown to 1 GiB\t")
             return

@@ -16,8 +16,8 @@ DATAGRAMS_PER_STEP = 200
 DATAGRAM_LIMIT = 1400
 TCP_BACKLOG_LIMIT = 1_000_000
 """A client with more unread bytes than this is disconnected."""
-LONGEST_METHOD = 20
-SHORTEST_METHOD = 3
+MAX_METHOD_LENGTH = 20
+MIN_METHOD_LENGTH = 3
 """Fewest letters of an HTTP method ("GET")."""
 TLS_HANDSHAKE = b"\x16\x03"
 _CAPITALS = string.ascii_uppercase.encode()
@@ -99,10 +99,10 @@ def is_web_client(first: bytes) -> bool | None:
     """
     letters = len(first) - len(first.lstrip(_CAPITALS))
     if letters == len(first) or first == TLS_HANDSHAKE[:1]:
-        return None if letters <= LONGEST_METHOD else False
+        return None if letters <= MAX_METHOD_LENGTH else False
     if first.startswith(TLS_HANDSHAKE):
         return True
-    return SHORTEST_METHOD <= letters <= LONGEST_METHOD and first[letters] == ord(" ")
+    return MIN_METHOD_LENGTH <= letters <= MAX_METHOD_LENGTH and first[letters] == ord(" ")
 
 
 class TcpServer:

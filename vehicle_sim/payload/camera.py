@@ -26,7 +26,7 @@ SENSOR_WIDTH_MM, SENSOR_HEIGHT_MM = 5.2, 3.9
 """Gives a field of view of 60 by 47 degrees without zoom."""
 ZOOM_MAX = 4.0
 CAPACITY_BYTES = 32 * 1024**3
-SHORTEST_INTERVAL_S = 0.5
+MIN_INTERVAL_S = 0.5
 MAX_PICTURES = 9999
 EYE_ABOVE_GROUND_M = 0.15
 """Height of the camera above the vehicle's position, which is at its landing gear."""
@@ -119,7 +119,7 @@ class Camera:
 
     def start(self, interval_s: float, count: int) -> None:
         """Starts a series with a picture now; count 0: until it is stopped."""
-        self.interval_s = 0.0 if count == 1 else max(SHORTEST_INTERVAL_S, interval_s)
+        self.interval_s = 0.0 if count == 1 else max(MIN_INTERVAL_S, interval_s)
         self._remaining = count if count > 0 else MAX_PICTURES
         self._next_at_s = self._view.time_s
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from vehicle_sim.ros2.messages import MESSAGES, MessageType
 
-FASTEST_US: Final = 10_000
+MIN_PERIOD_US: Final = 10_000
 """Shortest period at which the client sends a topic [µs]."""
 
 
@@ -63,25 +63,27 @@ OUTPUTS: Final = (
     Output("/fmu/out/register_ext_component_reply", "RegisterExtComponentReply"),
     Output("/fmu/out/arming_check_request", "ArmingCheckRequest"),
     Output("/fmu/out/mode_completed", "ModeCompleted"),
-    Output("/fmu/out/battery_status", "BatteryStatus", "battery_status", FASTEST_US),
+    Output("/fmu/out/battery_status", "BatteryStatus", "battery_status", MIN_PERIOD_US),
     Output("/fmu/out/collision_constraints", "CollisionConstraints"),
     Output("/fmu/out/estimator_status_flags", "EstimatorStatusFlags", "estimator_status_flags", 1_000_000),
     Output("/fmu/out/failsafe_flags", "FailsafeFlags", "failsafe_flags", 540_000),
     Output("/fmu/out/manual_control_setpoint", "ManualControlSetpoint", "manual_control_setpoint"),
     Output("/fmu/out/message_format_response", "MessageFormatResponse"),
     Output(TRIPLET, "PositionSetpointTriplet"),
-    Output("/fmu/out/sensor_combined", "SensorCombined", "sensor_combined", FASTEST_US),
+    Output("/fmu/out/sensor_combined", "SensorCombined", "sensor_combined", MIN_PERIOD_US),
     Output(TIMESYNC, "TimesyncStatus"),
     Output("/fmu/out/vehicle_land_detected", "VehicleLandDetected", "vehicle_land_detected", 1_000_000),
-    Output("/fmu/out/vehicle_attitude", "VehicleAttitude", "vehicle_attitude", FASTEST_US),
+    Output("/fmu/out/vehicle_attitude", "VehicleAttitude", "vehicle_attitude", MIN_PERIOD_US),
     Output("/fmu/out/vehicle_control_mode", "VehicleControlMode", "vehicle_control_mode", 500_000),
     Output(COMMAND_ACK, "VehicleCommandAck"),
     Output(
-        "/fmu/out/vehicle_global_position", "VehicleGlobalPosition", "vehicle_global_position", FASTEST_US
+        "/fmu/out/vehicle_global_position", "VehicleGlobalPosition", "vehicle_global_position", MIN_PERIOD_US
     ),
     Output("/fmu/out/vehicle_gps_position", "SensorGps", "vehicle_gps_position", -1),
-    Output("/fmu/out/vehicle_local_position", "VehicleLocalPosition", "vehicle_local_position", FASTEST_US),
-    Output("/fmu/out/vehicle_odometry", "VehicleOdometry", "vehicle_odometry", FASTEST_US),
+    Output(
+        "/fmu/out/vehicle_local_position", "VehicleLocalPosition", "vehicle_local_position", MIN_PERIOD_US
+    ),
+    Output("/fmu/out/vehicle_odometry", "VehicleOdometry", "vehicle_odometry", MIN_PERIOD_US),
     Output(STATUS, "VehicleStatus", "vehicle_status", 500_000),
     Output("/fmu/out/airspeed_validated", "AirspeedValidated"),
     Output("/fmu/out/vtol_vehicle_status", "VtolVehicleStatus"),

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 PROMPT = "pxh> "
-LONGEST_LINE = 1000
+MAX_LINE_LENGTH = 1000
 
 
 class CommandFailed(Exception):
@@ -93,7 +93,7 @@ class Console:
                     self._lines.append(line)
                 else:
                     shown += self._process(line)
-            elif len(self._line) < LONGEST_LINE:
+            elif len(self._line) < MAX_LINE_LENGTH:
                 self._line += character
                 shown += character
         return shown

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.member import Member
-from gcs_server.streamer.groups.plan import MAX_PLAN_S, Conflict, Planned, first_conflict, too_near_now
+from gcs_server.streamer.groups.plan import MAX_PLAN_S, Conflict, PlannedMember, first_conflict, too_near_now
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.runner.script import Script
@@ -179,8 +179,8 @@ class GroupChecks:
         requests: Mapping[str, StreamRequest],
         held: Container[str],
         duration_s: float | None = None,
-    ) -> list[Planned]:
-        planned: list[Planned] = []
+    ) -> list[PlannedMember]:
+        planned: list[PlannedMember] = []
         for vehicle_id, member in members.items():
             request, elapsed_s = requests.get(vehicle_id), 0.0
             setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
@@ -202,7 +202,7 @@ class GroupChecks:
                     requested = request.setpoint  # offsets were resolved when the request was accepted
                     setpoint = state.sent if isinstance(requested, PositionBody | Script) else requested
             expires_s = duration_s if duration_s is not None or request is None else request.duration_s
-            planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
+            planned.append(PlannedMember(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned
 
     def requests(self, request: GroupRequest, setpoints: Mapping[str, Setpoint]) -> dict[str, StreamRequest]:

@@ -39,12 +39,12 @@ from missions.setpoints import (
 )
 
 STEP_S = 0.25
-STEPS_PER_TURN = 100
+STEPS_PER_YIELD = 100
 """Number of steps of predicted tracks between two yields, about 4 ms."""
-SAMPLES_PER_TURN = 12_000
+SAMPLES_PER_YIELD = 12_000
 """Number of samples of the braking distance between two yields."""
 MAX_PLAN_S = 600.0
-VELOCITY_AHEAD_S = 120.0
+MAX_VELOCITY_PREDICTION_S = 120.0
 """Maximum time for which a velocity setpoint is predicted [s]."""
 SPEED_M_S, CLIMB_M_S = 12.0, 3.0
 """Values for unknown limits of the vehicle."""
@@ -59,7 +59,7 @@ UNCONTROLLED: Partial3 = (None, None, None)
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedMember:
     """One member and the setpoint that it will fly."""
 
     vehicle: str
@@ -79,7 +79,7 @@ class Conflict:
     vehicles: tuple[str, str]
     after_s: float
     distance_m: float
-    place_ned_m: Vector3
+    position_ned_m: Vector3
     """Position of the first vehicle at that time."""
     while_stopping: bool
     """Whether the vehicles would pass farther apart than the minimum, but could not be stopped in time."""
@@ -89,7 +89,7 @@ class Conflict:
     def text(self, minimum_m: float) -> str:
         """The conflict as a sentence."""
         a, b = self.vehicles
-        n, e, d = self.place_ned_m
+        n, e, d = self.position_ned_m
         where = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
         required = f"the minimum is {minimum_m:g} m, plus {self.margin_m:.1f} m of margin"
         if self.after_s == 0.0 and not self.while_stopping:
@@ -110,7 +110,7 @@ class Conflict:
 
 
 def first_conflict(
-    members: Sequence[Planned], now_s: float, minimum_m: float
+    members: Sequence[PlannedMember], now_s: float, minimum_m: float
 ) -> Generator[None, None, Conflict | None]:
     """Finds the first two vehicles that would come closer than the minimum; returns None if all stay apart.
 
@@ -132,7 +132,7 @@ def first_conflict(
         for prediction in predictions:
             prediction.step(t_s, by_id)
             steps += 1
-            if steps % STEPS_PER_TURN == 0:
+            if steps % STEPS_PER_YIELD == 0:
                 yield
         t_s += STEP_S
     tracks: list[tuple[Vectors, Vectors]] = []
@@ -148,7 +148,7 @@ def first_conflict(
     return min(conflicts, key=lambda conflict: conflict.after_s, default=None)
 
 
-def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
+def too_near_now(members: Sequence[PlannedMember], now_s: float, minimum_m: float) -> Conflict | None:
     """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation;
     None if there are none. Fast enough to run without yielding.
 
@@ -163,12 +163,17 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
         other = motion_of(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
         margin = margin_m(one, other)
         least_m = minimum_m + margin
-        apart_m = closest_apart_m = math.dist(one.place_ned_m, other.place_ned_m)
+        apart_m = closest_apart_m = math.dist(one.position_ned_m, other.position_ned_m)
         reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
         if apart_m >= least_m and apart_m - reach_m < least_m:
             position, velocity, place_b, velocity_b = (
                 np.array(v)
-                for v in (one.place_ned_m, one.velocity_ned_m_s, other.place_ned_m, other.velocity_ned_m_s)
+                for v in (
+                    one.position_ned_m,
+                    one.velocity_ned_m_s,
+                    other.position_ned_m,
+                    other.velocity_ned_m_s,
+                )
             )
             closest_apart_m = float(
                 closest_m(position, velocity, place_b, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
@@ -180,7 +185,7 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
     return None
 
 
-def _position_and_origin(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
+def _position_and_origin(member: PlannedMember, now_s: float) -> tuple[Vector3, LocalOrigin]:
     position, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
     if position is None or origin is None:
         raise ValueError(f"vehicle {member.vehicle} has no valid global position")
@@ -213,7 +218,7 @@ def _conflict_between(
     # at all other steps the vehicles are far enough apart
     candidates = np.nonzero(distances - reach_m < minimum_m)[0]
     longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
-    batch_size = max(1, SAMPLES_PER_TURN // samples(longest_s))
+    batch_size = max(1, SAMPLES_PER_YIELD // samples(longest_s))
     for begin in range(0, len(candidates), batch_size):
         yield
         batch = candidates[begin : begin + batch_size]
@@ -245,7 +250,7 @@ def _conflict_between(
 class _PredictedTrack:
     """One member's predicted positions and velocities, step by step, in its own local frame."""
 
-    def __init__(self, member: Planned, now_s: float) -> None:
+    def __init__(self, member: PlannedMember, now_s: float) -> None:
         snapshot, setpoint = member.snapshot, member.setpoint
         position, self.origin = _position_and_origin(member, now_s)
         self.member = member
@@ -257,12 +262,12 @@ class _PredictedTrack:
         bounds = snapshot.bounds
         self._speed = min(bounds.speed_m_s, bounds.approach_m_s, SPEED_M_S)
         self._climb = min(bounds.climb_m_s, bounds.approach_climb_m_s, CLIMB_M_S)
-        self._sink = min(bounds.sink_m_s, bounds.approach_sink_m_s, CLIMB_M_S)
+        self._descent = min(bounds.descent_m_s, bounds.approach_descent_m_s, CLIMB_M_S)
         self._gains = (bounds.position_gain, bounds.position_gain, bounds.height_gain)
-        self._until_s = min(member.duration_s, VELOCITY_AHEAD_S)
+        self._until_s = min(member.duration_s, MAX_VELOCITY_PREDICTION_S)
         self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
-        self._target, self._feed = UNCONTROLLED, UNCONTROLLED
+        self._target, self._feed_forward = UNCONTROLLED, UNCONTROLLED
         self.minimum_s = 0.0
         """Time for which the track must be predicted at least."""
         if isinstance(setpoint, Path):
@@ -271,8 +276,8 @@ class _PredictedTrack:
             begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or position
             self._offset = (position[0] - begin[0], position[1] - begin[1], position[2] - begin[2])
         elif setpoint is not None and self._follow is None:
-            self._target, self._feed = self._target_of(setpoint, now_s)
-            if self._feed != UNCONTROLLED and self._target == UNCONTROLLED:
+            self._target, self._feed_forward = self._target_of(setpoint, now_s)
+            if self._feed_forward != UNCONTROLLED and self._target == UNCONTROLLED:
                 self.minimum_s = self._until_s
 
     def step(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> None:
@@ -282,17 +287,23 @@ class _PredictedTrack:
             return
         self.positions.append(self._position)
         self.velocities.append(self._velocity)
-        target, feed = self._commanded(t_s, others)
+        target, feed_forward = self._commanded(t_s, others)
         velocity = [
             (0.0 if position is None else gain * (position - at)) + (speed or 0.0)
-            for position, speed, at, gain in zip(target, feed, self._position, self._gains, strict=True)
+            for position, speed, at, gain in zip(
+                target, feed_forward, self._position, self._gains, strict=True
+            )
         ]
         ground = math.hypot(velocity[0], velocity[1])
         scale = min(1.0, self._speed / ground) if ground > 0 else 1.0
-        velocity = [velocity[0] * scale, velocity[1] * scale, min(self._sink, max(-self._climb, velocity[2]))]
+        velocity = [
+            velocity[0] * scale,
+            velocity[1] * scale,
+            min(self._descent, max(-self._climb, velocity[2])),
+        ]
         change = [to - at for to, at in zip(velocity, self._velocity, strict=True)]
-        size, most = math.hypot(*change), ACCELERATION_M_S2 * STEP_S
-        scale = min(1.0, most / size) if size > 0 else 1.0
+        size, max_change = math.hypot(*change), ACCELERATION_M_S2 * STEP_S
+        scale = min(1.0, max_change / size) if size > 0 else 1.0
         before = self._velocity
         n, e, d = (at + each * scale for at, each in zip(before, change, strict=True))
         self._velocity = (n, e, d)
@@ -304,8 +315,8 @@ class _PredictedTrack:
         self.moves = math.hypot(*self._velocity) > STOPPED_M_S and t_s < MAX_PLAN_S
 
     def take_track(self) -> tuple[Vectors, Vectors]:
-        """Returns the stored positions and velocities, and clears the stored ones. Called for one track per
-        yield, because freeing all tracks together takes long."""
+        """Returns the predicted positions and velocities, and frees its own copies. Called for one track per
+        yield, because freeing all tracks at once takes long."""
         track = np.array(self.positions), np.array(self.velocities)
         self.positions, self.velocities = [], []
         return track
@@ -327,7 +338,7 @@ class _PredictedTrack:
         assert position is not None
         assert velocity is not None
         remaining = math.exp(-self._gains[0] * t_s)
-        n, e, d = (at + off * remaining for at, off in zip(position, self._offset, strict=True))
+        n, e, d = (at + offset * remaining for at, offset in zip(position, self._offset, strict=True))
         self._position, self._velocity = (n, e, d), velocity
         self.positions.append(self._position)
         self.velocities.append(velocity)
@@ -354,10 +365,10 @@ class _PredictedTrack:
 
     def _commanded(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
         if self._follow is not None:
-            return self._beside_leader(self._follow, t_s, others)
-        return self._target, self._feed if t_s < self._until_s else UNCONTROLLED
+            return self._target_beside_leader(self._follow, t_s, others)
+        return self._target, self._feed_forward if t_s < self._until_s else UNCONTROLLED
 
-    def _beside_leader(
+    def _target_beside_leader(
         self, follow: Follow, t_s: float, others: Mapping[str, _PredictedTrack]
     ) -> tuple[Partial3, Partial3]:
         leader, seen = others.get(follow.vehicle), self.member.snapshot.leader
@@ -366,9 +377,9 @@ class _PredictedTrack:
         if leader is not None:
             position, velocity = leader.position_in(self.origin), leader.velocity
         elif seen is not None:
-            on_s = min(t_s, self._until_s)
+            moved_s = min(t_s, self._until_s)
             n, e, d = (
-                at + speed * on_s
+                at + speed * moved_s
                 for at, speed in zip(seen.position_ned_m, seen.velocity_ned_m_s, strict=True)
             )
             position, velocity = (n, e, d), seen.velocity_ned_m_s

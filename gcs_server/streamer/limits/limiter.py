@@ -287,7 +287,7 @@ class _Limiter:
             return down_m, velocity_down_m_s
         offset = down_m - self._motion.position_ned_m[2]
         commanded_m_s = self._bounds.height_gain * offset + (velocity_down_m_s or 0.0)
-        most = self._bounds.approach_sink_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
+        most = self._bounds.approach_descent_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
         if abs(commanded_m_s) <= most:
             return down_m, velocity_down_m_s
         scale = most / abs(commanded_m_s)
@@ -300,7 +300,7 @@ class _Limiter:
         return (n, e, self._limit_climb(velocity[2]))
 
     def _limit_climb(self, velocity_down_m_s: float) -> float:
-        limited = min(self._bounds.sink_m_s, max(-self._bounds.climb_m_s, velocity_down_m_s))
+        limited = min(self._bounds.descent_m_s, max(-self._bounds.climb_m_s, velocity_down_m_s))
         if limited != velocity_down_m_s:
             self.notes.append(f"climb and descent limited to {abs(limited):g} m/s")
         return limited

@@ -138,7 +138,7 @@ class RegionLimiter:
         left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
         left_up_m = down_m - region.down_min_m - MARGIN_HEIGHT_M
         most_down = _height_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
-        most_up = _height_speed(left_up_m, self._bounds.sink_m_s if keep_margin else 0.0)
+        most_up = _height_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
         kept = max(min(velocity_down_m_s, most_down), -most_up)
         if kept != velocity_down_m_s:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")

@@ -24,7 +24,7 @@ from missions.setpoints import complete
 
 log = logging.getLogger(__name__)
 
-BEAT_PERIOD_S = 0.1
+SNAPSHOT_PERIOD_S = 0.1
 STOP_ALL_S = 3.0
 """Maximum wait for all vehicles to be in Hold at shutdown [s]."""
 
@@ -74,7 +74,7 @@ class Streamer:
     def start(self, supervisor: Supervisor) -> None:
         """Starts the streams and their periodic update."""
         self._streams.start()
-        supervisor.start("offboard-beat", self._beat)
+        supervisor.start("offboard-update_snapshots", self._update_loop)
 
     def close(self) -> None:
         """Stops all streams; the vehicles' failsafes take over."""
@@ -146,12 +146,12 @@ class Streamer:
             )
         return StopResult(vehicle_id, error, self._clock.monotonic_s() - began_s)
 
-    async def _beat(self) -> None:
+    async def _update_loop(self) -> None:
         while True:
-            self.beat_once()
-            await self._clock.sleep(BEAT_PERIOD_S)
+            self.update_once()
+            await self._clock.sleep(SNAPSHOT_PERIOD_S)
 
-    def beat_once(self) -> None:
+    def update_once(self) -> None:
         """Signals that the event loop is alive, updates the snapshots, restores limits and publishes
         reports."""
         for vehicle_id, control in self._controls.items():
@@ -159,7 +159,7 @@ class Streamer:
         first_requests = self._streams.watched()
         vehicle_ids = dict.fromkeys(self._streams.active()) | first_requests
         known = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]
-        self._streams.beat(
+        self._streams.update_snapshots(
             {vid: s for vid in known if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
         )
         self._isolation.run("the check of the groups", self.groups.update)

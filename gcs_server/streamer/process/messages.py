@@ -124,14 +124,14 @@ class Routes(Post):
 
 
 @dataclass(frozen=True, slots=True)
-class Beat(Post):
+class SnapshotUpdate(Post):
     """Sent periodically while the event loop runs, with the snapshots of the vehicles. Each snapshot is
     pickled separately, so that an invalid one does not affect the others."""
 
     snapshots: Mapping[str, bytes]
 
     @staticmethod
-    def of(snapshots: Mapping[str, Snapshot]) -> Beat:
+    def of(snapshots: Mapping[str, Snapshot]) -> SnapshotUpdate:
         """Pickles snapshots; logs and leaves out those that cannot be pickled."""
         packed: dict[str, bytes] = {}
         for vehicle_id, snapshot in snapshots.items():
@@ -139,7 +139,7 @@ class Beat(Post):
                 packed[vehicle_id] = pickle.dumps(snapshot, pickle.HIGHEST_PROTOCOL)
             except Exception:
                 log.exception("the snapshot of vehicle %s cannot be handed over", vehicle_id)
-        return Beat(packed)
+        return SnapshotUpdate(packed)
 
     def apply(self, worker: WorkerInterface) -> None:
         snapshots: dict[str, Snapshot] = {}
@@ -148,7 +148,7 @@ class Beat(Post):
                 snapshots[vehicle_id] = pickle.loads(packed)
             except Exception:
                 log.exception("the snapshot of vehicle %s cannot be read", vehicle_id)
-        worker.scheduler.beat(snapshots)
+        worker.scheduler.update_snapshots(snapshots)
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,12 +112,12 @@ class StreamProcess(Streams):
         self._calls.close()
         self._forget()
 
-    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+    def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
         self._calls.check_alive()
         self._spawn()
         if self._begun or self._beginning or self._groups or self._modes:
             self._post_routes()
-            self._post(messages.Beat.of(snapshots))
+            self._post(messages.SnapshotUpdate.of(snapshots))
         else:
             self.links_changed()
 

@@ -175,7 +175,7 @@ def _detour_limits(snapshot: Snapshot, fence: FenceArea | None) -> DetourLimits:
     return DetourLimits(
         min(bounds.speed_m_s, bounds.approach_m_s),
         min(bounds.climb_m_s, bounds.approach_climb_m_s),
-        min(bounds.sink_m_s, bounds.approach_sink_m_s),
+        min(bounds.descent_m_s, bounds.approach_descent_m_s),
         bounds.region,
         fence,
     )

@@ -65,7 +65,7 @@ class StreamScheduler:
         self._silent_limit_s = server_silent_limit_s
         self._streams: dict[str, _Stream] = {}
         self._guards: dict[str, GroupGuard] = {}
-        self._beat_s = clock.monotonic_s()
+        self._loop_message_s = clock.monotonic_s()
         self._modes = ExternalModes(clock, open_mode_port)
 
     def start(self) -> None:
@@ -80,7 +80,7 @@ class StreamScheduler:
     def step(self) -> float:
         """Runs all streams once; returns when the next step is due (monotonic), infinity if there is none."""
         now_s = self._clock.monotonic_s()
-        alive = now_s - self._beat_s < self._silent_limit_s
+        alive = now_s - self._loop_message_s < self._silent_limit_s
         due_s = self._modes.step(now_s, server_alive=alive, flown=self._flies_mode)
         for guard in self._guards.values():
             self._run_guard(guard)
@@ -90,17 +90,17 @@ class StreamScheduler:
             if not core.streaming:
                 continue
             try:
-                for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._beat_s):
+                for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._loop_message_s):
                     if not stream.transport.send(out):
                         stream.sends_failed += 1
                         core.cadence.not_sent(self._clock.monotonic_s())
             except Exception as error:
                 self._end_failed_stream(vehicle_id, error)
-            due_s = min(due_s, core.due_s(self._beat_s))
+            due_s = min(due_s, core.due_s(self._loop_message_s))
         return due_s
 
-    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
-        self._record_beat(self._clock.monotonic_s())
+    def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
+        self._record_loop_message(self._clock.monotonic_s())
         for vehicle_id, snapshot in snapshots.items():
             stream = self._streams.get(vehicle_id)
             if stream is None:
@@ -190,7 +190,7 @@ class StreamScheduler:
         stream.snapshot = snapshot.plausible()
         stream.number += 1
         stream.sends_failed = 0
-        self._record_beat(now_s)
+        self._record_loop_message(now_s)
         try:
             stream.core.begin(now_s, request, rate_hz, stream.snapshot)
         except Exception as error:
@@ -250,7 +250,7 @@ class StreamScheduler:
     # --- modes registered with PX4 ----------------------------------------------------------------
 
     def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
-        self._record_beat(self._clock.monotonic_s())
+        self._record_loop_message(self._clock.monotonic_s())
         self._modes.register(vehicle_id, address, declaration)
 
     def unregister_mode(self, vehicle_id: str, name: str) -> None:
@@ -357,7 +357,7 @@ class StreamScheduler:
             guard.renewed(until_s)
             for vehicle_id in guard.members:
                 if vehicle_id not in guard.held:
-                    self._streams[vehicle_id].core.prolong(until_s)
+                    self._streams[vehicle_id].core.set_expiry(until_s)
         for vehicle_id, why in actions.hold.items():
             stream = self._streams[vehicle_id]
             try:
@@ -371,14 +371,14 @@ class StreamScheduler:
         text = f"The setpoint stream failed: {error}"
         self._streams[vehicle_id].core.end("fault", text, WARNING)
 
-    def _record_beat(self, now_s: float) -> None:
+    def _record_loop_message(self, now_s: float) -> None:
         """Records a message from the event loop. If this process stalled, first ends the streams that should
         have ended during the stall.
         """
-        if now_s - self._beat_s >= self._silent_limit_s:
+        if now_s - self._loop_message_s >= self._silent_limit_s:
             for vehicle_id, stream in self._streams.items():
                 try:
-                    stream.core.tick(now_s, stream.snapshot, self._beat_s)
+                    stream.core.tick(now_s, stream.snapshot, self._loop_message_s)
                 except Exception as error:
                     self._end_failed_stream(vehicle_id, error)
-        self._beat_s = max(self._beat_s, now_s)
+        self._loop_message_s = max(self._loop_message_s, now_s)

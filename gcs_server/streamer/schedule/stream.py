@@ -54,8 +54,8 @@ class VehicleStream:
     def __init__(self, loader: SetpointLoader, *, server_silent_limit_s: float = 1.5) -> None:
         self._silent_limit_s = server_silent_limit_s
         self._pipeline = SetpointPipeline(loader)
-        self._why = ""
-        """Why the stream ended the flight by itself; reported at the end of the stream."""
+        self._end_reason = ""
+        """Reason for which the stream ended the flight by itself; reported when the stream ends."""
         self.phase = "idle"
         self.request: StreamRequest | None = None
         self.mode = OFFBOARD
@@ -109,7 +109,7 @@ class VehicleStream:
             if self.request is not None and self.phase == "streaming":
                 self._enter("streaming", now_s, self.request.duration_s)
 
-    def prolong(self, until_s: float) -> None:
+    def set_expiry(self, until_s: float) -> None:
         """Sets the expiry time of the setpoint; used by groups, whose setpoints expire together."""
         if self.phase == "streaming" and self.request is not None:
             own_s = self.request.duration_s - self.request.valid_for_s
@@ -119,12 +119,12 @@ class VehicleStream:
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Stops the vehicle and requests Hold, or Land if no position can be held; ignores `on_expiry`."""
         if self.phase in ("streaming", "holding") and self._requested_mode is None:
-            self._why = why
+            self._end_reason = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
 
     def request_stop(self, now_s: float, snapshot: Snapshot) -> None:
-        """Holds the position while the event loop requests Hold for a client. If the event loop does not, the
-        stream requests Hold itself, as after an expiry.
+        """Holds the position while the event loop requests Hold for a client. If this takes too long,
+        the stream requests Hold itself.
         """
         if self.phase in ("streaming", "holding"):
             self._hold_position(now_s, snapshot)
@@ -154,23 +154,23 @@ class VehicleStream:
 
     # --- calls of the scheduler -------------------------------------------------------------------
 
-    def due_s(self, beat_s: float) -> float:
+    def due_s(self, loop_message_s: float) -> float:
         """Time at which `tick` must be called next; infinity while idle."""
         if self.phase == "idle":
             return math.inf
-        return min(self.cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
+        return min(self.cadence.next_s, self._phase_until_s, loop_message_s + self._silent_limit_s)
 
-    def tick(self, now_s: float, snapshot: Snapshot, beat_s: float) -> list[Outgoing]:
+    def tick(self, now_s: float, snapshot: Snapshot, loop_message_s: float) -> list[Outgoing]:
         """Returns the messages to send now.
 
         Args:
             now_s: monotonic time.
             snapshot: the newest snapshot.
-            beat_s: time of the last message from the event loop.
+            loop_message_s: time of the last message from the event loop.
         """
         if self.phase == "idle":
             return []
-        if now_s - beat_s >= self._silent_limit_s:
+        if now_s - loop_message_s >= self._silent_limit_s:
             self.end(
                 "server_silent",
                 f"The server's event loop was silent for {self._silent_limit_s:g} s: the setpoint stream "
@@ -242,7 +242,7 @@ class VehicleStream:
 
     def _accept(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> None:
         self._pipeline.accept(now_s, request.setpoint, snapshot)
-        self._why = ""
+        self._end_reason = ""
         self.request, self._since_s = request, now_s
         self.cadence.send_now(now_s)
 
@@ -256,7 +256,7 @@ class VehicleStream:
         if self.phase == "starting":
             self.end("fence", f"{stop}; the setpoint stream has ended.", WARNING)
         else:
-            self._fall_back(now_s, snapshot, "fence", stop)
+            self._execute_expiry_action(now_s, snapshot, "fence", stop)
 
     def _end_if_offboard_left(self, snapshot: Snapshot) -> bool:
         """Ends the stream if the vehicle has disarmed or left Offboard; returns whether it has."""
@@ -271,7 +271,7 @@ class VehicleStream:
         if snapshot.mode == self._requested_mode:
             mode = snapshot.mode
             code = "held" if mode == "hold" else "landing"
-            because = f" ({self._why[0].lower()}{self._why[1:]})" if self._why else ""
+            because = f" ({self._end_reason[0].lower()}{self._end_reason[1:]})" if self._end_reason else ""
             self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended{because}.")
         elif snapshot.mode_requested_by is not None:
             self.end("commanded", f"{snapshot.mode_requested_by}; the setpoint stream has ended.", INFO)
@@ -291,16 +291,16 @@ class VehicleStream:
             if snapshot.mode == self.mode or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
-            self._engaged_s = now_s  # after a failed start: only now the mode can be checked
+            self._engaged_s = now_s  # after a failed start, the mode can be checked only from now on
         elif snapshot.lost and self.phase in ("streaming", "holding"):
-            self._end_flight(now_s, snapshot, "lost", "Connection to the vehicle lost")
+            self._request_expiry_mode(now_s, snapshot, "lost", "Connection to the vehicle lost")
         elif self.phase == "streaming" and self._pipeline.leader_is_lost(now_s, snapshot):
             why = f"No connection to vehicle {self._pipeline.followed_vehicle}, which it follows"
-            self._fall_back(now_s, snapshot, "leader_lost", why)
+            self._execute_expiry_action(now_s, snapshot, "leader_lost", why)
         elif jumped_m is not None and self._pipeline.depends_on_local_origin():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
             if self.phase == "streaming":
-                self._end_flight(now_s, snapshot, "jumped", f"{why}: the setpoint would now lead elsewhere")
+                self._request_expiry_mode(now_s, snapshot, "jumped", f"{why}: the setpoint is invalid now")
             elif self.phase in ("holding", "to_hold", "landing", "undoing"):
                 self._hold_position(now_s, snapshot)
 
@@ -332,24 +332,24 @@ class VehicleStream:
         subject = "mission" if isinstance(self.request.setpoint, Script) else "setpoint"
         client, duration_s = self.request.client or "a client", self.request.duration_s
         why = f"The {subject} of {client} expired after {duration_s:g} s"
-        self._fall_back(now_s, snapshot, "expired", why)
+        self._execute_expiry_action(now_s, snapshot, "expired", why)
 
-    def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+    def _execute_expiry_action(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Executes the expiry action of the request; holds the position first if possible."""
         assert self.request is not None
-        self._why = why
+        self._end_reason = why
         if self.request.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
             hold_for_s = self.request.on_expiry.hold_for_s
             self._report(code, f"{why}: holding here for {hold_for_s:g} s, then Hold mode.")
             self._hold_position(now_s, snapshot)
             self._enter("holding", now_s, hold_for_s)
         else:
-            self._end_flight(now_s, snapshot, code, why)
+            self._request_expiry_mode(now_s, snapshot, code, why)
 
-    def _end_flight(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
+    def _request_expiry_mode(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Executes the expiry action of the request if the position cannot be held by setpoints."""
         assert self.request is not None
-        self._why = why
+        self._end_reason = why
         action = self.request.on_expiry.action
         if action == "stop_stream":
             self.end(code, f"{why}: the stream stopped; the vehicle's failsafe takes over.", WARNING)
@@ -387,8 +387,8 @@ class VehicleStream:
         if self._mode_requests >= MAX_MODE_REQUESTS:
             self.end(
                 "not_confirmed",
-                f"The vehicle did not change to {self._requested_mode.capitalize()} when asked "
-                f"{MAX_MODE_REQUESTS} times: the stream stopped; the vehicle's failsafe takes over.",
+                f"The vehicle did not change to {self._requested_mode.capitalize()} after "
+                f"{MAX_MODE_REQUESTS} requests: the stream stopped; the vehicle's failsafe takes over.",
                 WARNING,
             )
             return

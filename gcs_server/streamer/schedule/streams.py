@@ -62,7 +62,7 @@ class Streams(Protocol):
         """Ends the streams; nothing is sent afterwards."""
         ...
 
-    def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
+    def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
         """Called periodically by the event loop: shows that it is running, and passes the snapshots of
         vehicles with a stream."""
         ...

@@ -273,7 +273,7 @@ class GroupGuard:
         pairs: list[tuple[str, str, float, float]] = []
         for a, b in itertools.combinations(known, 2):
             one, other = known[a], known[b]
-            apart_m, margin = math.dist(one.place_ned_m, other.place_ned_m), margin_m(one, other)
+            apart_m, margin = math.dist(one.position_ned_m, other.position_ned_m), margin_m(one, other)
             if self.nearest is None or apart_m < self.nearest[2]:
                 self.nearest = (a, b, apart_m)
             self.margin_m = max(self.margin_m or 0.0, margin)
@@ -284,9 +284,9 @@ class GroupGuard:
             return
         first, second = [known[a] for a, *_ in pairs], [known[b] for _, b, *_ in pairs]
         closest_apart_m = closest_m(
-            np.array([m.place_ned_m for m in first]),
+            np.array([m.position_ned_m for m in first]),
             np.array([m.velocity_ned_m_s for m in first]),
-            np.array([m.place_ned_m for m in second]),
+            np.array([m.position_ned_m for m in second]),
             np.array([m.velocity_ned_m_s for m in second]),
             np.array([m.brakes_m_s2 for m in first]),
             np.array([m.brakes_m_s2 for m in second]),

@@ -198,7 +198,7 @@ def _violations(
         | (down_m > region.down_max_m)
         | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * SPEED_TOLERANCE)
         | (-down_m_s > bounds.climb_m_s * SPEED_TOLERANCE)
-        | (down_m_s > bounds.sink_m_s * SPEED_TOLERANCE)
+        | (down_m_s > bounds.descent_m_s * SPEED_TOLERANCE)
     )
 
 
@@ -210,8 +210,9 @@ def _too_fast(velocity: Vector3, bounds: Bounds) -> str | None:
         return (
             f"the path climbs at {-velocity_down_m_s:.1f} m/s; at most {bounds.climb_m_s:g} m/s are allowed"
         )
-    if velocity_down_m_s > bounds.sink_m_s * SPEED_TOLERANCE:
+    if velocity_down_m_s > bounds.descent_m_s * SPEED_TOLERANCE:
         return (
-            f"the path descends at {velocity_down_m_s:.1f} m/s; at most {bounds.sink_m_s:g} m/s are allowed"
+            f"the path descends at {velocity_down_m_s:.1f} m/s; "
+            f"at most {bounds.descent_m_s:g} m/s are allowed"
         )
     return None

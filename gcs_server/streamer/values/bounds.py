@@ -25,7 +25,7 @@ class Bounds:
 
     speed_m_s: float = INF
     climb_m_s: float = INF
-    sink_m_s: float = INF
+    descent_m_s: float = INF
     tilt_rad: float = INF
     acceleration_m_s2: float = INF
     acceleration_up_m_s2: float = INF
@@ -36,7 +36,7 @@ class Bounds:
     approach_m_s: float = INF
     """Maximum speed towards a target position. The operator's limit; PX4 applies its own limit itself."""
     approach_climb_m_s: float = INF
-    approach_sink_m_s: float = INF
+    approach_descent_m_s: float = INF
     position_gain: float = DEFAULT_POSITION_GAIN
     height_gain: float = DEFAULT_HEIGHT_GAIN
     obstacle_brake: bool = True
@@ -53,7 +53,7 @@ class Bounds:
         return (
             region.is_limited_horizontally
             or region.is_limited_vertically
-            or min(self.approach_m_s, self.approach_climb_m_s, self.approach_sink_m_s) < INF
+            or min(self.approach_m_s, self.approach_climb_m_s, self.approach_descent_m_s) < INF
             or min(self.slew_velocity_m_s2, self.slew_attitude_rad_s) < INF
         )
 
@@ -81,7 +81,7 @@ def bounds_of(
     return Bounds(
         speed_m_s=_least(vehicle.speed_max_m_s, operator.speed_max_m_s),
         climb_m_s=_least(vehicle.climb_max_m_s, operator.climb_max_m_s),
-        sink_m_s=_least(vehicle.sink_max_m_s, operator.sink_max_m_s),
+        descent_m_s=_least(vehicle.sink_max_m_s, operator.sink_max_m_s),
         tilt_rad=_least(vehicle.tilt_max_rad, operator.tilt_max_rad),
         acceleration_m_s2=_least(vehicle.acceleration_max_m_s2),
         acceleration_up_m_s2=_least(vehicle.acceleration_up_max_m_s2),
@@ -95,7 +95,7 @@ def bounds_of(
         slew_attitude_rad_s=_least(operator.slew_attitude_rad_s),
         approach_m_s=_least(operator.speed_max_m_s),
         approach_climb_m_s=_least(operator.climb_max_m_s),
-        approach_sink_m_s=_least(operator.sink_max_m_s),
+        approach_descent_m_s=_least(operator.sink_max_m_s),
         position_gain=gains[0] or DEFAULT_POSITION_GAIN,
         height_gain=gains[1] or DEFAULT_HEIGHT_GAIN,
         obstacle_brake=operator.obstacle_brake,

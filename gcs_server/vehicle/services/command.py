@@ -94,7 +94,10 @@ class CommandService:
         """Disarms; returns once the vehicle reports that it is disarmed. PX4 refuses it in flight."""
         self._vehicle.require_commandable()
         goal = Goal(
-            "disarm", lambda f, s: f.heartbeat_s > s and not f.armed, STATE_DEADLINE_S, asks=ASK_STATE
+            "disarm",
+            lambda f, s: f.heartbeat_s > s and not f.armed,
+            STATE_DEADLINE_S,
+            requested_ids=REQUEST_HEARTBEAT,
         )
         await self._run(self._begin("disarm"), _arm_disarm(0.0, 0.0), goal, progress)
 
@@ -136,13 +139,15 @@ class CommandService:
                 await self._hold_if_disarmed(token)
                 raise
             # sent again, because PX4 may drop an altitude that it received while disarmed
-            again = Goal("take off to that altitude", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
+            again = Goal(
+                "take off to that altitude", _never, STATE_DEADLINE_S, requested_ids=(), ack_is_enough=True
+            )
             await self._run(token, request, again, progress)
         lifted = Goal(
             "take off",
             lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
             LIFT_DEADLINE_S,
-            asks=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
+            requested_ids=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
         )
         if progress is not None:
             progress("Armed, waiting for lift-off", None)
@@ -216,7 +221,7 @@ class CommandService:
             "go there",
             reached,
             STATE_DEADLINE_S,
-            asks=(d.MAVLINK_MSG_ID_CURRENT_MODE, d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT),
+            requested_ids=(d.MAVLINK_MSG_ID_CURRENT_MODE, d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT),
             listen=(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,),
         )
         request = Request(
@@ -253,7 +258,7 @@ class CommandService:
             "arm",
             lambda f, s: f.heartbeat_s > s and f.armed,
             STATE_DEADLINE_S,
-            asks=ASK_STATE,
+            requested_ids=REQUEST_HEARTBEAT,
             present_problems=self._arming_problems,
         )
         await self._run(token, _arm_disarm(1.0, 0.0), goal, progress)
@@ -286,7 +291,7 @@ class CommandService:
                 "report its home position",
                 lambda _f, _s: vehicle.topic("home") is not None,
                 HOME_DEADLINE_S,
-                asks=home,
+                requested_ids=home,
                 listen=home,
             )
             with suppress(NoReply):
@@ -380,7 +385,7 @@ class CommandService:
             self._waiting.remove(request.command)
 
 
-ASK_STATE = (d.MAVLINK_MSG_ID_HEARTBEAT,)
+REQUEST_HEARTBEAT = (d.MAVLINK_MSG_ID_HEARTBEAT,)
 
 
 def _arm_disarm(arm: float, force: float) -> Request:

@@ -74,7 +74,9 @@ class FtpService:
         """Requests MAVLink's checksum of a file from the vehicle; raises as `list`."""
         self._vehicle.require("files")
         async with self._lock:
-            answer = await self._ask(codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking")
+            answer = await self._request(
+                codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking"
+            )
         if len(answer.data) < 4:
             raise FtpFailed(f"Checking {path}: the answer is incomplete.", path=path)
         return int.from_bytes(answer.data[:4], "little")
@@ -122,7 +124,7 @@ class FtpService:
         while offset < MAX_ENTRIES:
             request = codec.request(Opcode.LIST_DIRECTORY, 0, path=path, offset=offset)
             try:
-                answer = await self._ask(request, path, "Listing")
+                answer = await self._request(request, path, "Listing")
             except FtpFailed as error:
                 if error.ftp_error == FtpError.END_OF_FILE:
                     break
@@ -137,14 +139,16 @@ class FtpService:
     async def _open(self, path: str) -> Packet:
         for attempt in range(BUSY_TRIES):
             try:
-                opened = await self._ask(codec.request(Opcode.OPEN_FILE_RO, 0, path=path), path, "Opening")
+                opened = await self._request(
+                    codec.request(Opcode.OPEN_FILE_RO, 0, path=path), path, "Opening"
+                )
                 self._may_be_open = True
                 return opened
             except FtpFailed as error:
                 if error.ftp_error != FtpError.NO_SESSIONS_AVAILABLE or attempt == BUSY_TRIES - 1:
                     raise
             if self._may_be_open:
-                await self._ask(Packet(0, Opcode.RESET_SESSIONS), path, "Opening")
+                await self._request(Packet(0, Opcode.RESET_SESSIONS), path, "Opening")
                 self._may_be_open = False
             else:  # another station's session, which only that station ends
                 await self._vehicle.clock.sleep(BUSY_PAUSE_S)
@@ -154,7 +158,7 @@ class FtpService:
         """Best effort: a session that stays open is closed before the next file."""
         try:
             async with asyncio.timeout(3.0):
-                await self._ask(Packet(0, Opcode.TERMINATE_SESSION, session), path, "Closing")
+                await self._request(Packet(0, Opcode.TERMINATE_SESSION, session), path, "Closing")
         except (FtpFailed, NoReply, TimeoutError):
             return
         self._may_be_open = False
@@ -176,7 +180,9 @@ class FtpService:
         assert hole is not None
         start, end = hole
         size = min(end - start, codec.DATA_BYTES)
-        answer = await self._ask(Packet(0, Opcode.READ_FILE, session, size, offset=start), path, "Reading")
+        answer = await self._request(
+            Packet(0, Opcode.READ_FILE, session, size, offset=start), path, "Reading"
+        )
         await self._count_answer(path)
         if answer.offset != start:
             raise FtpFailed(
@@ -242,7 +248,7 @@ class FtpService:
 
     # --- one request ------------------------------------------------------------------------------------
 
-    async def _ask(self, packet: Packet, path: str, doing: str) -> Packet:
+    async def _request(self, packet: Packet, path: str, doing: str) -> Packet:
         """Sends a request until it is answered, always with the same sequence number."""
         sequence = self._take_sequence()
         request = Packet(

@@ -213,12 +213,12 @@ class GimbalService:
         address = self._gimbal_address()
         if address is None:
             return self._vehicle.identity.component_id, 0.0
-        several = len(self._vehicle.gimbals.heard()) > 1
+        several = len(self._vehicle.gimbals.addresses()) > 1
         return address.component_id, float(address.device_id if several else 0)
 
     def _gimbal_address(self) -> GimbalAddress | None:
         """The gimbal's address; None while no gimbal is connected."""
-        return self._address or next(iter(self._vehicle.gimbals.heard()), None)
+        return self._address or next(iter(self._vehicle.gimbals.addresses()), None)
 
     def _device(self) -> float:
         return self._target()[1]
@@ -240,7 +240,7 @@ class GimbalService:
     async def _acknowledged(self, request: Request, what: str) -> None:
         """Runs a request until it is acknowledged. The gimbal's state is not awaited, because a gimbal moves
         slowly."""
-        goal = Goal(what, lambda _f, _s: False, DEADLINE_S, asks=(), ack_is_enough=True)
+        goal = Goal(what, lambda _f, _s: False, DEADLINE_S, requested_ids=(), ack_is_enough=True)
         await self._guarded(self._transaction(request, goal), what)
 
     def _transaction(self, request: Request | None, goal: Goal) -> Transaction:
@@ -253,7 +253,7 @@ class GimbalService:
             newest = self._status()
             return newest is not None and newest[1] > since_s and accepts(control_of(newest[0]))
 
-        goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
+        goal = Goal(what, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
         request = Request(
             d.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, (system, component, KEEP, KEEP, 0, 0, self._device())
         )
@@ -288,7 +288,7 @@ class GimbalService:
             return True
 
         what = "report who controls the gimbal"
-        goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
+        goal = Goal(what, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
         try:
             await self._guarded(self._transaction(None, goal), what)
         except Rejected as error:  # the vehicle is connected, but has no gimbal
@@ -332,7 +332,7 @@ class GimbalService:
         with vehicle.mailbox.expect(ATTITUDE_ID, matches=self._is_attitude_of_gimbal) as waiter:
             while (left_s := began_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send(message)
-                vehicle.send(self._ask_attitude())
+                vehicle.send(self._attitude_request())
                 try:
                     async with asyncio.timeout(min(RESEND_S, left_s)):
                         off_rad = _angle_between(q, await waiter.next())
@@ -353,7 +353,7 @@ class GimbalService:
         address = self._gimbal_address()
         return address is None or is_of(address, message.get_srcComponent(), message.gimbal_device_id)
 
-    def _ask_attitude(self) -> MAVLink_message:
+    def _attitude_request(self) -> MAVLink_message:
         request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_ID), 0, 0, 0, 0, 0, 0))
         return request.message(self._vehicle.identity.system_id, self._target()[0], 0, False)
 

@@ -23,7 +23,7 @@ STOPPED_AFTER_S = 0.6
 START_TIMEOUT_S = 1.0
 MAX_DURATION_S = 3.0
 """If the gimbal still moves then, no limit is reported."""
-ASK_S = 0.2
+REQUEST_PERIOD_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +62,14 @@ async def wait_until_stopped(
     ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_IDS[0]), 0, 0, 0, 0, 0, 0)).message(
         vehicle.identity.system_id, component_id, 0, False
     )
-    next_ask_s = began_s
+    next_request_s = began_s
     with vehicle.mailbox.expect(*ATTITUDE_IDS) as waiter:
         while (now_s := clock.monotonic_s()) < began_s + MAX_DURATION_S:
-            if now_s >= next_ask_s:
+            if now_s >= next_request_s:
                 vehicle.send(ask)
-                next_ask_s = now_s + ASK_S
+                next_request_s = now_s + REQUEST_PERIOD_S
             try:
-                async with asyncio.timeout(max(0.0, next_ask_s - now_s)):
+                async with asyncio.timeout(max(0.0, next_request_s - now_s)):
                     await waiter.next()
             except TimeoutError:
                 continue

@@ -10,8 +10,8 @@ from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Request
 from gcs_server.vehicle.state import VehicleState
 
-ASK_LIMITS_TIMES = 5
-ASK_LIMITS_EVERY_S = 1.0
+MAX_LIMITS_REQUESTS = 5
+LIMITS_REQUEST_PERIOD_S = 1.0
 STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
 LIMITS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
 
@@ -30,7 +30,7 @@ class Gimbals:
         self.first = GimbalService(vehicle, None, self._rois)
         """Commands the first gimbal."""
 
-    def heard(self) -> tuple[GimbalAddress, ...]:
+    def addresses(self) -> tuple[GimbalAddress, ...]:
         """The connected gimbals, the autopilot's first."""
         return self._state.gimbals()
 
@@ -42,7 +42,7 @@ class Gimbals:
         """
         if component_id is None and device_id is None:
             return self.first
-        known = self.heard()
+        known = self.addresses()
         for address in known:
             if component_id in (None, address.component_id) and device_id in (None, address.device_id):
                 return self._services.setdefault(address, GimbalService(self._vehicle, address, self._rois))
@@ -55,7 +55,7 @@ class Gimbals:
             remedy=f"Its gimbals: {listed}. Without component and device its first gimbal is commanded.",
         )
 
-    def ask_limits(self) -> None:
+    def request_limits(self) -> None:
         """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, a few times and again after a lost
         link. PX4 is always asked, other components only after a message of their gimbal manager.
         """
@@ -63,13 +63,13 @@ class Gimbals:
         identity, now_s = vehicle.identity, vehicle.clock.monotonic_s()
         if identity.replayed or state.link_lost or now_s < self._next_s:
             return
-        self._next_s = now_s + ASK_LIMITS_EVERY_S
+        self._next_s = now_s + LIMITS_REQUEST_PERIOD_S
         managers = state.senders(STATUS_ID)
         if identity.autopilot == d.MAV_AUTOPILOT_PX4:
             managers |= {identity.component_id}
         for component_id in sorted(managers):
             asked, known = self._asked.get(component_id, 0), state.newest(LIMITS_ID, component_id, None)
-            if asked < ASK_LIMITS_TIMES and (known is None or known.received_monotonic_s < self._since_s):
+            if asked < MAX_LIMITS_REQUESTS and (known is None or known.received_monotonic_s < self._since_s):
                 self._asked[component_id] = asked + 1
                 request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(LIMITS_ID), 0, 0, 0, 0, 0, 0))
                 vehicle.send(request.message(identity.system_id, component_id, 0, False))

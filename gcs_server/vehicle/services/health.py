@@ -32,9 +32,9 @@ from gcs_server.vehicle.readiness import Finding, HealthReport, Readiness, Repor
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
-ASK_FIRST_AFTER_S = 2.0
+FIRST_REQUEST_AFTER_S = 2.0
 """Time for which a report from the vehicle itself is awaited [s]."""
-ASK_AGAIN_S, ASK_TIMES = 2.0, 4
+REQUEST_PERIOD_S, MAX_REQUESTS = 2.0, 4
 RESTART_S = 10.0
 """If the boot clock goes back by more, the vehicle has restarted."""
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
@@ -82,7 +82,7 @@ class HealthService:
         self._newest_boot_ms = 0
         self._reports = 0
         self._requests = 0
-        self._next_ask_s = float("inf")
+        self._next_request_s = float("inf")
         self.revision = 0
         """Counts the changes of `readiness`."""
         self.changed_s: float | None = None
@@ -152,7 +152,7 @@ class HealthService:
         before, deadline_s = self._reports, vehicle.clock.monotonic_s() + CHECK_DEADLINE_S
         with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_EVENT) as waiter:
             while (left_s := deadline_s - vehicle.clock.monotonic_s()) > 0:
-                self._ask()
+                self._request()
                 try:
                     async with asyncio.timeout(min(CHECK_RESEND_S, left_s)):
                         while self._reports == before:
@@ -183,14 +183,14 @@ class HealthService:
             self._request_metadata(event)
             self._tell(event, late)
         self._take_in_order(ready, lost)
-        self._ask_for_missing()
+        self._request_missing_events()
 
     def current(self, payload: bytes) -> None:
         """CURRENT_EVENT_SEQUENCE."""
         lost = self._stream.lost
         self._stream.current(*_current.unpack_from(payload))
         self._take_in_order([], lost)
-        self._ask_for_missing()
+        self._request_missing_events()
 
     def unavailable(self, payload: bytes) -> None:
         """RESPONSE_EVENT_ERROR."""
@@ -200,32 +200,32 @@ class HealthService:
 
     def connected(self) -> None:
         """The vehicle is connected, or back: its report is requested unless it sends one."""
-        self._requests, self._next_ask_s = 0, self._vehicle.clock.monotonic_s() + ASK_FIRST_AFTER_S
+        self._requests, self._next_request_s = 0, self._vehicle.clock.monotonic_s() + FIRST_REQUEST_AFTER_S
 
     def tick(self) -> None:
         """Called a few times a second."""
         now_s = self._vehicle.clock.monotonic_s()
         lost = self._stream.lost
         self._take_in_order(self._stream.give_up(now_s), lost)
-        self._ask_for_missing()
+        self._request_missing_events()
         if self._unpublished_unix_s is not None or self._offers() != self._published.offers:
             self._publish()
         identity = self._vehicle.identity
-        if now_s < self._next_ask_s:
+        if now_s < self._next_request_s:
             return
-        self._next_ask_s = now_s + ASK_AGAIN_S
-        if self._requests >= ASK_TIMES or identity.replayed or not identity.commandable:
-            self._next_ask_s = float("inf")
+        self._next_request_s = now_s + REQUEST_PERIOD_S
+        if self._requests >= MAX_REQUESTS or identity.replayed or not identity.commandable:
+            self._next_request_s = float("inf")
             return
         if self._report is not None and self._requests == 0 and self._reports_are_recent():
-            self._next_ask_s = float("inf")
+            self._next_request_s = float("inf")
             return
         self._requests += 1
-        self._ask()
+        self._request()
 
     def _reports_are_recent(self) -> bool:
         reported = self._published.reported_unix_s
-        return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * ASK_FIRST_AFTER_S
+        return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * FIRST_REQUEST_AFTER_S
 
     def _changed(self) -> None:
         self.revision += 1
@@ -250,7 +250,7 @@ class HealthService:
         self._learning = True  # reset by `learn` when it ends
         self._fetch_metadata()
 
-    def _ask_for_missing(self) -> None:
+    def _request_missing_events(self) -> None:
         if self._vehicle.identity.replayed:
             return
         missing = self._stream.wanted(self._vehicle.clock.monotonic_s())
@@ -260,7 +260,7 @@ class HealthService:
                 d.MAVLink_request_event_message(identity.system_id, identity.component_id, *missing)
             )
 
-    def _ask(self) -> None:
+    def _request(self) -> None:
         identity = self._vehicle.identity
         self._vehicle.send(
             d.MAVLink_command_long_message(
@@ -278,9 +278,9 @@ class HealthService:
     def _take_in_order(self, events: list[VehicleEvent], lost_before: int) -> None:
         if self._stream.lost != lost_before:
             self._joiner.discard()
-            self._requests, self._next_ask_s = (
+            self._requests, self._next_request_s = (
                 0,
-                min(self._next_ask_s, self._vehicle.clock.monotonic_s() + 0.5),
+                min(self._next_request_s, self._vehicle.clock.monotonic_s() + 0.5),
             )
         for event in events:
             if event.id == ARMING_SUMMARY_ID:
@@ -289,7 +289,7 @@ class HealthService:
                 report = self._joiner.end(event.arguments)
                 if report is not None:
                     self._reports += 1
-                    self._requests, self._next_ask_s = 0, float("inf")
+                    self._requests, self._next_request_s = 0, float("inf")
                     self._set(report)
             elif self._is_of_report(event):
                 modes, component = readiness.head_of(event.arguments)

@@ -29,7 +29,7 @@ from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import is_our_ack
 
 NAMES = {PARAMETERS: "parameters", EVENTS: "events"}
-ASK_TIMES, ASK_EVERY_S = 6, 0.5
+MAX_REQUESTS, REQUEST_PERIOD_S = 6, 0.5
 FETCH_TIMES = 2
 _uri = re.compile(r"mftp://(?:\[?;comp=(\d{1,3})\]?)?/?(.{1,200})")
 
@@ -134,10 +134,10 @@ class MetadataService:
         )
         refusals = 0
         with vehicle.mailbox.expect(*ids) as waiter:
-            for _ in range(ASK_TIMES):
+            for _ in range(MAX_REQUESTS):
                 vehicle.send(request)
                 try:
-                    async with asyncio.timeout(ASK_EVERY_S):
+                    async with asyncio.timeout(REQUEST_PERIOD_S):
                         while True:
                             message = await waiter.next()
                             if message.get_msgId() == ids[0]:
@@ -156,7 +156,8 @@ class MetadataService:
                         remedy="Its firmware may be too old; parameters can be set without ranges and units.",
                     )
         raise NoReply(
-            f"Vehicle {vehicle.id} did not report where its metadata are.", deadline_s=ASK_TIMES * ASK_EVERY_S
+            f"Vehicle {vehicle.id} did not report where its metadata are.",
+            deadline_s=MAX_REQUESTS * REQUEST_PERIOD_S,
         )
 
     async def _document(

@@ -46,7 +46,7 @@ ReportProgress = Callable[[str, float | None], None]
 CANCEL_LISTEN_S = 1.0
 """After a cancel: if the vehicle still requests items, the cancel was lost and is sent again."""
 IDS_DEADLINE_S = 4.0
-ASK_IDS_S = 0.5
+IDS_REQUEST_PERIOD_S = 0.5
 SET_CURRENT_S = 6.0
 _MESSAGES = (
     d.MAVLINK_MSG_ID_MISSION_COUNT,
@@ -166,7 +166,7 @@ class MissionService:
         vehicle.require("mission_transfer")
         identity = vehicle.identity
         request = d.MAVLink_mission_set_current_message(identity.system_id, identity.component_id, seq)
-        reached = await self._ask_current(lambda m: m.seq == seq, SET_CURRENT_S, request)
+        reached = await self._request_current(lambda m: m.seq == seq, SET_CURRENT_S, request)
         if reached is None:
             raise NoReply(
                 f"Vehicle {vehicle.id} did not make item {seq + 1} the current one "
@@ -252,10 +252,10 @@ class MissionService:
 
     async def _fresh_ids(self) -> Ids | None:
         """The ids that the vehicle currently reports; None if it reports none."""
-        found = await self._ask_current(lambda _: True, IDS_DEADLINE_S, None)
+        found = await self._request_current(lambda _: True, IDS_DEADLINE_S, None)
         return None if found is None else ids_of(found)
 
-    async def _ask_current(
+    async def _request_current(
         self, accepts: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None
     ) -> Mission | None:
         """Requests MISSION_CURRENT; None if it does not arrive in time."""
@@ -271,7 +271,7 @@ class MissionService:
                     vehicle.send(request)
                 vehicle.send(ask.message(identity.system_id, identity.component_id, 0, False))
                 try:
-                    async with asyncio.timeout(min(ASK_IDS_S, left_s)):
+                    async with asyncio.timeout(min(IDS_REQUEST_PERIOD_S, left_s)):
                         while not accepts(message := await waiter.next()):
                             pass
                         return current_of(message)

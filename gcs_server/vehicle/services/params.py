@@ -196,7 +196,7 @@ class ParamService:
             self._table.hash = after[0]
             if (
                 before == after
-            ):  # otherwise a value has changed meanwhile, and the next reading asks the vehicle
+            ):  # otherwise a value has changed meanwhile, and the next reading requests the vehicle
                 await self._write_cache()
 
     async def _from_cache(self, wanted_hash: int, count: int) -> ParamTable | None:

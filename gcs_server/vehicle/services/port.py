@@ -24,10 +24,10 @@ class HealthChecks(Protocol):
     def arming_problems(self, nav_state: int | None) -> tuple[str, ...]: ...
 
 
-class HeardGimbals(Protocol):
+class GimbalAddresses(Protocol):
     """The connected gimbals."""
 
-    def heard(self) -> tuple[GimbalAddress, ...]: ...
+    def addresses(self) -> tuple[GimbalAddress, ...]: ...
 
 
 class VehiclePort(Protocol):
@@ -41,7 +41,7 @@ class VehiclePort(Protocol):
     mode_names: ModeNames
 
     @property
-    def gimbals(self) -> HeardGimbals: ...
+    def gimbals(self) -> GimbalAddresses: ...
     @property
     def health(self) -> HealthChecks: ...
 

@@ -89,7 +89,7 @@ class StopMotors:
             "stop its motors",
             reached,
             DEADLINE_S,
-            asks=(d.MAVLINK_MSG_ID_HEARTBEAT,),
+            requested_ids=(d.MAVLINK_MSG_ID_HEARTBEAT,),
             repeat_s=RESEND_S,
         )
         request = Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0, 0, 0, 0, 0))

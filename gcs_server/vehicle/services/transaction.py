@@ -27,7 +27,7 @@ RESEND_ACCEPTED_S = 1.5
 PROBE_IN_PROGRESS_S = 3.0
 IN_PROGRESS_TIMEOUT_S = 6.0
 MAX_DURATION_S = 60.0
-ASK_S = 0.4
+REQUEST_PERIOD_S = 0.4
 SETTLE_S = 0.6
 SETTLE_WITH_REASON_S = 0.25
 """After a refusal: time in which its reasons arrive."""
@@ -81,7 +81,7 @@ class Goal:
     Args:
         what: the command in error texts: "arm", "switch to Hold".
         reached: (state, time of the first request) → success; only reports after that time count.
-        asks: messages to request while waiting, instead of waiting for slow streams.
+        requested_ids: messages to request while waiting, instead of waiting for slow streams.
         ack_is_enough: the vehicle's state cannot show the result, so the acknowledgement is the answer.
         listen: further messages after which the goal is checked.
         present_problems: returns texts of the vehicle's current problems that prevent the command.
@@ -92,7 +92,7 @@ class Goal:
     what: str
     reached: Callable[[FlightState, float], bool]
     deadline_s: float
-    asks: tuple[int, ...] = (d.MAVLINK_MSG_ID_CURRENT_MODE,)
+    requested_ids: tuple[int, ...] = (d.MAVLINK_MSG_ID_CURRENT_MODE,)
     ack_is_enough: bool = False
     listen: tuple[int, ...] = ()
     present_problems: Callable[[], tuple[str, ...]] | None = None
@@ -138,7 +138,7 @@ class Transaction:
         self._began_s = vehicle.clock.monotonic_s()
         self._deadline_s = self._began_s + goal.deadline_s
         self._next_send_s = self._began_s if request is not None else float("inf")
-        self._next_ask_s = self._began_s + (ASK_S / 2 if request is not None else 0.0)
+        self._next_request_s = self._began_s + (REQUEST_PERIOD_S / 2 if request is not None else 0.0)
 
     async def run(self) -> None:
         """Returns once the goal is reached.
@@ -167,9 +167,9 @@ class Transaction:
             self._check_end(now_s)
             if now_s >= self._next_send_s:
                 self._send(now_s)
-            if now_s >= self._next_ask_s:
-                self._ask(now_s)
-            wake_s = min(self._deadline_s, self._next_send_s, self._next_ask_s)
+            if now_s >= self._next_request_s:
+                self._request_messages(now_s)
+            wake_s = min(self._deadline_s, self._next_send_s, self._next_request_s)
             if self._goal.repeat_s is None:
                 wake_s = min(wake_s, self._refused_s + self._settle_s())
             try:
@@ -246,11 +246,11 @@ class Transaction:
             again = f" (attempt {self._sent})" if self._sent > 1 else ""
             self._progress(f"Commanding vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
 
-    def _ask(self, now_s: float) -> None:
-        for msg_id in self._goal.asks:
+    def _request_messages(self, now_s: float) -> None:
+        for msg_id in self._goal.requested_ids:
             request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(msg_id), 0, 0, 0, 0, 0, 0))
             self._vehicle.send(request.message(*self._target(), 0, False))
-        self._next_ask_s = now_s + ASK_S if self._goal.asks else float("inf")
+        self._next_request_s = now_s + REQUEST_PERIOD_S if self._goal.requested_ids else float("inf")
 
     def _target(self) -> tuple[int, int]:
         """System and component."""
@@ -270,8 +270,8 @@ class Transaction:
             self._refused = None if self._goal.repeat_s else self._refused
             if self._goal.repeat_s is None:
                 self._next_send_s = now_s + RESEND_ACCEPTED_S
-            if self._goal.asks:
-                self._next_ask_s = min(self._next_ask_s, now_s + 0.02)
+            if self._goal.requested_ids:
+                self._next_request_s = min(self._next_request_s, now_s + 0.02)
         elif result == d.MAV_RESULT_IN_PROGRESS:
             if self._goal.repeat_s is None:
                 self._in_progress(message.progress, now_s)
@@ -289,12 +289,12 @@ class Transaction:
             if self._refused is None:
                 self._refused_s = now_s
                 if self._goal.present_problems is not None:
-                    self._ask_for_checks()
+                    self._request_checks()
             self._refused = result
             if self._goal.repeat_s is None:
                 self._next_send_s = float("inf")
 
-    def _ask_for_checks(self) -> None:
+    def _request_checks(self) -> None:
         """Requests PX4's check results, which it sends only when they change or on request."""
         identity = self._vehicle.identity
         request = Request(d.MAV_CMD_RUN_PREARM_CHECKS, (0, 0, 0, 0, 0, 0, 0))

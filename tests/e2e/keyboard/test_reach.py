@@ -1,5 +1,4 @@
-"""Each control of each room can be reached by keyboard; screen readers do not announce values that only
-count."""
+"""Each control of each room can be reached by keyboard; screen readers do not announce counters."""
 
 from __future__ import annotations
 
@@ -18,10 +17,10 @@ from tests.station import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
-A_FEW_SECONDS_MS = 2_500
-TICKING = """
+LISTEN_MS = 2_500
+ANNOUNCEMENTS = """
 (wait_ms) => new Promise((done) => {
-  const said = [];
+  const announced = [];
   const live = ['status', 'alert', 'log', 'timer'].map((role) => `[role="${role}"]`)
     .concat('[aria-live="polite"]', '[aria-live="assertive"]').join();
   const watcher = new MutationObserver((changes) => {
@@ -30,11 +29,11 @@ TICKING = """
       const region = at?.closest(live);
       if (!region || at.closest('[aria-live="off"]') || at.closest('[aria-hidden="true"]')) continue;
       if (region.getAttribute('aria-relevant') === 'additions' && change.type === 'characterData') continue;
-      said.push(region.outerHTML.slice(0, 160));
+      announced.push(region.outerHTML.slice(0, 160));
     }
   });
   watcher.observe(document.body, { subtree: true, childList: true, characterData: true });
-  setTimeout(() => { watcher.disconnect(); done([...new Set(said)]); }, wait_ms);
+  setTimeout(() => { watcher.disconnect(); done([...new Set(announced)]); }, wait_ms);
 })
 """
 
@@ -55,7 +54,7 @@ def test_every_control_of_every_room_is_reached_by_tab_and_has_a_name(
                 close_all(page)
 
 
-def test_values_that_only_count_are_not_announced(browser: Browser, flying: Station, vehicles: int) -> None:
+def test_counters_are_not_announced(browser: Browser, flying: Station, vehicles: int) -> None:
     drone = flying.drone
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
@@ -76,14 +75,14 @@ def test_values_that_only_count_are_not_announced(browser: Browser, flying: Stat
         for open_it in (lambda: None, lambda: page.keyboard.press("p"), lambda: page.keyboard.press("y")):
             open_it()
             page.wait_for_timeout(500)
-            assert page.evaluate(TICKING, A_FEW_SECONDS_MS) == []
+            assert page.evaluate(ANNOUNCEMENTS, LISTEN_MS) == []
         drone.hold()
         os.killpg(vehicles, signal.SIGSTOP)
         try:
             expect(page.locator(".pill b")).to_have_text("Connection lost")
             expect(page.get_by_role("button", name=re.compile("^101"))).to_contain_text("lost")
             page.wait_for_timeout(500)
-            assert page.evaluate(TICKING, A_FEW_SECONDS_MS) == []
+            assert page.evaluate(ANNOUNCEMENTS, LISTEN_MS) == []
         finally:
             os.killpg(vehicles, signal.SIGCONT)
         expect(page.locator(".pill b")).not_to_have_text("Connection lost")

@@ -46,7 +46,7 @@ def held(port):
 
 
 def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
-    async def story():
+    async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         first = simulator(folder, port)
@@ -62,11 +62,11 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         assert not held(port)
         assert not folder.simulator_pid.exists()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_a_simulator_that_ends_is_a_warning(tmp_path):
-    async def story():
+    async def scenario():
         folder = DataFolder(tmp_path)
         folder.prepare()
         process = simulator(folder, free_port(), "import sys; sys.exit(3)")
@@ -77,7 +77,7 @@ def test_a_simulator_that_ends_is_a_warning(tmp_path):
         assert "exit code 3" in notice.text
         assert "simulator.log" in notice.text
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_another_process_is_never_taken_for_the_simulator():
@@ -86,7 +86,7 @@ def test_another_process_is_never_taken_for_the_simulator():
 
 
 def test_each_start_begins_a_new_log_and_keeps_the_previous_one(tmp_path):
-    async def story():
+    async def scenario():
         folder = DataFolder(tmp_path)
         folder.prepare()
         for number in range(3):
@@ -96,7 +96,7 @@ def test_each_start_begins_a_new_log_and_keeps_the_previous_one(tmp_path):
         assert folder.simulator_log.read_text() == "run 2\n"
         assert (tmp_path / "simulator.log.1").read_text() == "run 1\n"
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_the_probed_port_follows_the_simulators_arguments(arguments, port):
 
 
 def test_without_a_fixed_port_the_simulator_is_found_by_its_pid_file(tmp_path):
-    async def story():
+    async def scenario():
         folder = DataFolder(tmp_path)
         folder.prepare()
         first = simulator(folder, 0)
@@ -130,7 +130,7 @@ def test_without_a_fixed_port_the_simulator_is_found_by_its_pid_file(tmp_path):
         assert not third.found
         await third.stop()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 class FastClock(SystemClock):
@@ -152,7 +152,7 @@ async def watched(process):
 
 
 def test_after_the_end_of_another_programs_simulator_its_own_is_started(tmp_path):
-    async def story():
+    async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = simulator(folder, port)
@@ -169,7 +169,7 @@ def test_after_the_end_of_another_programs_simulator_its_own_is_started(tmp_path
                 assert (process.found, process.warnings()) == (False, [])
         assert not held(port)
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def without_descriptors(*_arguments, **_options):
@@ -177,7 +177,7 @@ def without_descriptors(*_arguments, **_options):
 
 
 def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypatch):
-    async def story():
+    async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = simulator(folder, port)
@@ -192,12 +192,12 @@ def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypa
             await until(lambda: held(port))
             assert process.warnings() == []
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize("whose", ["its own", "found"])
 def test_missing_descriptors_do_not_count_as_the_simulators_end(tmp_path, monkeypatch, whose):
-    async def story():
+    async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = first = simulator(folder, port)
@@ -222,4 +222,4 @@ def test_missing_descriptors_do_not_count_as_the_simulators_end(tmp_path, monkey
             (notice,) = process.warnings()
             assert "stopped by itself" in notice.text
 
-    asyncio.run(story())
+    asyncio.run(scenario())

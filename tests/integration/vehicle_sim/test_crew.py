@@ -25,9 +25,9 @@ def fleet_in_two_processes(*more: str) -> Iterator[tuple[subprocess.Popen[str], 
         command += ["--gcs-remote-port", str(station.getsockname()[1])]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
-            parser, heard = FrameParser(), set[int]()
-            while heard != {1, 2, 3}:
-                heard |= {message.system_id for message in parser.feed(station.recv(65536))}
+            parser, received = FrameParser(), set[int]()
+            while received != {1, 2, 3}:
+                received |= {message.system_id for message in parser.feed(station.recv(65536))}
             yield process, station
         finally:
             process.kill()

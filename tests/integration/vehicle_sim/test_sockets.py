@@ -38,7 +38,7 @@ def client(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), timeout=2.0)
 
 
-def heard(connection: socket.socket) -> set[str]:
+def drained(connection: socket.socket) -> set[str]:
     """Names of the received messages."""
     parser, names = FrameParser(), set[str]()
     connection.setblocking(False)
@@ -53,13 +53,13 @@ def heard(connection: socket.socket) -> set[str]:
 def test_the_next_tcp_client_is_served_after_the_previous_one(server: SimServer, tcp_port: int) -> None:
     first = client(tcp_port)
     server.run(FLAT_OUT, 1.2)
-    assert {"HEARTBEAT", "ATTITUDE"} <= heard(first)
+    assert {"HEARTBEAT", "ATTITUDE"} <= drained(first)
     second = client(tcp_port)
     server.run(FLAT_OUT, 1.2)
-    assert heard(second) == set()
+    assert drained(second) == set()
     first.close()
     server.run(FLAT_OUT, 1.2)
-    assert {"HEARTBEAT", "ATTITUDE"} <= heard(second)
+    assert {"HEARTBEAT", "ATTITUDE"} <= drained(second)
     second.close()
 
 
@@ -72,7 +72,7 @@ def test_after_a_connection_reset_the_next_tcp_client_is_served(server: SimServe
     server.run(FLAT_OUT, 0.2)
     again = client(tcp_port)
     server.run(FLAT_OUT, 1.2)
-    assert "HEARTBEAT" in heard(again)
+    assert "HEARTBEAT" in drained(again)
     again.close()
 
 
@@ -82,7 +82,7 @@ def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:
         beat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
         station.sendto(beat, ("127.0.0.1", server.vehicles[0].transports["gcs"].port))
         server.run(FLAT_OUT, 1.2)
-        assert {"HEARTBEAT", "ATTITUDE"} <= heard(station)
+        assert {"HEARTBEAT", "ATTITUDE"} <= drained(station)
 
 
 @pytest.mark.parametrize(("speed", "hears"), [(1.0, False), (3.0, True)])

@@ -18,7 +18,7 @@ class CountingClock(SystemClock):
 
 
 def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
-    async def story():
+    async def scenario():
         clock = CountingClock()
         supervisor = Supervisor(clock)
         runs = []
@@ -36,11 +36,11 @@ def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
         assert len(caplog.records) == 6
         assert supervisor.names() == []
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_close_ends_all_tasks_and_a_failed_single_task_is_logged(caplog):
-    async def story():
+    async def scenario():
         supervisor = Supervisor(SystemClock())
 
         async def forever():
@@ -55,12 +55,12 @@ def test_close_ends_all_tasks_and_a_failed_single_task_is_logged(caplog):
         await supervisor.close()
         assert task.cancelled()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
     assert "single failed" in caplog.text
 
 
 def test_work_cancelled_before_its_first_step_causes_no_warning(recwarn):
-    async def story():
+    async def scenario():
         supervisor = Supervisor(SystemClock())
 
         async def never_begun():
@@ -69,6 +69,6 @@ def test_work_cancelled_before_its_first_step_causes_no_warning(recwarn):
         supervisor.spawn("single", never_begun())
         await supervisor.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
     gc.collect()
     assert not [str(each.message) for each in recwarn if each.category is RuntimeWarning]

@@ -88,20 +88,20 @@ class SetpointRecorder:
 
 
 def test_fields_that_a_setpoint_does_not_control_are_nan():
-    heard, start = SetpointRecorder(), (1.0, 2.0, -3.0)
-    send(heard, Position((11.0, None, -8.0), 0.5), start)
-    send(heard, Velocity((1.0, 0.0, None)), start)
-    send(heard, Trajectory((1.0, 2.0, -3.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0), 0.2, 0.3), start)
-    send(heard, Attitude((1.0, 0.0, 0.0, 0.0), 0.5), start)
+    received, start = SetpointRecorder(), (1.0, 2.0, -3.0)
+    send(received, Position((11.0, None, -8.0), 0.5), start)
+    send(received, Velocity((1.0, 0.0, None)), start)
+    send(received, Trajectory((1.0, 2.0, -3.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0), 0.2, 0.3), start)
+    send(received, Attitude((1.0, 0.0, 0.0, 0.0), 0.5), start)
     nan, nan3 = math.nan, (math.nan, math.nan, math.nan)
     expected = [
         (SetpointKind.POSITION, (10.0, nan, -5.0), nan3, nan3, 0.5, nan),
         (SetpointKind.VELOCITY, nan3, (1.0, 0.0, nan), nan3, nan, nan),
         (SetpointKind.POSITION, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0), 0.2, 0.3),
     ]
-    for setpoint, fields in zip(heard.trajectories, expected, strict=True):
+    for setpoint, fields in zip(received.trajectories, expected, strict=True):
         assert repr(dataclasses.astuple(setpoint)[:6]) == repr(fields)  # NaN is not equal to itself
-    assert heard.attitudes[0][0] == 7
+    assert received.attitudes[0][0] == 7
 
 
 def test_a_dry_run_task_reports_progress_and_returns_json():

@@ -81,7 +81,7 @@ class Station:
         """Runs until the condition is true; returns the time it took."""
         start_s = self.now_s
         while not condition():
-            assert self.now_s - start_s < timeout_s, f"not within {timeout_s} s; heard {self.texts()[-5:]}"
+            assert self.now_s - start_s < timeout_s, f"not within {timeout_s} s; received {self.texts()[-5:]}"
             self.run(0.02, each)
         return self.now_s - start_s
 

@@ -71,8 +71,8 @@ def test_the_cameras_heartbeats_follow_the_vehicles_on_a_link_opened_at_any_time
     station.run(opened_after_s)
     station.sim.add_link(0, "tcp", "gcs")
     station.run(4.0)
-    heard = FrameParser().feed(station.sim.drain(0, "tcp"))
-    for beats in ([m for m in heard if m.name == "HEARTBEAT"], station.received("HEARTBEAT")):
+    messages = FrameParser().feed(station.sim.drain(0, "tcp"))
+    for beats in ([m for m in messages if m.name == "HEARTBEAT"], station.received("HEARTBEAT")):
         senders = [m.component_id for m in beats if m.system_id == 1]
         assert senders == [1, 100] * (len(senders) // 2)
         assert len(senders) >= 6

@@ -261,10 +261,10 @@ def test_a_mode_without_configuration_has_no_controllers():
 
 def test_registrations_and_published_changes_are_counted():
     registry = Registry()
-    heard: list[int] = []
-    registry.on_announced = lambda: heard.append(registry.announced)
+    received: list[int] = []
+    registry.on_announced = lambda: received.append(registry.announced)
     registry.published(registry.settable(0))
     registry.mode_of("A")
     registry.published(registry.settable(0))
     registry.published(registry.settable(0))
-    assert heard == [1, 2]
+    assert received == [1, 2]

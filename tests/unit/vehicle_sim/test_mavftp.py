@@ -37,7 +37,7 @@ class Connection:
         self.sim = VehicleSim()
         self.mav = self
         self.sent = 0
-        self._parser, self._heard = FrameParser(), list[Any]()
+        self._parser, self._received = FrameParser(), list[Any]()
 
     def file_transfer_protocol_send(
         self, network: int, target_system: int, target_component: int, payload: bytearray
@@ -51,10 +51,10 @@ class Connection:
 
     def recv_match(self, timeout: float = 0.0, **_: Any) -> Any:
         for _step in range(round(timeout / STEP_S)):
-            if self._heard:
-                return self._heard.pop(0)
+            if self._received:
+                return self._received.pop(0)
             self.sim.step(STEP_S)
-            self._heard += [
+            self._received += [
                 SimpleNamespace(
                     target_system=m.target_system, target_component=m.target_component,
                     payload=list(m.payload), get_type=lambda name=m.name: name,

@@ -182,8 +182,8 @@ def test_the_next_arming_opens_a_new_file_and_reports_it():
         station.run(0.3)
     logger = station.sim.loggers[0]
     assert logger.path == "log/2026-11-21/00_46_57.ulg"
-    heard = station.received("EVENT", since_s=11.9)
-    opened = [bytes(m.arguments)[:7] for m in heard if m.values["id"] == 17980399]
+    messages = station.received("EVENT", since_s=11.9)
+    opened = [bytes(m.arguments)[:7] for m in messages if m.values["id"] == 17980399]
     assert opened == [bytes((0xEA, 0x07, 11, 21, 0, 46, 57))]
     assert f"[logger] ./{logger.path}\t" in station.texts(since_s=11.9)
 

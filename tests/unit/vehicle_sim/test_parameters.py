@@ -67,16 +67,16 @@ def test_the_error_about_an_unknown_parameter_names_it():
 
 def test_listeners_are_called_for_changes_only():
     parameters = Parameters()
-    heard = []
-    remove = parameters.add_listener(lambda name, value: heard.append((name, value)))
+    received = []
+    remove = parameters.add_listener(lambda name, value: received.append((name, value)))
     parameters.set("MPC_XY_CRUISE", 5.0)
     parameters.set("MPC_XY_CRUISE", 6.0)
     parameters.set("MPC_XY_CRUISE", math.nan)
     parameters.set("MPC_XY_CRUISE", math.nan)
     remove()
     parameters.set("MPC_XY_CRUISE", 7.0)
-    assert heard[0] == ("MPC_XY_CRUISE", 6.0)
-    assert len(heard) == 2
+    assert received[0] == ("MPC_XY_CRUISE", 6.0)
+    assert len(received) == 2
 
 
 def test_changed_parameters_are_listed_until_they_are_reset():

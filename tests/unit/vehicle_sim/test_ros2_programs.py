@@ -1,4 +1,4 @@
-"""Two published programs, ported to plain DDS, fly the simulator; their time is the simulation's."""
+"""Two published ROS 2 programs, ported to plain DDS, fly the simulator in simulated time."""
 
 from __future__ import annotations
 
@@ -16,22 +16,21 @@ DOMAIN = 47
 
 
 class Flight:
-    """A vehicle on DDS, and how high it was."""
+    """A vehicle on DDS, and its recorded heights."""
 
     def __init__(self, domain: DdsDomain, namespace: str) -> None:
         self.sim = VehicleSim(1, links=(), sensor_noise=False, parameters=AT_ONCE | {"UXRCE_DDS_SYNCT": 1})
         self.sim.open_ros2(0, domain.open(namespace), lambda text: None)
         self.sim.step(6.0)
         self.heights_m: list[float] = []
-        self.lifted_s = self.at_4_5_m_s = self.began_s = self.sim.time_s
 
     def sleep(self, seconds: float) -> None:
-        """Instead of waiting."""
+        """Replaces the program's sleep: simulates this time, and records the height."""
         self.sim.step(seconds)
         self.heights_m.append(-self.sim.autopilots[0].view.estimate.position_ned_m[2])
 
     def first_s(self, height_m: float) -> float:
-        """When it first was higher, since the program began."""
+        """Time since the start of the program at which the vehicle was first above this height."""
         return 0.1 * next(n for n, each in enumerate(self.heights_m, start=1) if each > height_m)
 
     def lands(self) -> bool:

@@ -68,8 +68,8 @@ def test_streams_are_sent_at_the_rates_of_the_table() -> None:
         for name, hz in table.items():
             if name in NOT_ON_GROUND:
                 continue
-            heard = len(s.received(name, link, start))
-            assert heard == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
+            count = len(s.received(name, link, start))
+            assert count == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
 
 
 def test_the_table_has_the_rates_of_a_real_vehicle(shared) -> None:

@@ -117,9 +117,9 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
 def test_without_a_world_there_is_one_lidar_that_points_down():
     station = Station(links=BOTH)
     station.fly_to(8.0)
-    heard = station.received("DISTANCE_SENSOR", via="api")
-    assert {m.orientation for m in heard} == {25}
-    assert heard[-1].current_distance == pytest.approx(station.height_m * 100, abs=15)
+    messages = station.received("DISTANCE_SENSOR", via="api")
+    assert {m.orientation for m in messages} == {25}
+    assert messages[-1].current_distance == pytest.approx(station.height_m * 100, abs=15)
     assert not station.received("OBSTACLE_DISTANCE", via="api")
 
 

@@ -229,7 +229,7 @@ class Mission:
         self._fly_to(place, self._next_place(self.current), item)
 
     def _fly_to(self, place: Vector, onward: Vector | None, item: Item) -> None:
-        if item.seconds() > 0.0 or item.command in (LAND, LOITER_UNLIMITED):
+        if item.hold_time_s() > 0.0 or item.command in (LAND, LOITER_UNLIMITED):
             onward = None
         self._leg.set(place, onward, self._acceptance(item))
         self.heading.item_yaw_rad = item.yaw_rad()
@@ -266,7 +266,7 @@ class Mission:
             return False
         if math.isnan(self._arrived_at_s):
             self._arrived_at_s = self._view.time_s
-        return self._view.time_s - self._arrived_at_s >= item.seconds()
+        return self._view.time_s - self._arrived_at_s >= item.hold_time_s()
 
     def _arrived(self, item: Item) -> bool:
         if math.isfinite(self._arrived_at_s):
@@ -393,7 +393,7 @@ class Mission:
         arrived_at_s = self._arrived_at_s if math.isfinite(self._arrived_at_s) else None
         if arrived_at_s is None and self._work is not Work.FLY:
             return None
-        return self._leg.steady_task(self.heading, arrived_at_s, item.seconds())
+        return self._leg.steady_task(self.heading, arrived_at_s, item.hold_time_s())
 
     def situation(self) -> tuple[object, ...]:
         """State that commands can change between two ticks."""

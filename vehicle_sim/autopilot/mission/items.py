@@ -69,7 +69,7 @@ class Item:
             return (*self.parameters, self.lat_deg * 1e7, self.lon_deg * 1e7, self.alt_m)
         return (*self.parameters, self.lat_deg, self.lon_deg, self.alt_amsl_m(home_alt_amsl_m))
 
-    def seconds(self) -> float:
+    def hold_time_s(self) -> float:
         """Hold time (param1 of waypoints, timed loiters and delays)."""
         wait = self.parameters[0]
         return wait if self.command in (WAYPOINT, LOITER_TIME, DELAY) and math.isfinite(wait) else 0.0

@@ -21,7 +21,7 @@ BODY_FRD = 12
 """MAV_FRAME."""
 OUT_OF_RANGE_CM = -100
 """PX4's simulation sends -1 m if it measures nothing; the unsigned field contains it modulo 2^16."""
-NEAREST_CM = 10
+MIN_RANGE_CM = 10
 GROUND_VIBRATION, FLYING_VIBRATION = (0.0117, 0.107), (0.096, 1.42)
 """PX4's vibration metrics of gyro [rad/s] and accelerometer [m/s²], as measured."""
 
@@ -109,7 +109,7 @@ class SensorMessages(Family):
         return pack(
             "DISTANCE_SENSOR", time_boot_ms=view.time_boot_ms(), id=1, orientation=FORWARD,
             current_distance=_cm(measured) if math.isfinite(measured) else _cm(lidars.range_m) + 1,
-            min_distance=NEAREST_CM, max_distance=_cm(lidars.range_m),
+            min_distance=MIN_RANGE_CM, max_distance=_cm(lidars.range_m),
         )[1]  # fmt: skip
 
     def obstacle_distance(self) -> bytes | None:
@@ -122,8 +122,8 @@ class SensorMessages(Family):
         return pack(
             "OBSTACLE_DISTANCE", time_usec=view.time_boot_us(),
             distances=np.rint(measured).astype(int).tolist(),
-            increment=int(SECTOR_DEG), increment_f=SECTOR_DEG, min_distance=NEAREST_CM, max_distance=farthest,
-            frame=BODY_FRD,
+            increment=int(SECTOR_DEG), increment_f=SECTOR_DEG,
+            min_distance=MIN_RANGE_CM, max_distance=farthest, frame=BODY_FRD,
         )[1]  # fmt: skip
 
     def vibration(self) -> bytes:

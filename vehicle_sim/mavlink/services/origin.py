@@ -9,7 +9,7 @@ from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
 
 CHECK_EVERY_S = 1.0
-LOWEST_M, HIGHEST_M = -12_000.0, 100_000.0
+MIN_ALT_AMSL_M, MAX_ALT_AMSL_M = -12_000.0, 100_000.0
 
 
 class OriginService:
@@ -30,7 +30,9 @@ class OriginService:
         if m.target_system != self._context.system_id:
             return
         lat_deg, lon_deg, alt_amsl_m = m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3
-        possible = abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and LOWEST_M < alt_amsl_m < HIGHEST_M
+        possible = (
+            abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and MIN_ALT_AMSL_M < alt_amsl_m < MAX_ALT_AMSL_M
+        )
         if possible and not self._context.autopilot.commander.armed:
             self._move(lat_deg, lon_deg, alt_amsl_m)
         self._requested = True

@@ -33,15 +33,15 @@ WEB_CLIENTS = {
 }
 
 
-async def until(good, patience_s=10.0):
-    async with asyncio.timeout(patience_s):
+async def until(good, timeout_s=10.0):
+    async with asyncio.timeout(timeout_s):
         while not good():  # noqa: ASYNC110 a test polls
             await asyncio.sleep(0.005)
 
 
 @pytest.mark.parametrize("pieces", WEB_CLIENTS.values(), ids=WEB_CLIENTS.keys())
 def test_a_web_page_that_connects_by_tcp_is_disconnected_before_a_frame_is_read(pieces):
-    async def story():
+    async def scenario():
         clock = SystemClock()
         router = Router(clock, Supervisor(clock), RouterSettings())
         router.add(link := make_link("tcpin://127.0.0.1:0", "radio"))
@@ -73,12 +73,12 @@ def test_a_web_page_that_connects_by_tcp_is_disconnected_before_a_frame_is_read(
             await until(lambda: len(frames) == 1)
         await router.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_a_tcp_link_to_a_web_server_reports_http_and_waits_before_the_next_attempt():
-    async def story():
-        heard = []
+    async def scenario():
+        received = []
 
         async def answer(_reader, writer):
             writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n" + BEAT)
@@ -87,14 +87,14 @@ def test_a_tcp_link_to_a_web_server_reports_http_and_waits_before_the_next_attem
         server = await asyncio.start_server(answer, "127.0.0.1", 0)
         port = server.sockets[0].getsockname()[1]
         link = make_link(f"tcp://127.0.0.1:{port}")
-        link.start(lambda data, _peer, _s: heard.append(data), lambda _peer: None, lambda: None)
+        link.start(lambda data, _peer, _s: received.append(data), lambda _peer: None, lambda: None)
         await until(lambda: link.info().state == "waiting")
         assert "speaks HTTP, not MAVLink" in link.info().detail
-        assert not heard
+        assert not received
         await link.close()
         server.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 @given(st.binary(min_size=1, max_size=60), st.lists(st.integers(1, 59), max_size=6))

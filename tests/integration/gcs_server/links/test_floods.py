@@ -15,8 +15,8 @@ HANDLING_S = 0.002
 """Time for handling one piece in these tests."""
 
 
-def run(story):
-    asyncio.run(story())
+def run(scenario):
+    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
@@ -27,7 +27,7 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
         time.sleep(HANDLING_S)
         turns[-1] += HANDLING_S
 
-    async def story():
+    async def scenario():
         loop = asyncio.get_running_loop()
         if kind == "udp":
             link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
@@ -55,18 +55,18 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
             handle.cancel()
         await link.close()
 
-    run(story)
+    run(scenario)
     assert max(turns) <= MAX_READ_S + 2 * HANDLING_S
 
 
 def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
     monkeypatch.setattr(udp, "MAX_PEERS", 3)
-    gone, heard = [], []
+    gone, received = [], []
 
-    async def story():
+    async def scenario():
         link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
         link.start(
-            lambda data, peer, at: heard.append(peer.name), lambda p: gone.append(p.name), lambda: None
+            lambda data, peer, at: received.append(peer.name), lambda p: gone.append(p.name), lambda: None
         )
         async with asyncio.timeout(5):
             while link.local_port is None:  # noqa: ASYNC110
@@ -79,10 +79,10 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
                 while not link.info().detail:  # noqa: ASYNC110
                     await asyncio.sleep(0.005)
             assert gone == []
-            assert len(set(heard)) == len(link.info().peers) == 3
+            assert len(set(received)) == len(link.info().peers) == 3
             assert "further ones are ignored" in link.info().detail
             monkeypatch.setattr(udp, "EVICT_AFTER_S", 0.0)
-            await asyncio.sleep(udp.LOOK_AGAIN_S)
+            await asyncio.sleep(udp.RECHECK_PERIOD_S)
             senders[-1].sendto(b"x", ("127.0.0.1", link.local_port))
             async with asyncio.timeout(5):
                 while not gone:  # noqa: ASYNC110
@@ -93,4 +93,4 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
                 sender.close()
             await link.close()
 
-    run(story)
+    run(scenario)

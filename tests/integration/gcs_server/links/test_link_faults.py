@@ -19,8 +19,8 @@ from gcs_server.supervise import Supervisor
 ATTITUDE = 30
 
 
-async def until(good, patience_s=10.0):
-    async with asyncio.timeout(patience_s):
+async def until(good, timeout_s=10.0):
+    async with asyncio.timeout(timeout_s):
         while not good():  # noqa: ASYNC110 a test polls
             await asyncio.sleep(0.005)
 
@@ -41,13 +41,13 @@ class Sink:
         raise KeyError("nobody knows this peer")
 
 
-def routed(story):
+def routed(scenario):
     async def run():
         clock = SystemClock()
         router = Router(clock, Supervisor(clock), RouterSettings())
         router.sink = Sink()
         try:
-            await story(router)
+            await scenario(router)
         finally:
             await router.close()
 
@@ -59,7 +59,7 @@ def frame_of(system_id, seq=0):
 
 
 def test_a_frame_that_cannot_be_handled_is_skipped_and_the_link_continues():
-    async def story(router):
+    async def scenario(router):
         router.add_link("udpin://127.0.0.1:0", "l")
         await until(lambda: router.links()[0].state == "open")
         port = router.connection("l").link.local_port
@@ -80,11 +80,11 @@ def test_a_frame_that_cannot_be_handled_is_skipped_and_the_link_continues():
         assert "ArithmeticError: no number" in text
         vehicle.close()
 
-    routed(story)
+    routed(scenario)
 
 
 def test_a_failing_listener_does_not_prevent_reopening_a_link():
-    async def story(router):
+    async def scenario(router):
         def failing_listener(_info):
             raise RuntimeError("a listener's fault")
 
@@ -104,15 +104,15 @@ def test_a_failing_listener_does_not_prevent_reopening_a_link():
         assert "waiting" in states
         await again.close()
 
-    routed(story)
+    routed(scenario)
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcp", "tcpin"])
 def test_a_link_without_a_free_file_descriptor_waits_and_opens_later(kind, monkeypatch):
-    async def story(router):
+    async def scenario(router):
         real, refused = socket.socket, []
 
-        def none_left(*arguments, **options):
+        def fail_once(*arguments, **options):
             if arguments == (socket.AF_INET, wanted) and len(refused) < 1:
                 refused.append(1)
                 raise OSError(errno.EMFILE, "Too many open files")
@@ -123,23 +123,23 @@ def test_a_link_without_a_free_file_descriptor_waits_and_opens_later(kind, monke
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1] if kind == "tcp" else 0
-        monkeypatch.setattr(socket, "socket", none_left)
+        monkeypatch.setattr(socket, "socket", fail_once)
         router.add_link(f"{kind}://localhost:{port}", "l")
         await until(lambda: router.links()[0].state == "waiting")
         assert "too many files" in router.links()[0].detail
         await until(lambda: router.links()[0].state == "open")
         other.close()
 
-    routed(story)
+    routed(scenario)
 
 
 def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
     monkeypatch.setattr("gcs_server.links.tcp.ACCEPT_AGAIN_AFTER_S", 0.1)
 
-    async def story():
+    async def scenario():
         link = TcpServerLink("s", "tcpin", "127.0.0.1", 0)
-        heard, calls = [], []
-        link.start(lambda data, *_: heard.append(data), lambda _: None, lambda: None)
+        received_data, calls = [], []
+        link.start(lambda data, *_: received_data.append(data), lambda _: None, lambda: None)
         real = link._socket
 
         class Empty:
@@ -155,18 +155,18 @@ def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
         link._socket = Empty()
         client = socket.create_connection(("127.0.0.1", real.getsockname()[1]))
         client.send(frame_of(1))
-        await until(lambda: heard)
+        await until(lambda: received_data)
         assert len(calls) == 3, "accept is not called repeatedly during the pause"
         client.close()
         await link.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_reading_continues_after_an_error():
-    async def story():
-        link, heard = make_link("udpin://127.0.0.1:0"), []
-        link.start(lambda data, *_: heard.append(data), lambda _: None, lambda: None)
+    async def scenario():
+        link, received_data = make_link("udpin://127.0.0.1:0"), []
+        link.start(lambda data, *_: received_data.append(data), lambda _: None, lambda: None)
         real, faults = UdpLink._peer, []
 
         def peer(self, address):
@@ -180,12 +180,12 @@ def test_reading_continues_after_an_error():
         vehicle.connect(("127.0.0.1", link.local_port))
         vehicle.send(b"lost by the fault")
         await until(lambda: link.info().handler_errors == 1)
-        vehicle.send(b"heard")
-        await until(lambda: heard == [b"heard"])
+        vehicle.send(b"received_data")
+        await until(lambda: received_data == [b"received_data"])
         vehicle.close()
         await link.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_the_log_of_repeated_faults_is_limited(caplog, monkeypatch):

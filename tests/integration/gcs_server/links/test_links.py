@@ -33,49 +33,49 @@ def test_a_busy_link_is_read_less_often_but_at_least_every_20_ms(pieces_per_s, w
 
 
 def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
-    async def story():
-        heard = LinkRecorder(make_link("udpin://127.0.0.1:0")).start()
-        await heard.until(lambda: heard.link.info().state == "open")
+    async def scenario():
+        recorder = LinkRecorder(make_link("udpin://127.0.0.1:0")).start()
+        await recorder.until(lambda: recorder.link.info().state == "open")
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.settimeout(2)
         for n in range(50):
-            vehicle.sendto(bytes([n]), ("127.0.0.1", heard.link.local_port))
-        await heard.until(lambda: len(heard.data) == 50)
-        assert heard.data == [bytes([n]) for n in range(50)]
-        peer = heard.peers[0]
+            vehicle.sendto(bytes([n]), ("127.0.0.1", recorder.link.local_port))
+        await recorder.until(lambda: len(recorder.data) == 50)
+        assert recorder.data == [bytes([n]) for n in range(50)]
+        peer = recorder.peers[0]
         assert peer.name == f"127.0.0.1:{vehicle.getsockname()[1]}"
-        sender = threading.Thread(target=lambda: heard.link.send(b"from a thread", peer))
+        sender = threading.Thread(target=lambda: recorder.link.send(b"from a thread", peer))
         sender.start()
         sender.join()
         assert vehicle.recv(100) == b"from a thread"
-        info = heard.link.info()
+        info = recorder.link.info()
         assert (info.bytes_received, info.bytes_sent, info.peers) == (50, 13, (peer.name,))
         vehicle.close()
-        await heard.link.close()
-        assert heard.gone == [peer.name]
-        assert heard.link.info().state == "closed"
-        assert not heard.link.send(b"x", peer)
+        await recorder.link.close()
+        assert recorder.gone == [peer.name]
+        assert recorder.link.info().state == "closed"
+        assert not recorder.link.send(b"x", peer)
 
-    run(story)
+    run(scenario)
 
 
 def test_a_udpout_link_can_send_before_it_receives():
-    async def story():
+    async def scenario():
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(2)
-        heard = LinkRecorder(make_link(f"udpout://localhost:{vehicle.getsockname()[1]}")).start()
-        await heard.until(lambda: heard.link.info().state == "open")
-        (peer,) = heard.link.peers()
-        assert heard.link.send(b"hello", peer)
+        recorder = LinkRecorder(make_link(f"udpout://localhost:{vehicle.getsockname()[1]}")).start()
+        await recorder.until(lambda: recorder.link.info().state == "open")
+        (peer,) = recorder.link.peers()
+        assert recorder.link.send(b"hello", peer)
         data, address = vehicle.recvfrom(100)
         vehicle.sendto(b"answer", address)
-        await heard.until(lambda: heard.data == [b"answer"])
+        await recorder.until(lambda: recorder.data == [b"answer"])
         assert data == b"hello"
         vehicle.close()
-        await heard.link.close()
+        await recorder.link.close()
 
-    run(story)
+    run(scenario)
 
 
 @pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
@@ -92,14 +92,14 @@ def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_ones_are_d
         def __getattr__(self, name):
             return getattr(real, name)
 
-    async def story():
+    async def scenario():
         nonlocal real
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(2)
-        heard = LinkRecorder(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
-        (peer,) = heard.link.peers()
-        link, full = heard.link, Full()
+        recorder = LinkRecorder(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
+        (peer,) = recorder.link.peers()
+        link, full = recorder.link, Full()
         real = link._socket
         write = link._write
         link._write = lambda _sock, data, to: write(full, data, to)
@@ -108,36 +108,36 @@ def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_ones_are_d
                 Packet(peer, 4, lambda data=data: data, priority=priority, expires_s=link.now_s() + lives_s)
             )
         assert link.info().frames_waiting == 3
-        await heard.until(lambda: not link.info().frames_waiting)
+        await recorder.until(lambda: not link.info().frames_waiting)
         assert [vehicle.recv(10), vehicle.recv(10)] == [b"stop", b"rest"]
         assert (link.info().frames_sent, link.info().frames_expired) == (2, 1)
         await link.close()
         vehicle.close()
 
     real = None
-    run(story)
+    run(scenario)
 
 
 def test_a_port_in_use_is_named_and_opened_once_it_is_free():
-    async def story():
+    async def scenario():
         other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         other.bind(("127.0.0.1", 0))
         port = other.getsockname()[1]
-        heard = LinkRecorder(UdpLink("gcs", "udpin", "127.0.0.1", port, outgoing=False)).start()
-        info = heard.link.info()
+        recorder = LinkRecorder(UdpLink("gcs", "udpin", "127.0.0.1", port, outgoing=False)).start()
+        info = recorder.link.info()
         assert info.state == "waiting"
         assert f"UDP port {port}" in info.detail
         assert "taken" in info.detail
         other.close()
-        await heard.until(lambda: heard.link.info().state == "open")
-        assert heard.link.info().detail == ""
-        await heard.link.close()
+        await recorder.until(lambda: recorder.link.info().state == "open")
+        assert recorder.link.info().detail == ""
+        await recorder.link.close()
 
-    run(story)
+    run(scenario)
 
 
 def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
-    async def story():
+    async def scenario():
         port = free_port(socket.SOCK_STREAM)
         client = LinkRecorder(TcpLink("c", "tcp", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "waiting")
@@ -162,11 +162,11 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         for link in (client.link, again.link, second.link):
             await link.close()
 
-    run(story)
+    run(scenario)
 
 
 def test_a_full_outbox_drops_whole_frames():
-    async def story():
+    async def scenario():
         listener = socket.socket()
         listener.bind(("127.0.0.1", 0))
         listener.listen()
@@ -180,40 +180,40 @@ def test_a_full_outbox_drops_whole_frames():
         listener.close()
         await client.link.close()
 
-    run(story)
+    run(scenario)
 
 
 def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
-    async def story():
+    async def scenario():
         ours, theirs = pty.openpty()
         device = os.ttyname(theirs)
-        heard = LinkRecorder(SerialLink("radio", "serial", device, 57600)).start()
-        assert heard.link.info().state == "open", heard.link.info().detail
+        recorder = LinkRecorder(SerialLink("radio", "serial", device, 57600)).start()
+        assert recorder.link.info().state == "open", recorder.link.info().detail
         os.write(ours, b"\xfd\x00\xffabc\n")
-        await heard.until(lambda: b"".join(heard.data) == b"\xfd\x00\xffabc\n")
-        (peer,) = heard.link.peers()
-        assert heard.link.send(b"\x00\xfe\r\n", peer)
+        await recorder.until(lambda: b"".join(recorder.data) == b"\xfd\x00\xffabc\n")
+        (peer,) = recorder.link.peers()
+        assert recorder.link.send(b"\x00\xfe\r\n", peer)
         assert os.read(ours, 100) == b"\x00\xfe\r\n"
         os.close(ours)
         os.close(theirs)
-        await heard.until(lambda: heard.link.info().state == "waiting")
-        assert device in heard.link.info().detail
-        await heard.link.close()
+        await recorder.until(lambda: recorder.link.info().state == "waiting")
+        assert device in recorder.link.info().detail
+        await recorder.link.close()
 
-    run(story)
+    run(scenario)
 
 
 def test_the_errors_about_serial_ports_have_a_remedy():
-    async def story():
-        heard = LinkRecorder(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
-        info = heard.link.info()
+    async def scenario():
+        recorder = LinkRecorder(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
+        info = recorder.link.info()
         assert info.state == "waiting"
         assert "no serial port /dev/ttyNOTHING" in info.detail
-        assert "sudo usermod -aG dialout $USER" in heard.link._explain(OSError(errno.EACCES, "no"))
-        assert "in use" in heard.link._explain(OSError(errno.EBUSY, "busy"))
-        await heard.link.close()
+        assert "sudo usermod -aG dialout $USER" in recorder.link._explain(OSError(errno.EACCES, "no"))
+        assert "in use" in recorder.link._explain(OSError(errno.EBUSY, "busy"))
+        await recorder.link.close()
 
-    run(story)
+    run(scenario)
 
 
 def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatch):
@@ -224,16 +224,16 @@ def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatc
             raise PermissionError(errno.EACCES, "Permission denied", path)
         return real(path, flags, *more, **options)
 
-    async def story():
-        heard = LinkRecorder(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
-        info = heard.link.info()
+    async def scenario():
+        recorder = LinkRecorder(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
+        info = recorder.link.info()
         assert info.state == "waiting"
         assert "No permission to open /dev/ttyFORBIDDEN" in info.detail
         assert "sudo usermod -aG dialout $USER" in info.detail
-        await heard.link.close()
+        await recorder.link.close()
 
     monkeypatch.setattr(os, "open", forbidden)
-    run(story)
+    run(scenario)
 
 
 @pytest.mark.parametrize(
@@ -261,21 +261,21 @@ def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, packed):
     data += b"torn"
     path.write_bytes(gzip.compress(data) if packed else data)
 
-    async def story():
-        heard = LinkRecorder(make_link(f"tlog://{path}?speed=2")).start()
+    async def scenario():
+        recorder = LinkRecorder(make_link(f"tlog://{path}?speed=2")).start()
         began = time.monotonic()
-        await heard.until(lambda: heard.link.info().state == "ended")
-        assert heard.data == frames
+        await recorder.until(lambda: recorder.link.info().state == "ended")
+        assert recorder.data == frames
         assert time.monotonic() - began >= 0.09
-        assert heard.link.replay
-        assert not heard.link.send(b"x", heard.peers[0])
-        await heard.link.close()
+        assert recorder.link.replay
+        assert not recorder.link.send(b"x", recorder.peers[0])
+        await recorder.link.close()
         fast = LinkRecorder(make_link(f"tlog://{path}?speed=0")).start()
         await fast.until(lambda: fast.link.info().state == "ended")
         assert fast.data == frames
         await fast.link.close()
 
-    run(story)
+    run(scenario)
 
 
 def test_damage_in_a_recording_is_skipped_and_one_without_mavlink_is_reported(tmp_path):
@@ -288,12 +288,12 @@ def test_damage_in_a_recording_is_skipped_and_one_without_mavlink_is_reported(tm
     empty = tmp_path / "b.tlog"
     empty.write_bytes(b"not a log at all, but long enough to look")
 
-    async def story():
-        heard = LinkRecorder(TlogLink("b", "tlog", empty)).start()
-        await heard.until(lambda: heard.link.info().state == "ended")
-        assert "No MAVLink" in heard.link.info().detail
+    async def scenario():
+        recorder = LinkRecorder(TlogLink("b", "tlog", empty)).start()
+        await recorder.until(lambda: recorder.link.info().state == "ended")
+        assert "No MAVLink" in recorder.link.info().detail
 
-    run(story)
+    run(scenario)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ TOO_MUCH = {
 def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece):
     begin, more, status = TOO_MUCH[name]
 
-    async def story(wire):
+    async def scenario(wire):
         transport = wire.connect()
         flood = begin + more * (8_000_000 // len(more))
         taken = await wire.sends(transport, flood, piece)
@@ -63,7 +63,7 @@ def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece
         await asyncio.sleep(0.1)
         assert len(wire.connections) == 0
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_requests_within_the_limits_are_served_in_any_pieces():
@@ -76,7 +76,7 @@ def test_requests_within_the_limits_are_served_in_any_pieces():
     )
     chunked += b"0\r\n\r\n"
 
-    async def story(wire):
+    async def scenario(wire):
         chance = random.Random(3)
         for piece in (100_000, 262_144, 1460, chance.randrange(5000, 9000)):
             transport = wire.connect()
@@ -86,11 +86,11 @@ def test_requests_within_the_limits_are_served_in_any_pieces():
             assert transport.written.endswith(b"0 bytes")
             assert not transport.closed
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_incomplete_headers_are_408_and_silent_connections_are_closed():
-    async def story(wire):
+    async def scenario(wire):
         silent, slow, drip, blank = (wire.connect() for _ in range(4))
         await wire.sends(slow, GET)
         for _ in range(int(r.HEAD_DEADLINE_S) + 1):
@@ -105,29 +105,29 @@ def test_incomplete_headers_are_408_and_silent_connections_are_closed():
         await wire.passes(LINGER_S + 1)
         assert len(wire.connections) == 0
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_an_incomplete_body_is_408_and_the_application_gets_a_disconnect():
-    heard = []
+    received = []
 
     async def listening(scope, receive, send):
         while True:
             message = await receive()
-            heard.append(message["type"])
+            received.append(message["type"])
             if message["type"] == "http.disconnect":
                 return
 
-    async def story(wire):
+    async def scenario(wire):
         transport = wire.connect()
         await wire.sends(transport, POST + b"Content-Length: 100\r\n\r\nabc")
         await wire.passes(r.BODY_DEADLINE_S - 1)
         assert transport.written == b""
         await wire.passes(2)
         assert refusal(transport) == (408, "too_slow")
-        assert heard == ["http.request", "http.disconnect"]
+        assert received == ["http.request", "http.disconnect"]
 
-    on_a_wire(story, listening)
+    on_a_wire(scenario, listening)
 
 
 def test_a_slow_answer_is_not_interrupted():
@@ -135,20 +135,20 @@ def test_a_slow_answer_is_not_interrupted():
         await asyncio.sleep(60)
         await echo(scope, receive, send)
 
-    async def story(wire):
+    async def scenario(wire):
         transport = wire.connect()
         await wire.sends(transport, GET + b"\r\n")
         await wire.passes(61)
         assert transport.written.endswith(b"0 bytes")
 
-    on_a_wire(story, slow)
+    on_a_wire(scenario, slow)
 
 
 def test_too_many_pipelined_requests_close_the_connection():
     async def never(scope, receive, send):
         await asyncio.Event().wait()
 
-    async def story(wire):
+    async def scenario(wire):
         transport = wire.connect()
         await wire.sends(transport, (GET + b"\r\n") * 10_000)
         assert transport.written == b"", "a text would be taken for the answer to the first request"
@@ -156,11 +156,11 @@ def test_too_many_pipelined_requests_close_the_connection():
         await wire.passes(LINGER_S + 1)
         assert len(wire.connections) == 0
 
-    on_a_wire(story, never)
+    on_a_wire(scenario, never)
 
 
 def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
-    async def story(wire):
+    async def scenario(wire):
         stuck, slow = wire.connect(), wire.connect()
         for transport in (stuck, slow):
             transport.stuck = True
@@ -171,11 +171,11 @@ def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
         assert stuck.aborted
         assert not slow.closed, "it reads slowly, but it reads"
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_the_total_size_of_bodies_is_limited():
-    async def story(wire):
+    async def scenario(wire):
         made = [wire.connect() for _ in range(60)]
         for transport in made:
             await wire.sends(transport, POST + b"Content-Length: 1000000\r\n\r\n" + b"a" * 900_000)
@@ -183,13 +183,13 @@ def test_the_total_size_of_bodies_is_limited():
         assert {refusal(t) for t in refused} == {(503, "server_full")}
         assert 60 - len(refused) == wire.connections.limits.body_bytes // 900_000
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_malformed_requests_are_logged_at_a_limited_rate_without_traceback(caplog):
     chance = random.Random(7)
 
-    async def story(wire):
+    async def scenario(wire):
         for _ in range(300):
             transport = wire.connect()
             line = chance.choice(
@@ -201,17 +201,17 @@ def test_malformed_requests_are_logged_at_a_limited_rate_without_traceback(caplo
         assert len(wire.connections) == 0
 
     with caplog.at_level(logging.WARNING):
-        on_a_wire(story)
+        on_a_wire(scenario)
     assert caplog.records == []
 
 
 def test_a_requested_protocol_upgrade_is_ignored_and_the_request_answered():
-    async def story(wire):
+    async def scenario(wire):
         transport = wire.connect()
         await wire.sends(transport, GET + b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\n\r\n")
         assert transport.written.endswith(b"0 bytes")
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_the_limit_of_chunks_allows_every_valid_body():

@@ -36,7 +36,7 @@ def closing(transport):
 
 @pytest.mark.parametrize("opcode", [1, 2, 9, 10])
 def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_then_closed(opcode):
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         longest_s, over = 0.0, False
 
@@ -56,7 +56,7 @@ def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_then_closed(opcode):
         await asyncio.sleep(0.1)
         assert len(wire.connections) == 0
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_the_application_gets_every_message_in_order():
@@ -69,14 +69,14 @@ def test_the_application_gets_every_message_in_order():
             got.append(message["text"])
             await asyncio.sleep(0)
 
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         texts = [f"{n} " + "x" * (n * 37 % 9000) for n in range(300)]
         await wire.sends(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
         await asyncio.sleep(1)
         assert got == texts
 
-    on_a_wire(story, listening)
+    on_a_wire(scenario, listening)
 
 
 def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
@@ -85,38 +85,38 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
         await send({"type": "websocket.accept"})
         await asyncio.Event().wait()
 
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         taken = await wire.sends(transport, frame(b"x" * 1000) * 3000)
         assert taken <= 262_144
         assert transport.paused
         assert transport.protocol.queue.qsize() <= 3
 
-    on_a_wire(story, busy)
+    on_a_wire(scenario, busy)
 
 
 def test_a_message_of_too_many_frames_is_closed():
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
         await wire.sends(transport, parts)
         assert closing(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_a_too_large_message_is_closed_before_it_is_complete():
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         taken = await wire.sends(transport, frame(b"x" * 3_000_000))
         assert taken < 300_000
         assert closing(transport)[0] == 1009
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_unread_pongs_are_limited():
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         transport.stuck = True
         for _ in range(20):
@@ -124,7 +124,7 @@ def test_unread_pongs_are_limited():
             await wire.passes(1)
         assert len(transport.unread) < 70_000
 
-    on_a_wire(story)
+    on_a_wire(scenario)
 
 
 def test_a_client_that_reads_nothing_is_closed_with_a_reason_and_then_ended():
@@ -135,7 +135,7 @@ def test_a_client_that_reads_nothing_is_closed_with_a_reason_and_then_ended():
             await send({"type": "websocket.send", "text": "news " * 1000})
             await asyncio.sleep(0.01)
 
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         transport.stuck = True
         await asyncio.sleep(0.1)
@@ -150,11 +150,11 @@ def test_a_client_that_reads_nothing_is_closed_with_a_reason_and_then_ended():
         assert transport.aborted
         assert len(wire.connections) == 0
 
-    on_a_wire(story, talking)
+    on_a_wire(scenario, talking)
 
 
 def test_a_silent_open_websocket_stays_open():
-    async def story(wire):
+    async def scenario(wire):
         transport = await opened(wire)
         for _ in range(10):
             await wire.passes(15)
@@ -163,7 +163,7 @@ def test_a_silent_open_websocket_stays_open():
             await wire.sends(transport, frame(payload, 10))
         assert not transport.closed
 
-    on_a_wire(story, echo)
+    on_a_wire(scenario, echo)
 
 
 @pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
@@ -177,7 +177,7 @@ def test_data_before_the_accept_waits_without_traceback(early, goes, caplog):
         await send({"type": "websocket.accept"})
         got.append(await receive())
 
-    async def story(wire):
+    async def scenario(wire):
         transport = wire.connect()
         await wire.sends(transport, UPGRADE)
         await wire.sends(transport, early)
@@ -187,7 +187,7 @@ def test_data_before_the_accept_waits_without_traceback(early, goes, caplog):
         assert goes or b" 101 " in transport.written
         assert len(wire.connections) == 0
 
-    on_a_wire(story, slow)
+    on_a_wire(scenario, slow)
     assert caplog.records == []
     if not goes:
         assert got[0].get("text") == "early" or got[0]["type"] == "websocket.disconnect"

@@ -135,10 +135,10 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": body})
 
 
-def on_a_wire(story: Callable[[Wire], Coroutine[Any, Any, None]], app: Any = echo) -> None:
+def on_a_wire(scenario: Callable[[Wire], Coroutine[Any, Any, None]], app: Any = echo) -> None:
     """Runs a test with a server and its connections."""
 
     async def run() -> None:
-        await story(Wire(app))
+        await scenario(Wire(app))
 
     in_jumps(run)

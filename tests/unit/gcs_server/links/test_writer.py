@@ -13,7 +13,7 @@ import pytest
 
 from gcs_server.faults import FaultLog
 from gcs_server.links.base import Link, Peer
-from gcs_server.links.pacing import ACKED_WITHIN_S, LOOK_AGAIN_S, AckPacer, LinePacer
+from gcs_server.links.pacing import ACKED_WITHIN_S, RECHECK_PERIOD_S, AckPacer, LinePacer
 from gcs_server.links.send_queue import Packet, SendCounts
 from gcs_server.links.serial import SerialLink
 from gcs_server.links.writer import LinkWriter
@@ -228,7 +228,7 @@ def test_an_unsent_frame_does_not_use_its_sequence_number():
     assert link.command(HOLD)
     assert out == []
     full[0] = False
-    link.loop.run(2 * LOOK_AGAIN_S)
+    link.loop.run(2 * RECHECK_PERIOD_S)
     assert [data[4] for data in out] == [0, 1, 2]
     assert [data[7] for data in out] == [COMMAND, PARAM_READ, PARAM_READ]
     assert link.recorded == out
@@ -253,14 +253,14 @@ def test_a_frame_that_cannot_be_packed_affects_only_itself():
 def test_tcp_sending_pauses_while_an_acknowledgement_is_overdue(round_trip_s):
     in_flight = [0]
     pacer = AckPacer(lambda: in_flight[0], lambda: round_trip_s)
-    patience_s = ACKED_WITHIN_S + 2 * round_trip_s
+    timeout_s = ACKED_WITHIN_S + 2 * round_trip_s
     now_s, written = 0.0, 0
     while pacer.wait_s(now_s) == 0:  # nothing is acknowledged
         pacer.wrote(65, now_s)
         in_flight[0] += 65
         written += 1
         now_s += 0.02
-    assert now_s == pytest.approx(patience_s, abs=0.03)
+    assert now_s == pytest.approx(timeout_s, abs=0.03)
     in_flight[0] = 65  # all but the newest
     assert pacer.wait_s(now_s) == 0
     in_flight[0] = 0
@@ -279,12 +279,12 @@ def test_a_closed_writer_accepts_and_writes_nothing():
 
 
 def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
-    async def story():
+    async def scenario():
         ours, theirs = pty.openpty()
         tty.setraw(ours)
-        heard = LinkRecorder(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
-        (peer,) = heard.link.peers()
-        sender = FrameSender(heard.link, 255, 190, lambda _: None)
+        recorder = LinkRecorder(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
+        (peer,) = recorder.link.peers()
+        sender = FrameSender(recorder.link, 255, 190, lambda _: None)
         came, parser = [], FrameParser()
 
         def read():
@@ -304,15 +304,15 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
         threads.append(threading.Thread(target=read, daemon=True))
         for thread in threads:
             thread.start()
-        await heard.until(lambda: not any(thread.is_alive() for thread in threads))
+        await recorder.until(lambda: not any(thread.is_alive() for thread in threads))
         stops = {frame.payload[30] for frame in came if frame.msg_id == COMMAND}
         assert stops == set(range(40))
         assert sum(parser.lost.values()) == parser.crc_errors == 0
-        await heard.link.close()
+        await recorder.link.close()
         os.close(ours)
         os.close(theirs)
 
-    run(story)
+    run(scenario)
 
 
 def test_a_writer_counts_in_its_links_counters():

@@ -17,7 +17,7 @@ from gcs_server.replay import index_process, records
 from gcs_server.replay.catalogue import Catalogue
 from gcs_server.replay.index import make_index
 from gcs_server.replay.index_process import from_bytes, to_bytes
-from gcs_server.replay.playback import moment
+from gcs_server.replay.playback import state_at
 from gcs_server.replay.records import open_log
 from tests.unit.gcs_server.replay.made_logs import BEGIN_US, FrameSource, flight, heartbeat, log_bytes, record
 
@@ -76,7 +76,7 @@ def test_checkpoints_are_limited_and_a_jump_restores_every_state(log, monkeypatc
     with open_log(path) as file:
         for share in (0.0, 0.3, 0.7, 1.0):
             at_us = int(whole.begin_us + share * (whole.end_us - whole.begin_us))
-            assert newest(moment(file, thinned, at_us)) == newest(moment(file, whole, at_us))
+            assert newest(state_at(file, thinned, at_us)) == newest(state_at(file, whole, at_us))
 
 
 def newest(there):
@@ -92,7 +92,7 @@ def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch
     path = log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(beats)]))
     index = index_of(path)
     with open_log(path) as file:
-        there = moment(file, index, index.end_us)
+        there = state_at(file, index, index.end_us)
     assert len(there.records) <= 11
     assert there.records[-1].time_us == index.end_us
 
@@ -146,7 +146,7 @@ def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
     path = log(many_kinds(3000, step_us=10))
     request_queue = []
 
-    async def story():
+    async def scenario():
         link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
         fed = io.StringIO()  # one dot per record, one bar per iteration of the loop
         link.start(lambda data, peer, at_s: fed.write("."), lambda peer: None, lambda: None)
@@ -173,6 +173,6 @@ def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
         await link.close()
         request_queue.extend(len(part) for part in fed.getvalue().split("|"))
 
-    asyncio.run(story())
+    asyncio.run(scenario())
     assert sum(request_queue) >= 1000
     assert max(request_queue) <= 50

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gcs_server.links.base import Link, Peer
 from gcs_server.replay.index import MODE_COMMANDS, make_index
-from gcs_server.replay.playback import ReplayClock, condense, moment
+from gcs_server.replay.playback import ReplayClock, condense, state_at
 from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
 from gcs_server.vehicle import mode_cause
 from gcs_server.vehicle.samples import TOPICS
@@ -43,7 +43,7 @@ class Tape(Link):
 def fleet_after(records, until_us, begin_us, *, ticks):
     """The state of each vehicle after these records."""
 
-    async def story():
+    async def scenario():
         world = World()
         tape = Tape(begin_us)
         world.router.add(tape)
@@ -59,7 +59,7 @@ def fleet_after(records, until_us, begin_us, *, ticks):
         await world.close()
         return states
 
-    return asyncio.run(story())
+    return asyncio.run(scenario())
 
 
 def state_of(vehicle):
@@ -84,7 +84,7 @@ def compare(path, share):
         until_us = index.begin_us + int((index.end_us - index.begin_us) * share)
         records = everything(file)
         before = [r for r in records if r.time_us <= until_us]
-        there = moment(file, index, until_us)
+        there = state_at(file, index, until_us)
         jumped = fleet_after(there.records, until_us, index.begin_us, ticks=False)
         played = fleet_after(before, until_us, index.begin_us, ticks=True)
         assert jumped == played

@@ -45,7 +45,7 @@ class Socket:
 
     def __init__(self):
         self.sent = []
-        self.asks = asyncio.Queue()
+        self.messages = asyncio.Queue()
         self.writable = asyncio.Event()
         self.writable.set()
         self.closed = None
@@ -55,7 +55,7 @@ class Socket:
         self.sent.append(json.loads(data))
 
     async def receive_text(self):
-        return await self.asks.get()
+        return await self.messages.get()
 
     async def close(self, code=1000, reason=None):
         self.closed = code
@@ -78,21 +78,21 @@ def event(index):
     return Event(index, "status_text", "1", 1e9, 4, f"text {index}")
 
 
-def run_test(story):
+def run_test(scenario):
     async def run():
         fleet, socket = Fleet(), Socket()
         hub = Hub(LoopClock(asyncio.get_running_loop()), fleet)
         async with asyncio.timeout(60), asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
-            await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 100}))
-            await story(fleet, socket, hub)
+            await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 100}))
+            await scenario(fleet, socket, hub)
             serving.cancel()
 
     in_jumps(run)
 
 
 def test_a_slow_client_gets_the_newest_value_and_no_backlog():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         fleet.set_climb(1.0, 1.0)
         await asyncio.sleep(0.05)
         assert socket.climbs() == [1.0], "an unchanged value is sent once"
@@ -105,21 +105,21 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
         assert socket.climbs()[-1] == 11.0
         assert len(socket.climbs()) <= 3
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes():
-    async def story(fleet, socket, hub):
-        ask = json.dumps({"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50})
+    async def scenario(fleet, socket, hub):
+        message = json.dumps({"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50})
         stream = {"state": "idle"}
         fleet.vehicle.offboard = SimpleNamespace(status=lambda: dict(stream))
-        await socket.asks.put(ask)
+        await socket.messages.put(message)
         await asyncio.sleep(30)
         assert socket.values("offboard") == [{"state": "idle"}], "not repeated while nothing changes"
         stream["state"] = "streaming"
         await asyncio.sleep(0.2)
         assert socket.values("offboard")[1:] == [{"state": "streaming"}]
-        await socket.asks.put(ask)
+        await socket.messages.put(message)
         await asyncio.sleep(0.2)
         assert socket.values("offboard")[2:] == [{"state": "streaming"}], (
             "a new subscription gets all values again"
@@ -128,12 +128,12 @@ def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes(
         assert socket.times("offboard") == sorted(socket.times("offboard"))
         assert socket.times("offboard")[1] == socket.times("offboard")[2], "both have the time of the change"
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_a_vehicle_that_returns_under_its_id_is_sent_again():
-    async def story(fleet, socket, hub):
-        await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
+    async def scenario(fleet, socket, hub):
+        await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
         await asyncio.sleep(5)
         for kind in ("vehicle_removed", "vehicle_added"):
             fleet.callbacks[0](Event(1, kind, "1", 1e9, 5, "its link was closed"))
@@ -141,14 +141,14 @@ def test_a_vehicle_that_returns_under_its_id_is_sent_again():
         frames = [f["event"]["kind"] if f["type"] == "event" else f["type"] for f in socket.sent]
         assert frames == ["hello", "samples", "vehicle_removed", "vehicle_added", "samples"]
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_a_replaced_vehicle_is_announced_before_its_samples():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         replays = []
         hub.watch_replays(lambda: replays)
-        await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
+        await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
         await asyncio.sleep(1)
         socket.writable.clear()
         replays.append({"name": "replay-1"})
@@ -158,20 +158,20 @@ def test_a_replaced_vehicle_is_announced_before_its_samples():
         await asyncio.sleep(0.1)
         assert [f["type"] for f in socket.sent] == ["hello", "samples", "replays", "event", "samples"]
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_nan_is_null_on_the_wire():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         fleet.set_climb(math.nan, 1.0)
         await asyncio.sleep(0.05)
         assert socket.climbs() == [None]
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_events_are_never_conflated_and_too_many_close_the_client():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         for n in range(10):
             fleet.callbacks[0](event(n))
@@ -185,13 +185,13 @@ def test_events_are_never_conflated_and_too_many_close_the_client():
         await asyncio.sleep(0.05)
         assert socket.closed == CLOSE_TOO_SLOW
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_a_topic_that_cannot_be_encoded_affects_only_itself():
-    async def story(fleet, socket, hub):
-        ask = {"type": "subscribe", "topics": ["hud", "estimator", "gps"], "rate_hz": 100}
-        await socket.asks.put(json.dumps(ask))
+    async def scenario(fleet, socket, hub):
+        message = {"type": "subscribe", "topics": ["hud", "estimator", "gps"], "rate_hz": 100}
+        await socket.messages.put(json.dumps(message))
         fleet.samples["estimator"] = Sample("estimator", 1.5, 1e9, 1.0, Estimator("\ud800", 0.0, 0.0))
         fleet.set_climb(1.0, 1.0)
         await asyncio.sleep(0.05)
@@ -204,55 +204,55 @@ def test_a_topic_that_cannot_be_encoded_affects_only_itself():
         await asyncio.sleep(0.05)
         assert fleet.vehicle.isolation.faults == [], "the fault ends with its cause"
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_an_event_that_cannot_be_encoded_is_left_out():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         fleet.callbacks[0](Event(1, "status_text", "1", 1e9, 4, "text", {"value": "\ud800"}))
         fleet.callbacks[0](event(2))
         await asyncio.sleep(0.05)
         assert [f["event"]["text"] for f in socket.sent if f["type"] == "event"] == ["text 2"]
 
-    run_test(story)
+    run_test(scenario)
 
 
 @pytest.mark.parametrize(
-    "ask", ['{"type": "subscribe", "rate_hz": 0}', "[]", '{"type": "subscribe", "topics": "all"}']
+    "message", ['{"type": "subscribe", "rate_hz": 0}', "[]", '{"type": "subscribe", "topics": "all"}']
 )
-def test_an_invalid_request_is_explained_and_the_socket_stays_open(ask):
-    async def story(fleet, socket, hub):
-        await socket.asks.put(ask)
+def test_an_invalid_request_is_explained_and_the_socket_stays_open(message):
+    async def scenario(fleet, socket, hub):
+        await socket.messages.put(message)
         await asyncio.sleep(0.05)
         assert [f for f in socket.sent if f["type"] == "error"]
         assert socket.closed is None
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_invalid_requests_of_a_client_that_reads_nothing_use_no_memory():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         socket.writable.clear()
         bad = json.dumps({"type": "subscribe", "topics": ["x" * 60_000]})
         for _ in range(2000):
-            await socket.asks.put(bad)
+            await socket.messages.put(bad)
         await asyncio.sleep(0.1)
         (client,) = hub._clients
         assert sum(map(len, client._events)) < 10_000
         socket.writable.set()
         await asyncio.sleep(0.1)
         assert socket.closed is None
-        await socket.asks.put(bad)
+        await socket.messages.put(bad)
         await asyncio.sleep(0.05)
         assert socket.sent[-1]["type"] == "error"
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_unread_events_are_also_limited_by_their_size():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         socket.writable.clear()
         for n in range(50):
@@ -263,38 +263,38 @@ def test_unread_events_are_also_limited_by_their_size():
         await asyncio.sleep(0.05)
         assert socket.closed == CLOSE_TOO_SLOW
 
-    run_test(story)
+    run_test(scenario)
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "message",
     [
         '{"type": "subscribe", "vehicles": ' + json.dumps([str(n) for n in range(300)]) + "}",
         '{"type": "subscribe", "topics": ' + "[" * 20_000 + "]" * 20_000 + "}",
         '{"type": "subscribe", "topics": ["' + "x" * 70_000 + '"]}',
     ],
 )
-def test_a_too_long_request_is_explained_briefly(ask):
-    async def story(fleet, socket, hub):
-        await socket.asks.put(ask)
+def test_a_too_long_request_is_explained_briefly(message):
+    async def scenario(fleet, socket, hub):
+        await socket.messages.put(message)
         await asyncio.sleep(0.05)
         (error,) = [f for f in socket.sent if f["type"] == "error"]
         assert len(error["detail"]) < 600
         assert socket.closed is None
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
-    async def story(fleet, socket, hub):
+    async def scenario(fleet, socket, hub):
         looks = []
         hub.watch_ros2_topics(lambda vehicle: looks.append(vehicle.id) or {"topics": len(looks)})
-        await socket.asks.put(json.dumps({"type": "subscribe", "rate_hz": 10}))
+        await socket.messages.put(json.dumps({"type": "subscribe", "rate_hz": 10}))
         await asyncio.sleep(5)
         assert looks == []
-        await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["ros2_topics"], "rate_hz": 10}))
+        await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["ros2_topics"], "rate_hz": 10}))
         await asyncio.sleep(5)
         assert 9 <= len(looks) <= 11, "twice a second, whatever rate the client wants"
         assert socket.values("ros2_topics")[-1] == {"topics": len(looks)}
 
-    run_test(story)
+    run_test(scenario)

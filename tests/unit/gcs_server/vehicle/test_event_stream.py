@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs_server.vehicle.event_stream import ASK_EVERY_S, ASK_TIMES, MAX_GAP, EventStream
+from gcs_server.vehicle.event_stream import MAX_GAP, MAX_REQUESTS, REQUEST_PERIOD_S, EventStream
 
 
 def started(at):
@@ -43,8 +43,8 @@ def test_a_gap_is_requested_again_and_finally_skipped():
         if stream.give_up(now_s):
             break
         now_s += 0.05
-    assert requests == ASK_TIMES
-    assert now_s >= ASK_TIMES * ASK_EVERY_S
+    assert requests == MAX_REQUESTS
+    assert now_s >= MAX_REQUESTS * REQUEST_PERIOD_S
     assert (stream.lost, stream.expected) == (2, 2)
 
 

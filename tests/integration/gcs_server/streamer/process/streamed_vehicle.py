@@ -62,23 +62,23 @@ class Vehicle:
         self.link_socket.close()
 
 
-def flown(story):
+def flown(scenario):
     """Runs a test with the stream process and one vehicle in its own event loop."""
 
-    @functools.wraps(story, assigned=("__name__", "__doc__"))
+    @functools.wraps(scenario, assigned=("__name__", "__doc__"))
     def test(**more):
         async def run():
             process, vehicle = StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5), Vehicle()
             process.start()
             try:
-                await story(process, vehicle, **more)
+                await scenario(process, vehicle, **more)
             finally:
                 process.close()
                 vehicle.close()
 
         asyncio.run(run())
 
-    names = list(inspect.signature(story).parameters.values())[2:]
+    names = list(inspect.signature(scenario).parameters.values())[2:]
     test.__signature__ = inspect.Signature(names)
     del test.__wrapped__
     return test

@@ -37,7 +37,7 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     assert (state.phase, state.last_end.code) == ("idle", "fault")
     assert not await streams.change("1", StreamRequest(HOVER), snapshot())
     assert streams.active() == []
-    streams.beat({})
+    streams.update_snapshots({})
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
     assert await begin(streams, "1", vehicle, attach=False) > number
@@ -63,7 +63,7 @@ async def test_a_hanging_process_is_killed_without_pending_requests(streams, veh
     await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
-    await soon(lambda: streams.beat({"1": snapshot()}) or streams.pid != pid)
+    await soon(lambda: streams.update_snapshots({"1": snapshot()}) or streams.pid != pid)
     await soon(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
@@ -73,15 +73,15 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
-    streams.beat({"1": snapshot()})
+    streams.update_snapshots({"1": snapshot()})
     os.kill(pid, signal.SIGSTOP)  # both are stopped, as on a suspended machine
-    streams.beat({"1": snapshot()})
+    streams.update_snapshots({"1": snapshot()})
     stall(0.6)
-    streams.beat({"1": snapshot()})
+    streams.update_snapshots({"1": snapshot()})
     os.kill(pid, signal.SIGCONT)
     for _ in range(5):
         await asyncio.sleep(0.05)
-        streams.beat({"1": snapshot()})
+        streams.update_snapshots({"1": snapshot()})
     assert streams.pid == pid
 
 
@@ -99,7 +99,7 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
         duration_s=9,
     )
     calls = (
-        lambda: streams.beat({"1": snapshot()}),
+        lambda: streams.update_snapshots({"1": snapshot()}),
         streams.links_changed,
         lambda: streams.attach("2", vehicle, (8, 1)),
         streams.active,
@@ -144,7 +144,7 @@ async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicl
     big = replace(snapshot(), mode="x" * 300_000)
     began_s = time.monotonic()
     for _ in range(12):
-        streams.beat({"1": big})
+        streams.update_snapshots({"1": big})
     assert time.monotonic() - began_s < 1.0, "the calls waited"
     await soon(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]

@@ -47,7 +47,7 @@ async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_argument
     signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # a vehicle's clock is ahead
     count = len(vehicle.frames)
     for _ in range(25):
-        streams.beat({"1": snapshot()})
+        streams.update_snapshots({"1": snapshot()})
         await asyncio.sleep(0.02)
     await soon(lambda: len(vehicle.frames) >= count + 10)
     frames = [raw for _, raw in vehicle.frames]
@@ -86,13 +86,13 @@ async def test_a_new_route_is_used_with_the_next_beat(streams, vehicle):
     await soon(lambda: vehicle.frames)
     other = Vehicle()
     vehicle.way = other.way
-    streams.beat({"1": snapshot()})
+    streams.update_snapshots({"1": snapshot()})
     await soon(lambda: len(other.frames) >= 3)
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
     vehicle.way = None
-    streams.beat({"1": snapshot()})
+    streams.update_snapshots({"1": snapshot()})
     await soon(lambda: len(vehicle.relayed) >= 3)
     other.close()
 
@@ -106,7 +106,7 @@ async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(str
     streams.end("1", "stopped", "That is all.")
     assert streams.active() == []
     vehicle.link_socket.close()
-    streams.beat({})
+    streams.update_snapshots({})
     await soon(lambda: bindable(address), 1.0)
     await begin(streams, "2", second := Vehicle())  # the process still accepts sockets
     await soon(lambda: len(second.frames) >= 2)
@@ -140,7 +140,7 @@ async def test_streams_to_vehicles_of_different_links_can_alternate(streams, veh
         assert len(streams.active()) <= 1
         count, recorded = len(one.frames), len(one.recorded)
         await begin(streams, name, one, attach=False)
-        streams.beat({name: snapshot()})
+        streams.update_snapshots({name: snapshot()})
         await soon(lambda one=one, count=count: len(one.frames) >= count + 3)
         await soon(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
     assert vehicle.relayed == other.relayed == []
@@ -158,7 +158,7 @@ async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_stre
     address = other.link_socket.getsockname()
     other.link_socket.close()
     other.way = None
-    streams.links_changed()  # without a beat
+    streams.links_changed()  # without a update_snapshots
     await soon(lambda: bindable(address), 1.0)
     assert streams.state("1").phase == "streaming"
     other.close()

@@ -32,7 +32,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 @flown
 async def test_it_streams_during_a_short_stall_of_the_loop_and_stops_after_a_long_one(streams, vehicle):
     await begin(streams, "1", vehicle)
-    streams.beat({"1": snapshot()})
+    streams.update_snapshots({"1": snapshot()})
     stall(0.8)
     await soon(lambda: streams.active() == [])
     assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 Hz, and the setpoints of the start"
@@ -63,7 +63,7 @@ async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(stream
     await begin(streams, "2", other)
     for _ in range(8):  # longer than the limit for a silent server
         bad = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
-        streams.beat({"1": bad, "2": snapshot()})
+        streams.update_snapshots({"1": bad, "2": snapshot()})
         await asyncio.sleep(0.1)
     count = len(other.frames)
     await soon(lambda: len(other.frames) > count)
@@ -100,7 +100,7 @@ async def test_a_renewal_of_a_whole_group_is_shown_directly_after_its_answer(str
     streams.watch(
         GroupGuard("g", {"1": request}, {"1": request}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
     )
-    await soon(lambda: streams.beat({"1": known()}) or streams.guard("g").phase == "flying")
+    await soon(lambda: streams.update_snapshots({"1": known()}) or streams.guard("g").phase == "flying")
     assert streams.state("1").valid_left_s < 5.2
     assert await streams.change_together("g", {}, {}, time.monotonic() + 50.0)
     assert streams.state("1").valid_left_s > 45.0
@@ -141,7 +141,7 @@ async def test_the_event_loop_continues_while_the_process_starts(streams, vehicl
     await waiting
     assert time.monotonic() - began_s >= 0.2
     os.kill(pid, signal.SIGKILL)
-    await soon(lambda: streams.beat({}) or streams.pid not in (None, pid))
+    await soon(lambda: streams.update_snapshots({}) or streams.pid not in (None, pid))
     os.kill(streams.pid, signal.SIGSTOP)
     monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 0.1)
     with pytest.raises(Refused, match="restarted"):
@@ -164,7 +164,7 @@ async def test_an_invalid_setpoint_is_an_error_and_ends_no_stream(streams, vehic
 @flown
 async def test_the_process_executes_and_reports_an_expiry(streams, vehicle):
     await begin(streams, "1", vehicle, request=StreamRequest(HOVER, 0.1, OnExpiry("stop_stream")))
-    await soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
+    await soon(lambda: streams.update_snapshots({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]
 
 
@@ -195,6 +195,6 @@ async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(s
 
     streams.watch(MissionGuard("mission 1", ("1", "2"), minimum_m=3.0, now_s=time.monotonic()))
     assert streams.watched() == {"1": None, "2": None}
-    await soon(lambda: streams.beat(known()) or streams.guard("mission 1").held == {"1", "2"})
+    await soon(lambda: streams.update_snapshots(known()) or streams.guard("mission 1").held == {"1", "2"})
     name, finding = streams.take_findings()[0]
     assert (name, finding.code) == ("mission 1", "separation")

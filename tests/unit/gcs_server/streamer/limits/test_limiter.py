@@ -43,7 +43,7 @@ def bounds(draw, region=FENCED):
     return Bounds(
         speed_m_s=draw(limit),
         climb_m_s=draw(limit),
-        sink_m_s=draw(limit),
+        descent_m_s=draw(limit),
         tilt_rad=draw(st.floats(0.05, 1.2)),
         acceleration_m_s2=draw(limit),
         acceleration_up_m_s2=draw(limit),
@@ -53,7 +53,7 @@ def bounds(draw, region=FENCED):
         slew_attitude_rad_s=draw(st.sampled_from((math.inf, 0.5))),
         approach_m_s=draw(st.sampled_from((math.inf, 3.0))),
         approach_climb_m_s=draw(st.sampled_from((math.inf, 1.0))),
-        approach_sink_m_s=draw(st.sampled_from((math.inf, 1.0))),
+        approach_descent_m_s=draw(st.sampled_from((math.inf, 1.0))),
         region=region,
         origin=ORIGIN,
     )
@@ -104,7 +104,7 @@ def speeds_ok(velocity, limits):
     if n is not None:
         assert near(math.hypot(n, e), limits.speed_m_s)
     if d is not None:
-        assert near(d, limits.sink_m_s)
+        assert near(d, limits.descent_m_s)
         assert near(-d, limits.climb_m_s)
 
 
@@ -204,7 +204,7 @@ def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
 @settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would take minutes
 @given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
 def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, velocity_down_m_s):
-    limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, sink_m_s=4.0, region=FENCED)
+    limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, descent_m_s=4.0, region=FENCED)
     wanted = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
     for now in flight(wanted, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), 50):
         n, e, d = now.position_ned_m

@@ -100,7 +100,7 @@ def streaming(clock, stalls=()):
     return supervisor, Streamer(clock, rounds)
 
 
-def run_test(story, stalls=()):
+def run_test(scenario, stalls=()):
     async def run():
         clock = LoopClock(asyncio.get_running_loop())
         vehicle = Vehicle(clock)
@@ -108,7 +108,7 @@ def run_test(story, stalls=()):
         streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
-            await story(vehicle)
+            await scenario(vehicle)
         finally:
             streamer.close()
             await supervisor.close()
@@ -117,7 +117,7 @@ def run_test(story, stalls=()):
 
 
 def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
-    async def story(vehicle):
+    async def scenario(vehicle):
         status = await vehicle.offboard.start(StreamRequest(UP, 60.0, client="me"))
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
         assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 Hz"
@@ -131,31 +131,31 @@ def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
         assert len(vehicle.sent) == count
         assert vehicle.status.mode == "hold"
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_unsent_setpoints_do_not_count_as_streamed():
     """On a machine that stalls during the start, Offboard must not be requested after a single setpoint."""
 
-    async def story(vehicle):
+    async def scenario(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert vehicle.asked[0][1] >= 60
 
-    run_test(story, stalls=[(0.01, 1.3)])
+    run_test(scenario, stalls=[(0.01, 1.3)])
 
 
 def test_offboard_is_not_requested_without_a_steady_stream():
-    async def story(vehicle):
+    async def scenario(vehicle):
         with pytest.raises(Refused, match="too busy"):
             await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert vehicle.asked == []
         assert not vehicle.offboard.status().streaming
 
-    run_test(story, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
+    run_test(scenario, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
 
 
 def test_a_refusal_stops_the_stream_and_is_raised():
-    async def story(vehicle):
+    async def scenario(vehicle):
         vehicle.refuses = Rejected("Offboard is not available", reasons=("no",))
         with pytest.raises(Rejected, match="not available"):
             await vehicle.offboard.start(StreamRequest(UP, 60.0))
@@ -163,11 +163,11 @@ def test_a_refusal_stops_the_stream_and_is_raised():
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(StreamRequest(UP, 60.0))
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_prerequisites_are_explained():
-    async def story(vehicle):
+    async def scenario(vehicle):
         vehicle.located = False
         with pytest.raises(Refused, match="estimate"):
             await vehicle.offboard.start(StreamRequest(UP))
@@ -179,22 +179,22 @@ def test_prerequisites_are_explained():
             await vehicle.offboard.start(StreamRequest(UP))
         assert vehicle.sent == []
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_leaving_offboard_ends_the_stream_with_an_event():
-    async def story(vehicle):
+    async def scenario(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
         vehicle.status.mode = "position"
         await asyncio.sleep(0.35)
         assert not vehicle.offboard.status().streaming
         assert [e.data["code"] for e in vehicle.events.since()] == ["left_offboard"]
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
-    async def story(vehicle):
+    async def scenario(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
         vehicle.ours = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
@@ -204,7 +204,7 @@ def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
         assert "page commanded 'Land'" in run_test.text
         assert "page" in vehicle.offboard.status().ended
 
-    run_test(story)
+    run_test(scenario)
 
 
 def test_shutdown_stops_all_streams_at_once_within_the_deadline(

@@ -46,15 +46,15 @@ class SchedulerSetup:
     def snapshot(self):
         return Snapshot(self.clock.now_s, "offboard", (0.0, 0.0, -5.0), (0.0, 0.0, 0.0), 0.0, armed=True)
 
-    def beat(self):
-        self.streams.beat({"1": self.snapshot()})
+    def update_snapshots(self):
+        self.streams.update_snapshots({"1": self.snapshot()})
 
     def run(self, seconds, *, beats, steps=True):
         end_s = self.clock.now_s + seconds
         while self.clock.now_s < end_s - 1e-9:
             self.clock.now_s += 0.01
             if beats:
-                self.beat()
+                self.update_snapshots()
             if steps:
                 assert self.streams.step() > self.clock.now_s  # otherwise it would never wait
 
@@ -85,14 +85,14 @@ def test_a_stall_of_3_s_ends_the_stream_with_an_event():
     assert bench.streams.state("1").last_end.code == "server_silent"
 
 
-@pytest.mark.parametrize("first", ["beat", "begin of another vehicle"])
+@pytest.mark.parametrize("first", ["update_snapshots", "begin of another vehicle"])
 def test_a_resumed_process_sends_no_old_setpoints(first):
     bench = SchedulerSetup()
     bench.run(1.0, beats=True)
     bench.clock.now_s += 3.0  # neither loop nor scheduler ran
     count = len(bench.sent)
-    if first == "beat":
-        bench.beat()
+    if first == "update_snapshots":
+        bench.update_snapshots()
     else:
         bench.streams.attach("2", bench, (2, 1))
         bench.streams.begin("2", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
@@ -138,7 +138,7 @@ def setup_with_two():
 )
 def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
     bench = setup_with_two()
-    bench.streams.beat({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
+    bench.streams.update_snapshots({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
     bench.run(1.0, beats=True)
     assert bench.streams.active() == ["1"]
     assert [(who, report.code) for who, report in bench.streams.take_reports()] == [("bad", "fault")]
@@ -155,7 +155,7 @@ def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
 
     monkeypatch.setattr(core, "tick", broken)
     bench.clock.now_s += 3.0
-    bench.beat()
+    bench.update_snapshots()
     reports = dict(bench.streams.take_reports())
     assert (reports["1"].code, reports["bad"].code) == ("server_silent", "fault")
 
@@ -176,7 +176,7 @@ def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
     for _ in range(100):
         bench.clock.now_s += 0.01
         nonsense = replace(bench.snapshot(), position_ned_m=(0.0, wrong, 0.0), yaw_ned_rad=0.0)
-        bench.streams.beat({"1": nonsense})
+        bench.streams.update_snapshots({"1": nonsense})
         bench.streams.step()
     assert bench.streams.state("1").phase == "landing"
     sent = [payload for msg_id, payload in frames if msg_id == MSG_SET_POSITION_TARGET_LOCAL_NED]
@@ -199,20 +199,22 @@ def test_a_member_that_cannot_be_held_does_not_stop_the_others_from_holding(monk
     bench = setup_with_two()
     bounds = in_group(bench, "bad", "1")
 
-    def beat(**more):
+    def update_snapshots(**more):
         bench.clock.now_s += 0.05
-        bench.streams.beat({v: replace(bench.snapshot(), bounds=b, **more) for v, b in bounds.items()})
+        bench.streams.update_snapshots(
+            {v: replace(bench.snapshot(), bounds=b, **more) for v, b in bounds.items()}
+        )
         bench.streams.step()
 
-    beat()
-    beat()
+    update_snapshots()
+    update_snapshots()
     assert bench.streams.guard("g").phase == "flying"
 
     def broken(*_):
         raise ValueError("broken")
 
     monkeypatch.setattr(bench.streams._streams["bad"].core, "force_hold", broken)
-    beat(position_ned_m=None)
+    update_snapshots(position_ned_m=None)
     assert bench.streams.guard("g").held == {"bad", "1"}
     assert bench.streams.state("bad").phase == "idle"
     assert bench.streams.state("1").phase in ("to_hold", "landing")
@@ -225,7 +227,7 @@ def test_a_member_with_implausible_numbers_holds_only_its_group(wrong):
     for _ in range(3):
         bench.clock.now_s += 0.05
         lost = replace(bench.snapshot(), position_ned_m=(wrong, 0.0, 0.0), bounds=bounds["bad"])
-        bench.streams.beat({"bad": lost, "1": bench.snapshot()})
+        bench.streams.update_snapshots({"bad": lost, "1": bench.snapshot()})
         bench.streams.step()
     assert [(name, finding.code) for name, finding in bench.streams.take_findings()] == [
         ("g", "place_unknown")
@@ -243,7 +245,9 @@ def test_a_failing_guard_holds_its_group_and_other_streams_continue(monkeypatch)
     monkeypatch.setattr(bench.streams._guards["g"], "check", broken)
     for _ in range(10):
         bench.clock.now_s += 0.05
-        bench.streams.beat({"bad": replace(bench.snapshot(), bounds=bounds["bad"]), "1": bench.snapshot()})
+        bench.streams.update_snapshots(
+            {"bad": replace(bench.snapshot(), bounds=bounds["bad"]), "1": bench.snapshot()}
+        )
         assert bench.streams.step() > bench.clock.now_s
     findings = bench.streams.take_findings()
     assert [(name, finding.code) for name, finding in findings] == [("g", "fault")]

@@ -28,7 +28,7 @@ class Flight:
         self.position = (1.0, 2.0, -5.0)
         self.velocity = (0.0, 0.0, 0.0)
         self.loop_alive = True
-        self.beat_s = self.now_s
+        self.loop_message_s = self.now_s
         self.kept = None
         self.sent = []
         self.sending = []
@@ -62,12 +62,12 @@ class Flight:
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             if self.loop_alive:
-                self.beat_s = self.now_s
-            for item in self.core.tick(self.now_s, self.snapshot(), self.beat_s):
+                self.loop_message_s = self.now_s
+            for item in self.core.tick(self.now_s, self.snapshot(), self.loop_message_s):
                 self.transport.send(item)
             out += self.sending
             self.sending.clear()
-            self.now_s = min(end_s, max(self.now_s + 0.001, self.core.due_s(self.beat_s)))
+            self.now_s = min(end_s, max(self.now_s + 0.001, self.core.due_s(self.loop_message_s)))
         self.sent += out
         return out
 
@@ -165,8 +165,8 @@ def test_a_new_setpoint_while_holding_resumes():
 def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
     flight = started(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
     out = flight.run(MAX_MODE_REQUESTS + 2.0)
-    asks = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
-    assert asks == list(range(MAX_MODE_REQUESTS))
+    requests = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
+    assert requests == list(range(MAX_MODE_REQUESTS))
     assert flight.report_codes()[-1] == "not_confirmed"
     assert flight.run(1.0) == []
 
@@ -248,7 +248,7 @@ def test_a_late_thread_sends_once_and_keeps_the_time_grid():
     flight = started(HOVER, valid_for_s=60)
     flight.run(0.1)
     flight.now_s += 0.3
-    flight.beat_s = flight.now_s
-    assert len(flight.core.tick(flight.now_s, flight.snapshot(), flight.beat_s)) == 1
-    assert flight.core.tick(flight.now_s, flight.snapshot(), flight.beat_s) == []
-    assert flight.now_s < flight.core.due_s(flight.beat_s) <= flight.now_s + 0.02 + 1e-9
+    flight.loop_message_s = flight.now_s
+    assert len(flight.core.tick(flight.now_s, flight.snapshot(), flight.loop_message_s)) == 1
+    assert flight.core.tick(flight.now_s, flight.snapshot(), flight.loop_message_s) == []
+    assert flight.now_s < flight.core.due_s(flight.loop_message_s) <= flight.now_s + 0.02 + 1e-9
