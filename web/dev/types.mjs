@@ -54,5 +54,5 @@ function fields() {
     const lines = shown.map(([name, field]) => `    ${name}: '${kind(field)}',`);
     return `  ${topic}: {\n${lines.join('\n')}\n  },`;
   });
-  return `/** Each topic's fields and what they hold. */\nexport const FIELDS = {\n${topics.join('\n')}\n} as const;\n`;
+  return `/** Each topic's fields and their types. */\nexport const FIELDS = {\n${topics.join('\n')}\n} as const;\n`;
 }

@@ -4,7 +4,7 @@ import { ofVehicle, type ApiClient } from '../api/client';
 import type { TelemetryStore } from '../live/store';
 import type { WireEvent, WireSample } from '../live/wire';
 
-const PAST_S = 300;
+const BACKFILL_S = 300;
 
 type Raw = Record<string, unknown>;
 
@@ -54,7 +54,7 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
 /** Reads a vehicle's last minutes (trail, flight time) and messages. */
 export async function loadPast(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
   const vehicle = store.vehicles.get(id);
-  const since = Math.round(store.nowUnixS(id) - PAST_S);
+  const since = Math.round(store.nowUnixS(id) - BACKFILL_S);
   const [history, messages] = await Promise.all([
     api.get('/vehicles/{v}/history', { params: { path: { v: id }, query: { topics: 'status,global_position', since_unix_s: since } } }),
     api.get('/vehicles/{v}/messages', ofVehicle(id)),

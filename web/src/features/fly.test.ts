@@ -8,9 +8,9 @@ import { Confirmation } from '../app/actions/confirmation';
 import { ActionController } from '../app/actions/controller.svelte';
 import { GimbalControl } from './gimbal/control.svelte';
 import { BY_ID, CATALOGUE, searchValues, moveItem, readChoice, DEFAULT_IDS, type Source } from './instruments/catalogue';
-import { severityWord } from '../ui/severity';
+import { severityName } from '../ui/severity';
 import { fullTime, filterMessages, unread } from './messages/messages';
-import { readOffboard, streamWords } from '../vehicle/offboard';
+import { readOffboard, streamText } from '../vehicle/offboard';
 import { batteryIndicator, componentLines, linkIndicator } from './status/indicators';
 import { lossPercent } from './status/links';
 
@@ -107,8 +107,8 @@ describe('messages', () => {
     expect(unread(all, 9)).toEqual({ count: 0, tone: 'dim' });
   });
   it('have a shape besides the colour, and a full time', () => {
-    expect([2, 4, 6].map((s) => severityWord(s).shape)).toEqual(['square', 'triangle', 'dot']);
-    expect(severityWord(6).full).toBe('Info');
+    expect([2, 4, 6].map((s) => severityName(s).shape)).toEqual(['square', 'triangle', 'dot']);
+    expect(severityName(6).full).toBe('Info');
     expect(fullTime(1_700_000_000.25)).toMatch(/^2023-11-1[45] \d\d:\d\d:20\.2$/);
   });
 });
@@ -117,12 +117,12 @@ describe('the offboard stream', () => {
   it('has a text for each state of the server', () => {
     for (const state of ['idle', 'starting', 'holding', 'to_hold', 'landing', 'undoing']) {
       const status = readOffboard({ streaming: false, state, setpoint: null });
-      expect(status && streamWords(status)).not.toContain('NED');
+      expect(status && streamText(status)).not.toContain('NED');
     }
     const streaming = readOffboard({ streaming: true, state: 'streaming', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
-    expect(streaming && streamWords(streaming)).toBe('Velocity');
+    expect(streaming && streamText(streaming)).toBe('Velocity');
     const grouped = readOffboard({ streaming: true, state: 'streaming', owner: 'group', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
-    expect(grouped && streamWords(grouped)).toBe('Group · Velocity');
+    expect(grouped && streamText(grouped)).toBe('Group · Velocity');
   });
 });
 

@@ -6,12 +6,12 @@ const PERIODS = 3;
 /** Shortest age [s] that counts as stale, so that one late packet causes no flicker. */
 const FLOOR_S = 1;
 /** A gap longer than this [s] is a pause and does not change the measured period. */
-const LONGEST_PERIOD_S = 5;
+const MAX_PERIOD_S = 5;
 const SMOOTHING = 0.2;
 
 /** Updates a topic's measured period with a gap between two samples. */
 export function learnPeriod(period_s: number | null, gap_s: number): number | null {
-  if (!(gap_s > 0) || gap_s > LONGEST_PERIOD_S) return period_s;
+  if (!(gap_s > 0) || gap_s > MAX_PERIOD_S) return period_s;
   return period_s === null ? gap_s : period_s + SMOOTHING * (gap_s - period_s);
 }
 

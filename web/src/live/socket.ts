@@ -24,7 +24,7 @@ export interface SocketDeps {
 }
 
 const FIRST_RETRY_MS = 500;
-const LONGEST_RETRY_MS = 8000;
+const MAX_RETRY_MS = 8000;
 const OPEN_DEADLINE_MS = 8000;
 /** Without frames for this long, although vehicles are known, the page subscribes again, so that the server sends all values. */
 export const SILENT_MS = 6000;
@@ -34,7 +34,7 @@ const CHECK_INTERVAL_MS = 1000;
 
 /** Delay before the given attempt [ms]: doubles up to 8 s. */
 export function retryDelayMs(attempt: number): number {
-  return Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** Math.max(0, attempt - 1));
+  return Math.min(MAX_RETRY_MS, FIRST_RETRY_MS * 2 ** Math.max(0, attempt - 1));
 }
 
 export class TelemetrySocket {

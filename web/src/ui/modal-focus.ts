@@ -14,7 +14,7 @@ function noControlHasFocus(): boolean {
 }
 
 /** Returns the focus to its previous owner, unless another control has taken it. */
-export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
+export function restoresFocus(node: HTMLElement): { destroy: () => void } {
   const before = document.activeElement as HTMLElement | null;
   return {
     destroy: () => {
@@ -30,7 +30,7 @@ export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
  * @param first selector of the control that gets the focus first.
  */
 export function modalFocus(node: HTMLElement, first: string): { destroy: () => void } {
-  const focusReturn = givesFocusBack(node);
+  const focusReturn = restoresFocus(node);
   let last = node.querySelector<HTMLElement>(first) ?? focusableIn(node)[0] ?? node;
   last.focus({ preventScroll: true });
 

@@ -2,7 +2,7 @@
 
 export type Shape = 'dot' | 'triangle' | 'square';
 
-export interface SeverityWord {
+export interface SeverityName {
   /** Shown beside the text; empty for info. */
   word: string;
   /** Never empty, for details and screen readers. */
@@ -12,11 +12,11 @@ export interface SeverityWord {
 }
 
 const FULL = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
-const WITHOUT_WORD = [5, 6];
+const UNNAMED_SEVERITY = [5, 6];
 
-export function severityWord(severity: number): SeverityWord {
+export function severityName(severity: number): SeverityName {
   const full = FULL[severity] ?? 'Info';
-  const word = WITHOUT_WORD.includes(severity) ? '' : full;
+  const word = UNNAMED_SEVERITY.includes(severity) ? '' : full;
   if (severity <= 3) return { word, full, tone: 'danger', shape: 'square' };
   if (severity === 4) return { word, full, tone: 'caution', shape: 'triangle' };
   return { word, full, tone: 'dim', shape: 'dot' };

@@ -70,7 +70,7 @@ function triple(raw: Raw | null, name: string): MaybeVector3 | null {
   return value.map((v) => (typeof v === 'number' ? v : null)) as MaybeVector3;
 }
 
-function expiryWords(raw: Raw | null): string | null {
+function expiryText(raw: Raw | null): string | null {
   const action = text(raw, 'action');
   if (action === 'hold') {
     const time_s = number(raw, 'hold_for_s');
@@ -99,7 +99,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     validFor_s: number(raw, 'valid_for_s'),
     validLeft_s: number(raw, 'valid_left_s'),
     ifStreamStops: text(raw, 'if_stream_stops'),
-    onExpiry: expiryWords(object(raw['on_expiry'])),
+    onExpiry: expiryText(object(raw['on_expiry'])),
     client: text(raw, 'client'),
     clientKey: text(raw, 'client_key'),
     ofGroup: raw['owner'] === 'group',
@@ -131,7 +131,7 @@ export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: s
 }
 
 /** State of the stream, for the corner of the card. */
-export function streamWords(status: OffboardStatus): string {
+export function streamText(status: OffboardStatus): string {
   const words = STATES[status.state] ?? kindName(status.type);
   return status.ofGroup ? `Group · ${words}` : words;
 }

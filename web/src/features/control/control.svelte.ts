@@ -8,7 +8,7 @@ import { requestToAnswer, type ControlRequest } from '../../vehicle/control';
 
 const REASON_MAX = 200;
 
-export class ControlDesk {
+export class ControlController {
   open = $state(false);
   reason = $state('');
   /** Vehicles whose holder denied this page's request. */
@@ -64,7 +64,7 @@ export class ControlDesk {
   }
 
   /** Handles control events: a denial of this page's request is kept until control changes. */
-  heard(event: WireEvent): void {
+  onEvent(event: WireEvent): void {
     if (event.kind !== 'control' || event.vehicle === null) return;
     if (event['action'] === 'denied' && event['to_key'] === this.api.key) this.denials[event.vehicle] = true;
     if (event['previous_key'] !== null && event['previous_key'] !== undefined) this.denials[event.vehicle] = false;

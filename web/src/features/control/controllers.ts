@@ -1,7 +1,7 @@
-/** The page's only ControlDesk instance. */
+/** The page's only ControlController instance. */
 
 import { page } from '../../app/page.svelte';
 import { actions } from '../../app/vehicle-actions.svelte';
-import { ControlDesk } from './control.svelte';
+import { ControlController } from './control.svelte';
 
-export const control = new ControlDesk(page.api, actions);
+export const control = new ControlController(page.api, actions);

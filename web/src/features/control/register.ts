@@ -6,7 +6,7 @@ import { control } from './controllers';
 
 const live = (): boolean => page.facts !== null && !page.facts.replayed;
 
-page.onEvent.push((event) => control.heard(event));
+page.onEvent.push((event) => control.onEvent(event));
 registry.addTo('indicators', { order: 20, ofVehicle: ControlChip, when: live });
 registry.addTo('notices', { order: 20, ofVehicle: ControlPrompt });
 registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });

@@ -4,7 +4,7 @@ import { controlHolder } from './control-holder';
 import { gimbalKey, gimbalsOf, limits, ofGimbal, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { Gimbal } from '../../live/topics';
-import { angleWords, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
+import { angleText, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
   const l = limits(null);
@@ -24,7 +24,7 @@ describe('gimbal', () => {
     expect(anglesAfterKey(from, 'Home', false, l)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
     expect(anglesAfterKey(from, 'End', false, l)).toEqual({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 });
     for (const key of [' ', 'Enter', 'h', 'Tab']) expect(anglesAfterKey(from, key, false, l)).toBeNull();
-    expect(angleWords({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
+    expect(angleText({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
   it('shows who controls it', () => {
     expect(controlHolder(null, false).who).toBe('nobody');

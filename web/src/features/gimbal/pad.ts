@@ -76,7 +76,7 @@ export function anglesAfterKey(angles: Angles, key: string, shift: boolean, limi
 }
 
 /** The angles as text for screen readers. */
-export function angleWords(angles: Angles): string {
+export function angleText(angles: Angles): string {
   const part = (value: number, plus: string, minus: string): string => `${Math.abs(Math.round(value))}° ${Math.round(value) < 0 ? minus : plus}`;
   return `${part(angles.pitch_deg, 'up', 'down')}, ${part(angles.yaw_deg, 'right', 'left')}`;
 }

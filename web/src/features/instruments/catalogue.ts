@@ -124,10 +124,10 @@ const LABELS: Readonly<Record<string, string>> = {
 const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
 const LAT_LON = /^(lat|lon)_deg$/;
 
-function unitOf(field: string): { unit: string; factor: number; decimals: number; words: string } {
+function unitOf(field: string): { unit: string; factor: number; decimals: number; label: string } {
   const entry = UNITS.find(([suffix]) => field.endsWith(suffix));
-  const words = (entry === undefined ? field : field.slice(0, -entry[0].length)).replace(/_(ned|frd)$/, '').replaceAll('_', ' ');
-  return { unit: entry?.[1] ?? '', factor: entry?.[2] ?? 1, decimals: entry?.[3] ?? 1, words: words.charAt(0).toUpperCase() + words.slice(1) };
+  const label = (entry === undefined ? field : field.slice(0, -entry[0].length)).replace(/_(ned|frd)$/, '').replaceAll('_', ' ');
+  return { unit: entry?.[1] ?? '', factor: entry?.[2] ?? 1, decimals: entry?.[3] ?? 1, label: label.charAt(0).toUpperCase() + label.slice(1) };
 }
 
 function plainText(value: unknown, factor: number, decimals: number): string {
@@ -163,8 +163,8 @@ const MOTORS = 8;
 function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
     if (HIDDEN_FIELDS.test(field)) return [];
-    const { words } = unitOf(field);
-    const what = topic.startsWith('target') ? `Target ${words.toLowerCase()}` : topic === 'home' ? `Home ${words.toLowerCase()}` : words;
+    const { label } = unitOf(field);
+    const what = topic.startsWith('target') ? `Target ${label.toLowerCase()}` : topic === 'home' ? `Home ${label.toLowerCase()}` : label;
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
       return axes.map((axis, i) => ofField(topic, field, i, `${what} ${axis}`));

@@ -1,10 +1,10 @@
 import { expect, it } from 'vitest';
-import { severityWord } from '../../ui/severity';
+import { severityName } from '../../ui/severity';
 import { filterMessages } from './messages';
 
 it('shows a word for severe messages and hides debug messages', () => {
-  expect(severityWord(2)).toMatchObject({ word: 'Critical', tone: 'danger' });
-  expect(severityWord(6).word).toBe('');
+  expect(severityName(2)).toMatchObject({ word: 'Critical', tone: 'danger' });
+  expect(severityName(6).word).toBe('');
   const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });
   expect(filterMessages([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
 });

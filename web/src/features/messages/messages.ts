@@ -1,12 +1,12 @@
 /** Messages of the vehicle and the server: filter, count and details. */
 
 import type { Message } from '../../live/vehicle-state';
-import { severityWord, type SeverityWord } from '../../ui/severity';
+import { severityName, type SeverityName } from '../../ui/severity';
 
 export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
 
 /** The largest MAV_SEVERITY (least severe) that each filter shows. */
-const LEAST_SEVERE: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
+const LEAST_SEVERE_SHOWN: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
 
 export const FILTERS: readonly { value: Filter; text: string }[] = [
   { value: 'errors', text: 'Errors' },
@@ -19,7 +19,7 @@ export const FILTERS: readonly { value: Filter; text: string }[] = [
 export function filterMessages(messages: readonly Message[], count: number, filter: Filter = 'all'): Message[] {
   const lines: Message[] = [];
   for (const message of messages) {
-    if (message.severity <= LEAST_SEVERE[filter]) lines.push(message);
+    if (message.severity <= LEAST_SEVERE_SHOWN[filter]) lines.push(message);
     if (lines.length === count) break;
   }
   return lines;
@@ -28,13 +28,13 @@ export function filterMessages(messages: readonly Message[], count: number, filt
 export interface Unread {
   count: number;
   /** Severity of the most severe one. */
-  tone: SeverityWord['tone'];
+  tone: SeverityName['tone'];
 }
 
 /** Messages since a time, without debug ones. */
 export function unread(messages: readonly Message[], since_unix_s: number): Unread {
-  const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST_SEVERE.all);
-  return { count: fresh.length, tone: severityWord(Math.min(7, ...fresh.map((m) => m.severity))).tone };
+  const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST_SEVERE_SHOWN.all);
+  return { count: fresh.length, tone: severityName(Math.min(7, ...fresh.map((m) => m.severity))).tone };
 }
 
 const KINDS: Readonly<Record<string, string>> = {
@@ -49,7 +49,7 @@ const KINDS: Readonly<Record<string, string>> = {
 };
 
 /** The source of a message. */
-export function kindWords(kind: string): string {
+export function kindText(kind: string): string {
   return KINDS[kind] ?? kind.replaceAll('_', ' ');
 }
 

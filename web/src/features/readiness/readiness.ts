@@ -1,7 +1,7 @@
 /** Why a vehicle cannot arm or fly, sorted for display, from the server's topic `readiness`. Pure. */
 
 import type { components } from '../../api/schema';
-import type { SeverityWord } from '../../ui/severity';
+import type { SeverityName } from '../../ui/severity';
 
 export type Readiness = Omit<components['schemas']['VehicleReadiness'], 'vehicle'>;
 export type Cause = components['schemas']['ReadinessCause'];
@@ -16,7 +16,7 @@ export interface Headline {
 
 export interface FindingRow {
   cause: Cause;
-  severity: SeverityWord;
+  severity: SeverityName;
   /** What the finding blocks, as text; empty if nothing. */
   blocks: string;
 }
@@ -31,8 +31,8 @@ export interface ModeRow {
   why: string;
 }
 
-const INFO: SeverityWord = { word: '', full: 'Note', tone: 'dim', shape: 'dot' };
-const SEVERITIES: Readonly<Record<string, SeverityWord>> = {
+const INFO: SeverityName = { word: '', full: 'Note', tone: 'dim', shape: 'dot' };
+const SEVERITIES: Readonly<Record<string, SeverityName>> = {
   error: { word: 'Error', full: 'Error', tone: 'danger', shape: 'square' },
   warning: { word: 'Warning', full: 'Warning', tone: 'caution', shape: 'triangle' },
   info: INFO,

@@ -89,7 +89,7 @@ export function linkDetails(
 }
 
 /** Whether a link is being recorded now. */
-export function recordsNow(link: LinkLine): boolean {
+export function isRecording(link: LinkLine): boolean {
   return link.recording !== null && link.recording.file !== null && link.recording.stopped === null;
 }
 
@@ -115,6 +115,6 @@ export function recordingIndicator(links: readonly LinkLine[], known: boolean, n
     return { ...base, text: 'Stopped', word: 'not saved', severity: 'danger', details };
   }
   if (live.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not saved', severity: 'caution', details };
-  const began = live.filter(recordsNow).map((l) => l.recording?.started_unix_s ?? now_unix_s);
+  const began = live.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
   return { ...base, text: began.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...began))), details };
 }

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import type { Status } from '../../live/topics';
 import { batteryIndicator, gpsIndicator } from './indicators';
 import { linkDetails, recordingIndicator, type LinkLine } from './links';
-import { statusWords, type StatusFacts } from './status-words';
+import { statusLabel, type StatusFacts } from './status-label';
 
 const status = (over: Partial<Status> = {}): Status => ({
   armed: true,
@@ -16,7 +16,7 @@ const status = (over: Partial<Status> = {}): Status => ({
   last_heartbeat_age_s: 0.2,
   ...over,
 });
-const words = (over: Partial<StatusFacts>) => statusWords({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
+const words = (over: Partial<StatusFacts>) => statusLabel({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
 
 describe('status words', () => {
   it('shows who commands the vehicle', () => {

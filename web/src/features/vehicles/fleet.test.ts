@@ -2,7 +2,7 @@ import { describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
-import { holdText, filtered, removable, rowOf, stateWords, rowAfterKey } from './fleet';
+import { holdText, filtered, removable, rowOf, stateLabel, rowAfterKey } from './fleet';
 import { list } from './list.svelte';
 
 function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
@@ -14,9 +14,9 @@ function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
 
 describe('list of vehicles', () => {
   it('shows a vehicle as lost only if the server reports it, not if the server is unreachable', () => {
-    expect(stateWords(facts('1', { lost: true }))).toEqual({ words: 'lost', tone: 'danger' });
-    expect(stateWords(facts('1', { lost: true, offline: true }))).toEqual({ words: 'no server', tone: 'danger' });
-    expect(stateWords(facts('1')).words).toBe('disarmed');
+    expect(stateLabel(facts('1', { lost: true }))).toEqual({ words: 'lost', tone: 'danger' });
+    expect(stateLabel(facts('1', { lost: true, offline: true }))).toEqual({ words: 'no server', tone: 'danger' });
+    expect(stateLabel(facts('1')).words).toBe('disarmed');
   });
 
   it('finds by number, type and state, and filters those that fly or need attention', () => {

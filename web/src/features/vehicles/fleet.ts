@@ -26,7 +26,7 @@ export interface Row {
 const LOW_PERCENT = 25;
 
 /** State of a vehicle. While the server itself is unreachable, the vehicle's own connection is unknown. */
-export function stateWords(facts: VehicleFacts): { words: string; tone: Row['tone'] } {
+export function stateLabel(facts: VehicleFacts): { words: string; tone: Row['tone'] } {
   if (facts.offline) return { words: 'no server', tone: 'danger' };
   if (facts.lost) return { words: 'lost', tone: 'danger' };
   const status = facts.status?.value;
@@ -37,7 +37,7 @@ export function stateWords(facts: VehicleFacts): { words: string; tone: Row['ton
 export function rowOf(facts: VehicleFacts, index: number): Row {
   const percent = facts.battery?.value.remaining_percent ?? null;
   const low = percent !== null && percent <= LOW_PERCENT;
-  return { facts, index, ...stateWords(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, attention: facts.lost || low };
+  return { facts, index, ...stateLabel(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, attention: facts.lost || low };
 }
 
 /** Whether the vehicle can be removed from the server: its connection is lost, and it is not a replay. */
@@ -51,8 +51,8 @@ export function filtered(rows: readonly Row[], text: string, filter: Filter): Ro
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;
     if (filter === 'attention' && !row.attention) return false;
-    const rowWords = `${row.facts.name} ${row.words}`.toLowerCase().split(/\s+/);
-    return words.every((word) => row.facts.id.includes(word) || rowWords.some((one) => one.startsWith(word)));
+    const rowText = `${row.facts.name} ${row.words}`.toLowerCase().split(/\s+/);
+    return words.every((word) => row.facts.id.includes(word) || rowText.some((one) => one.startsWith(word)));
   });
 }
 

@@ -8,7 +8,7 @@ import { attitudeSetpoint, STICK_CURVE, STOP, sticksOf, velocitySetpoint, type P
 
 export const RATE_HZ = 25;
 /** Longest step for integrating the yaw, so that it does not jump after a pause [s]. */
-const LONGEST_STEP_S = 0.1;
+const MAX_STEP_S = 0.1;
 
 /** State of a gamepad at one moment. */
 export interface PadSnapshot {
@@ -85,7 +85,7 @@ export class Pilot {
       this.last_s = null;
       return result(STOP);
     }
-    const dt_s = this.phase === 'flying' && this.last_s !== null ? Math.min(LONGEST_STEP_S, now_s - this.last_s) : 0;
+    const dt_s = this.phase === 'flying' && this.last_s !== null ? Math.min(MAX_STEP_S, now_s - this.last_s) : 0;
     if (this.phase !== 'flying') this.yaw_ned_rad = inputs.yaw_ned_rad;
     this.phase = 'flying';
     this.last_s = now_s;

@@ -127,8 +127,8 @@ export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, no
 }
 
 /** Replaces the API's field names with the form's; the rest is the server's own text. */
-export function formText(words: string): string {
-  return words.replaceAll('minimum_separation_m', '“Minimum separation”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
+export function formText(text: string): string {
+  return text.replaceAll('minimum_separation_m', '“Minimum separation”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
 
 const DIRECTIONS: readonly (readonly [string, string])[] = [

@@ -58,7 +58,7 @@ export function commandable(identity: Identity): boolean {
   return !identity.replayed && identity.autopilot === PX4 && MULTICOPTERS.includes(identity.vehicle_type);
 }
 
-export function stateWords(group: Group, now_unix_s: number): { text: string; tone: Tone } {
+export function stateLabel(group: Group, now_unix_s: number): { text: string; tone: Tone } {
   switch (group.state) {
     case 'starting':
       return { text: 'Starting: all switch to Offboard', tone: 'target' };
@@ -85,7 +85,7 @@ const STREAMS: Readonly<Record<string, string>> = {
 };
 
 /** What a member flies: its stream, then its reported mode. */
-export function memberWords(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
+export function memberLabel(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
   if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
@@ -107,7 +107,7 @@ export function findingsShown(group: Group, most: number): Group['findings'] {
 }
 
 /** The minimum separation that the server monitors, and its margin for uncertain positions. */
-export function separationWords(group: Group): string {
+export function separationText(group: Group): string {
   const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
   return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m margin`;
 }

@@ -8,12 +8,12 @@ import {
   distanceTone,
   findingsShown,
   joinNames,
-  memberWords,
+  memberLabel,
   nearestNow,
   lastEnded,
   readGroup,
-  separationWords,
-  stateWords,
+  separationText,
+  stateLabel,
   validLeft_s,
   withGroup,
   keyOf,
@@ -45,8 +45,8 @@ const as = (more: Partial<Group>): Group => ({ ...GROUP, ...more });
 
 describe('a group’s state', () => {
   it('counts down to the start and reduces the remaining validity with its age', () => {
-    expect(stateWords(as({ state: 'waiting' }), 107.5).text).toBe('Waiting, starts in 2.5 s');
-    expect(stateWords(as({ state: 'waiting', start_unix_s: null }), 107).text).toBe('Waiting, starts in – s');
+    expect(stateLabel(as({ state: 'waiting' }), 107.5).text).toBe('Waiting, starts in 2.5 s');
+    expect(stateLabel(as({ state: 'waiting', start_unix_s: null }), 107).text).toBe('Waiting, starts in – s');
     expect(validLeft_s({ group: GROUP, receivedAt_s: 50 }, 51.5)).toBe(2.5);
     expect(validLeft_s({ group: GROUP, receivedAt_s: 50 }, 60)).toBe(0);
     expect(validLeft_s({ group: as({ valid_left_s: null }), receivedAt_s: 50 }, 51)).toBeNull();
@@ -55,17 +55,17 @@ describe('a group’s state', () => {
   it('shows what a member flies, and in amber a member that does not follow', () => {
     const [member] = GROUP.members;
     if (member === undefined) throw new Error('no member');
-    expect(memberWords(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
-    expect(memberWords({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'held · Hold', tone: 'caution' });
-    expect(memberWords({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left the group · land', tone: 'caution' });
-    expect(memberWords({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
-    expect(memberWords(member, 'Offboard', true).text).toBe('waiting · Offboard');
+    expect(memberLabel(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
+    expect(memberLabel({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'held · Hold', tone: 'caution' });
+    expect(memberLabel({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left the group · land', tone: 'caution' });
+    expect(memberLabel({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
+    expect(memberLabel(member, 'Offboard', true).text).toBe('waiting · Offboard');
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
   });
 
   it('shows the separation margin once the server has measured it', () => {
-    expect(separationWords(GROUP)).toBe('at least 5.0 m + 1.6 m margin');
-    expect(separationWords(as({ margin_m: null }))).toBe('at least 5.0 m');
+    expect(separationText(GROUP)).toBe('at least 5.0 m + 1.6 m margin');
+    expect(separationText(as({ margin_m: null }))).toBe('at least 5.0 m');
   });
 
   it('lists findings newest first, and the reason of the end once', () => {

@@ -14,7 +14,7 @@ import { build, formHere, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
-import { SentLog, setpointWords, type SentLine, type InputMethod } from './sent-log';
+import { SentLog, setpointText, type SentLine, type InputMethod } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
 /** Position kinds: renewed while this page is open, unless that is switched off. */
@@ -166,7 +166,7 @@ class SetpointEditor {
       setpoint,
       validity,
       rate_hz: 50,
-      text: `${setpointWords(setpoint)}${where}, ${howLong}`,
+      text: `${setpointText(setpoint)}${where}, ${howLong}`,
       onOutcome: (outcome) => this.recordAnswer(this.recordSent(sent, setpoint), outcome, null),
     });
   }

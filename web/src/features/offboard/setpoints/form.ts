@@ -136,9 +136,9 @@ export function build(form: Form): Built {
 
 /** Every axis must be controlled by some quantity, because the vehicle does not move along an uncontrolled axis. */
 function checkControlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
-  const usedGroups = groups.filter((g) => !form.omitted.includes(g.field));
+  const controlledGroups = groups.filter((g) => !form.omitted.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
-    const axes = usedGroups.map((g) => g.axes[i]).filter((a) => a !== undefined);
+    const axes = controlledGroups.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;
     if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true))
       errors[first.key] = `${name} is not controlled: give a position, a velocity or an acceleration.`;
@@ -146,7 +146,7 @@ function checkControlled(groups: readonly Group[], form: Form, errors: Record<st
 }
 
 /** North and east of a quantity must both be controlled, because the vehicle ignores one without the other. */
-export function setOff(form: Form, key: string, off: boolean): Form {
+export function setUncontrolled(form: Form, key: string, off: boolean): Form {
   const quantity = /^([pva])[01]$/.exec(key)?.[1];
   const keys = quantity === undefined ? [key] : [`${quantity}0`, `${quantity}1`];
   const fields = { ...form.fields };

@@ -13,13 +13,13 @@ export type LimitsBody = Schemas['LimitsRequest'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
 /** The server's text with the form's names of kinds: "thrust and torque" instead of "thrust_torque". */
-export function displayText(words: string): string {
+export function displayText(text: string): string {
   return KINDS.reduce(
     (text, one) =>
       one.kind.includes('_') || one.kind === 'actuators'
         ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by '))
         : text,
-    words,
+    text,
   );
 }
 
@@ -67,7 +67,7 @@ export function limitText(value: number | null | undefined, field: LimitField): 
 }
 
 /** The operator's limits in one line; unlimited values are left out. */
-export function limitsWords(limits: OffboardLimits | null): string {
+export function limitsText(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,

@@ -7,12 +7,12 @@ import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { SetpointJson } from './form';
 
 /** A velocity is previewed as the position reached after this time [s]. */
-export const AHEAD_S = 3;
+export const PREDICTION_S = 3;
 
 export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
-  /** The position is reached by a velocity after `AHEAD_S`; it is not a position setpoint. */
+  /** The position is reached by a velocity after `PREDICTION_S`; it is not a position setpoint. */
   isExtrapolated: boolean;
 }
 
@@ -51,9 +51,9 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   const offset = setpoint.type === 'follow' ? undefined : triple(setpoint['offset_frd_m']);
   if (offset !== undefined) return yaw === null ? null : shifted(fromHeading(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
   const velocity = triple(setpoint['velocity_ned_m_s']);
-  if (velocity !== undefined) return shifted(velocity, AHEAD_S, true);
+  if (velocity !== undefined) return shifted(velocity, PREDICTION_S, true);
   const bodyVelocity = triple(setpoint['velocity_frd_m_s']);
-  if (bodyVelocity !== undefined) return yaw === null ? null : shifted(fromHeading(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), AHEAD_S, true);
+  if (bodyVelocity !== undefined) return yaw === null ? null : shifted(fromHeading(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), PREDICTION_S, true);
   return null;
 }
 
@@ -81,7 +81,7 @@ export function previewText(preview: Preview, facts: VehicleFacts): string {
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
   const away = Math.hypot(n, e);
   const { text, unit } = metres(away);
-  const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `after ${AHEAD_S} s` : 'away'}`];
+  const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `after ${PREDICTION_S} s` : 'away'}`];
   if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'up' : 'down'}`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (preview.yaw_ned_rad !== null && yaw !== null) {

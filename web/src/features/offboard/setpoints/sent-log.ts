@@ -13,7 +13,7 @@ export interface SentLine {
   input: InputMethod;
   unix_s: number;
   /** Text of the newest setpoint of this line. */
-  words: string;
+  text: string;
   /** Number of setpoints in this line. */
   count: number;
   answered: number;
@@ -36,7 +36,7 @@ export class SentLog {
   /** Adds a setpoint; returns the id of its line, for the answer. */
   add(input: InputMethod, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
     const [newest, ...rest] = this.lines;
-    const words = setpointWords(setpoint);
+    const text = setpointText(setpoint);
     const joins =
       newest !== undefined &&
       input !== 'form' &&
@@ -44,13 +44,13 @@ export class SentLog {
       newest.input === input &&
       unix_s - this.last_unix_s < MERGE_S &&
       !newest.refused &&
-      newest.words.split(' ')[0] === words.split(' ')[0];
+      newest.text.split(' ')[0] === text.split(' ')[0];
     this.last_unix_s = unix_s;
     if (joins) {
-      this.lines = [{ ...newest, words, count: newest.count + 1 }, ...rest];
+      this.lines = [{ ...newest, text, count: newest.count + 1 }, ...rest];
       return newest.id;
     }
-    const line: SentLine = { id: this.nextId++, input, unix_s, words, count: 1, answered: 0, note: null, refused: false, took_s: null };
+    const line: SentLine = { id: this.nextId++, input, unix_s, text, count: 1, answered: 0, note: null, refused: false, took_s: null };
     this.lines = [line, ...this.lines].slice(0, MAX_LINES);
     return line.id;
   }
@@ -69,12 +69,12 @@ function triple(value: unknown, unit: string, up: boolean): string | null {
   return `${value.map((v: number | null, i) => (v === null ? '–' : fixed(up && i === 2 ? -v : v, 1))).join(' ')} ${unit}`;
 }
 
-function number(value: unknown, words: (v: number) => string): string | null {
-  return typeof value === 'number' ? words(value) : null;
+function number(value: unknown, format: (v: number) => string): string | null {
+  return typeof value === 'number' ? format(value) : null;
 }
 
 /** A setpoint in one short line, with the form's conventions: up positive, degrees. */
-export function setpointWords(s: Readonly<Record<string, unknown>>): string {
+export function setpointText(s: Readonly<Record<string, unknown>>): string {
   const parts = [
     triple(s['position_ned_m'], 'm', true),
     triple(s['offset_frd_m'], 'm', true),

@@ -1,9 +1,9 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { build, formHere, setOff, parseTyped, type Form } from './form';
+import { build, formHere, setUncontrolled, parseTyped, type Form } from './form';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
 import { fromHeading, previewOf, previewOnMap, previewText } from './preview';
-import { SentLog, setpointWords } from './sent-log';
+import { SentLog, setpointText } from './sent-log';
 import { SetpointStream, type Ack, type SocketLike } from './stream';
 import { targetOf, eulerOf, Traces, WINDOW_S } from './traces';
 
@@ -54,8 +54,8 @@ describe('forms', () => {
   });
 
   it('allow uncontrolled axes, north and east only together, if another quantity controls them', () => {
-    const mixed = setOff({ ...formHere('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
-    expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
+    const mixed = setUncontrolled({ ...formHere('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
+    expect(good(setUncontrolled(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
     expect(bad({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
       p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
@@ -212,8 +212,8 @@ describe('the log', () => {
   });
 
   it('describes a setpoint as the form does', () => {
-    expect(setpointWords({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  1.0 – 3.0 m  yaw 270°');
-    expect(setpointWords({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  0.0 0.0 180.0 °/s  thrust 0.50');
+    expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  1.0 – 3.0 m  yaw 270°');
+    expect(setpointText({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  0.0 0.0 180.0 °/s  thrust 0.50');
     expect(kindName('orbit')).toBe('orbit');
   });
 

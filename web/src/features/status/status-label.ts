@@ -4,7 +4,7 @@ import type { Status } from '../../live/topics';
 
 export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'neutral';
 
-export interface StatusWords {
+export interface StatusLabel {
   title: string;
   who: string;
   tone: Tone;
@@ -70,7 +70,7 @@ export function isFailsafe(status: Status): boolean {
   return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
 }
 
-export function statusWords(facts: StatusFacts): StatusWords {
+export function statusLabel(facts: StatusFacts): StatusLabel {
   const { status } = facts;
   if (status === null) return { title: 'No vehicle state', who: 'no telemetry yet', tone: 'neutral' };
   if (facts.lost) {
