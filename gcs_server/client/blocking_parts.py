@@ -138,7 +138,7 @@ class SyncGroup:
     Args:
         gcs: the client.
         started: the server's answer to the start.
-        life: validity of the setpoints, and the action on expiry.
+        validity: validity of the setpoints, and the action on expiry.
     """
 
     def __init__(self, inner: group.Group, portal: BlockingPortal) -> None:
@@ -243,7 +243,7 @@ class SyncOffboard(SetpointCalls[Answer]):
     Args:
         vehicle: the vehicle.
         started: the server's answer to the start.
-        life: validity of each setpoint, and the action on expiry.
+        validity: validity of each setpoint, and the action on expiry.
     """
 
     def __init__(self, inner: offboard.Offboard, portal: BlockingPortal) -> None:

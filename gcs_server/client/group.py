@@ -23,12 +23,12 @@ class Group:
     Args:
         gcs: the client.
         started: the server's answer to the start.
-        life: validity of the setpoints, and the action on expiry.
+        validity: validity of the setpoints, and the action on expiry.
     """
 
-    def __init__(self, gcs: Requester, started: dict[str, Any], life: Body) -> None:
+    def __init__(self, gcs: Requester, started: dict[str, Any], validity: Body) -> None:
         self._gcs = gcs
-        self._life = life
+        self._validity = validity
         self.id: str = started["id"]
         self.started = started
         """The server's answer to the start, as from `status`; `start_unix_s` is the time of the common
@@ -43,7 +43,7 @@ class Group:
             Refused: a setpoint cannot be flown, two vehicles would come too close, or the group has ended.
         """
         return await self._gcs.request(
-            "POST", f"/groups/{self.id}/setpoints", {"setpoints": members_of(setpoints), **self._life}
+            "POST", f"/groups/{self.id}/setpoints", {"setpoints": members_of(setpoints), **self._validity}
         )
 
     async def renew(self) -> dict[str, Any]:

@@ -194,12 +194,12 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
     Args:
         vehicle: the vehicle.
         started: the server's answer to the start.
-        life: validity of each setpoint, and the action on expiry.
+        validity: validity of each setpoint, and the action on expiry.
     """
 
-    def __init__(self, vehicle: Requester, started: Answer, life: Body) -> None:
+    def __init__(self, vehicle: Requester, started: Answer, validity: Body) -> None:
         self._vehicle = vehicle
-        self._life = life
+        self._validity = validity
         self.started = started
 
     async def send(self, body: Body) -> Answer:
@@ -209,7 +209,7 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
             Invalid: a value is invalid.
             Refused: the setpoint cannot be flown, or the stream has ended.
         """
-        return await self._vehicle.request("POST", "/offboard/setpoint", {"setpoint": body, **self._life})
+        return await self._vehicle.request("POST", "/offboard/setpoint", {"setpoint": body, **self._validity})
 
     async def follow_path(self, points: PathPoints) -> None:
         """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
@@ -235,7 +235,7 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
         """
         socket = await self._vehicle.socket("/offboard/stream")
         async with socket:
-            yield LiveOffboard(socket, self._life)
+            yield LiveOffboard(socket, self._validity)
 
     async def status(self) -> Answer:
         """Achieved rate, age and remaining validity of the setpoint; limits, failsafe, available setpoint
@@ -251,9 +251,9 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
 class LiveOffboard(SetpointCalls[Awaitable[Answer]]):
     """Setpoints over a WebSocket."""
 
-    def __init__(self, socket: ClientConnection, life: Body) -> None:
+    def __init__(self, socket: ClientConnection, validity: Body) -> None:
         self._socket = socket
-        self._life = life
+        self._validity = validity
         self._seq = 0
 
     async def send(self, body: Body) -> Answer:
@@ -265,7 +265,7 @@ class LiveOffboard(SetpointCalls[Awaitable[Answer]]):
         """
         self._seq += 1
         try:
-            await self._socket.send(json.dumps({"setpoint": body, **self._life, "seq": self._seq}))
+            await self._socket.send(json.dumps({"setpoint": body, **self._validity, "seq": self._seq}))
             while True:
                 answer = json.loads(await self._socket.recv())
                 if answer.get("seq") == self._seq:

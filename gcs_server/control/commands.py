@@ -226,7 +226,7 @@ ALL: tuple[Command, ...] = (
         "station",
         ("DELETE /links/{name}",),
         "not_anothers",
-        "every vehicle heard on the link",
+        "every vehicle connected over the link",
         words="link {link} closes, vehicle {vehicles} in flight loses its last link",
     ),
     Command("vehicles/remove", "station", ("DELETE /vehicles/{v}",), "not_anothers", "the vehicle"),

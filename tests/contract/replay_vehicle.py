@@ -75,7 +75,7 @@ class Vehicle:
         self._skip_unread()
         self._parsers = {name: FrameParser() for name in ("gcs", "api")}
         self._sequence = 0
-        self._beat_s = 0.0
+        self._next_heartbeat_s = 0.0
         self.background: dict[str, Any] | None = None
         """Setpoints streamed in addition to the dialogue's messages."""
         self._stream_s = 0.0
@@ -118,9 +118,9 @@ class Vehicle:
 
     def run_to(self, end_s: float, tick_s: float = TICK_S) -> None:
         while self.now_s < end_s - 1e-6:
-            if self.heartbeats and self.now_s >= self._beat_s:
+            if self.heartbeats and self.now_s >= self._next_heartbeat_s:
                 self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
-                self._beat_s = self.now_s + 1.0
+                self._next_heartbeat_s = self.now_s + 1.0
             if self.background is not None and self.now_s >= self._stream_s:
                 self.send("SET_POSITION_TARGET_LOCAL_NED", self.background, "api")
                 self._stream_s = self.now_s + STREAM_EVERY_S

@@ -29,7 +29,7 @@ CONTROLLERS = ("position", "velocity", "altitude", "climb_rate", "acceleration",
 TRAJECTORY = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
 SETTLE_S = 9.0
 """Minimum time from the take-off command to Hold."""
-LOWEST_M = 2.5
+MIN_HEIGHT_M = 2.5
 HEARTBEAT_S = 1.0
 STEP_S = 0.02
 LANDING_S = 12.0
@@ -110,7 +110,7 @@ class FlightPlayer(Player):
 
     def _take_off(self, height_m: float) -> None:
         autopilot = self.vehicle.sim.autopilots[0]
-        altitude_m = autopilot.view.estimate.alt_amsl_m + max(LOWEST_M, height_m)
+        altitude_m = autopilot.view.estimate.alt_amsl_m + max(MIN_HEIGHT_M, height_m)
         self.vehicle.command(ARM, 1.0)
         self.vehicle.command(TAKEOFF_COMMAND, *[math.nan] * 6, altitude_m)
         self._run(SETTLE_S)

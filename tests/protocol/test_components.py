@@ -103,10 +103,10 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
         assert kinds(vehicle) == [*found, (154, "gimbal", False), (191, "companion", False)]
         assert all(c.last_heard_unix_s is None for c in vehicle.components.all())
         await asyncio.sleep(1)
-        heard_unix_s = world.clock.unix_s() - 1
+        lost_since_unix_s = world.clock.unix_s() - 1
         await repeated(LOST_AFTER_S, camera.heartbeat, companion.heartbeat, other.heartbeat)
         (lost,) = [c for c in vehicle.components.all() if c.lost]
-        assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(heard_unix_s, abs=0.3))
+        assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(lost_since_unix_s, abs=0.3))
         await repeated(1, gimbal.heartbeat)
         said = [e.text for e in vehicle.events.since() if e.kind == "component"]
         assert sorted(said[:4]) == [

@@ -11,7 +11,7 @@ import pytest
 
 from gcs_server.streamer.groups import plan
 from gcs_server.streamer.groups.checks import GroupChecks
-from gcs_server.streamer.groups.plan import MAX_PLAN_S, Planned, first_conflict, too_near_now
+from gcs_server.streamer.groups.plan import MAX_PLAN_S, PlannedMember, first_conflict, too_near_now
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView, motion_of
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
@@ -44,7 +44,7 @@ def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
 
 
 def planned(vehicle, setpoint, east_m=0.0, duration_s=30.0, **more):
-    return Planned(vehicle, setpoint, snapshot(east_m, **more), duration_s)
+    return PlannedMember(vehicle, setpoint, snapshot(east_m, **more), duration_s)
 
 
 def conflict(*members, minimum_m=3.0):
@@ -148,7 +148,7 @@ def test_paths_are_compared_in_time():
 
 def test_a_running_path_is_checked_from_its_current_point():
     path = Path((PathPoint(0.0, (0.0, 0.0, -10.0)), PathPoint(20.0, (40.0, 0.0, -10.0))))
-    late = Planned("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
+    late = PlannedMember("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
     passed = planned("2", None, position=(4.0, 0.0, -10.0))
     assert conflict(late, passed) is None
     ahead = planned("2", None, position=(38.0, 0.0, -10.0))
