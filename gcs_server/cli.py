@@ -45,7 +45,7 @@ examples:
   gcs serve --host 0.0.0.0                 allow access from other machines; prints a link with the token
   gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
   gcs replay flight.tlog --speed 2         replay a recording
-  gcs sim --help                           the simulated PX4 by itself
+  gcs sim --help                           only the simulated PX4
 
 Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_SIM_ARGS,
 GCS_DATA, GCS_TOKEN, GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with
@@ -95,7 +95,7 @@ def build_parser() -> argparse.ArgumentParser:
     replay.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
     _serving_flags(replay)
     commands.add_parser(
-        "sim", help="run the simulated PX4 by itself", description="Passes all arguments to vehicle_sim."
+        "sim", help="run only the simulated PX4", description="Passes all arguments to vehicle_sim."
     )
     key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
     return parser

@@ -45,7 +45,7 @@ PLANNED_ACCURACY_M, PLANNED_AGE_S = 0.3, 0.1
 """Assumed accuracy and age of each position, for checks before the flight."""
 STEP_S = 0.1
 SAMPLES_AT_ONCE = 500
-"""Number of samples computed at once, which limits the memory."""
+"""Number of samples computed together, which limits the memory."""
 G_M_S2 = 9.81
 
 Vectors = NDArray[np.float64]

@@ -11,7 +11,7 @@ Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 LatDeg = Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)]
 LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, allow_inf_nan=False)]
 AltitudeM = Annotated[float, Field(ge=-12_000.0, le=100_000.0, allow_inf_nan=False)]
-"""Metres, positive up; from the bottom of the sea to the edge of space."""
+"""Metres, positive up; wide enough for any flight."""
 Metres = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
 
 Reference = Literal["home", "amsl", "terrain"]

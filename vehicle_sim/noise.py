@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 BLOCK = 64
-"""Samples drawn at once."""
+"""Samples drawn together."""
 
 
 class NoiseOf(IntEnum):

@@ -188,7 +188,7 @@ class VehicleEstimate(NamedTuple):
 
 
 def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
-    """The estimates of all vehicles as plain numbers, converted at once.
+    """The estimates of all vehicles as plain numbers, converted together.
 
     Access to single array elements by the autopilots would take longer than this conversion.
     """

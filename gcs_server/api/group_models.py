@@ -35,7 +35,7 @@ class _Together(Validity):
         ge=0.05,
         le=600,
         description="How long all setpoints are valid without being renewed, counted from the end of the "
-        "longest path [s]; then `on_expiry` applies to all members at once.",
+        "longest path [s]; then `on_expiry` applies to all members at the same time.",
     )
 
 

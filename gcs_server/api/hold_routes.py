@@ -54,8 +54,8 @@ class HoldResults(BaseModel):
 async def hold_several(body: HoldRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
 
-    The command is sent to all vehicles at once, and a failure of one does not affect the others. Answers
-    once each vehicle has reported Hold or failed.
+    The command is sent to all vehicles at the same time, and a failure of one does not affect the others.
+    Answers once each vehicle has reported Hold or failed.
     """
 
     async def hold(vehicle_id: str) -> dict[str, object]:

@@ -33,7 +33,7 @@ ANSWERS_BYTES = 131_072
 UNPARSED_BYTES = 2 << 20
 """Total size of messages that wait to be parsed."""
 LARGE_MESSAGE = 4096
-"""A message with more characters is parsed in a separate turn of the event loop."""
+"""A message with more characters is parsed in a separate iteration of the event loop."""
 MAX_BACKLOG = 200
 """Maximum number of messages that wait to be parsed; older ones are superseded."""
 FLOOD_PER_S = 2000

@@ -27,7 +27,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 
 VIEWED_AT_ONCE = 100
-"""Number of parameters encoded in one turn of the event loop."""
+"""Number of parameters encoded in one iteration of the event loop."""
 
 FactsModel = model_of(
     ParamMetadata,

@@ -79,7 +79,7 @@ class FieldError(BaseModel):
 
 
 class Problem(BaseModel):
-    """Why a request was not carried out."""
+    """Why a request was not executed."""
 
     model_config = ConfigDict(frozen=True)
 

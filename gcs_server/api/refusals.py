@@ -58,7 +58,7 @@ TOO_SLOW = LimitRefusal(
     "too_slow",
     f"The request was not complete in time: its headers must arrive within {HEAD_DEADLINE_S:g} s, its body "
     f"within {BODY_DEADLINE_S:g} s.",
-    "Send it again; nothing was carried out.",
+    "Send it again; the request was not executed.",
 )
 BODY_TOO_LARGE = LimitRefusal(
     413,

@@ -1,4 +1,4 @@
-"""Starts requests one at a time, each in a separate turn of the event loop.
+"""Starts requests one at a time, each in a separate iteration of the event loop.
 
 Otherwise hundreds of simultaneous requests would be answered in one turn, and all other work of the loop
 would wait. Clients in control of a vehicle come first, then known clients, then new ones. A client that keeps
@@ -91,5 +91,5 @@ class RequestQueue:
             if not future.done():  # otherwise the request was cancelled
                 break
         future.set_result(None)
-        # This request runs in the next turn of the loop, and the one after it one turn later.
+        # This request runs in the next iteration of the loop, and the one after it one iteration later.
         asyncio.get_running_loop().call_soon(self._next)

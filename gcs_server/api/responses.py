@@ -41,7 +41,7 @@ from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
 LINES_PER_YIELD = 500
-"""Number of lines of a history that are encoded in one turn of the event loop."""
+"""Number of lines of a history that are encoded in one iteration of the event loop."""
 
 
 _SEVERAL: dict[str, dict[str, Any]] = {

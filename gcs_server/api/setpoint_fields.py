@@ -30,9 +30,9 @@ Thrust = Annotated[
     Field(allow_inf_nan=False, ge=0, le=1, description="Total thrust, 0 to 1, along the body's up axis."),
 ]
 
-POSITION_WORDS = "North, east, down of the vehicle's local origin [m]; down is negative above it."
-VELOCITY_WORDS = "North, east, down [m/s]; each at most 20."
-ACCELERATION_WORDS = "North, east, down [m/s²], without gravity; each at most 20."
+POSITION_TEXT = "North, east, down of the vehicle's local origin [m]; down is negative above it."
+VELOCITY_TEXT = "North, east, down [m/s]; each at most 20."
+ACCELERATION_TEXT = "North, east, down [m/s²], without gravity; each at most 20."
 NULL_MEANING = " null: not controlled."
 
 

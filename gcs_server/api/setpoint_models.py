@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 from pydantic import FailFast, Field, model_validator
 
 from gcs_server.api.setpoint_fields import (
-    ACCELERATION_WORDS,
+    ACCELERATION_TEXT,
     NULL_MEANING,
-    POSITION_WORDS,
-    VELOCITY_WORDS,
+    POSITION_TEXT,
+    VELOCITY_TEXT,
     Angle,
     Latitude,
     Longitude,
@@ -41,7 +41,7 @@ class PositionSetpoint(YawOrRate):
     model_config = example(type="position", position_ned_m=[0, 0, -10])
 
     type: Literal["position"]
-    position_ned_m: PartialPositionNed = Field(description=POSITION_WORDS)
+    position_ned_m: PartialPositionNed = Field(description=POSITION_TEXT)
 
     def to_setpoint(self) -> s.Position:
         return s.Position(self.position_ned_m, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
@@ -102,7 +102,7 @@ class VelocitySetpoint(YawOrRate):
     model_config = example(type="velocity", velocity_ned_m_s=[1, 0, 0])
 
     type: Literal["velocity"]
-    velocity_ned_m_s: PartialVelocity = Field(description=VELOCITY_WORDS)
+    velocity_ned_m_s: PartialVelocity = Field(description=VELOCITY_TEXT)
 
     def to_setpoint(self) -> s.Velocity:
         return s.Velocity(self.velocity_ned_m_s, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
@@ -129,7 +129,7 @@ class AccelerationSetpoint(YawOrRate):
     model_config = example(type="acceleration", acceleration_ned_m_s2=[0.5, 0, 0])
 
     type: Literal["acceleration"]
-    acceleration_ned_m_s2: PartialAcceleration = Field(description=ACCELERATION_WORDS)
+    acceleration_ned_m_s2: PartialAcceleration = Field(description=ACCELERATION_TEXT)
 
     def to_setpoint(self) -> s.Acceleration:
         return s.Acceleration(self.acceleration_ned_m_s2, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
@@ -145,10 +145,10 @@ class TrajectorySetpoint(YawOrRate):
     )
 
     type: Literal["trajectory"]
-    position_ned_m: PartialPositionNed = Field(default=s.NOTHING, description=POSITION_WORDS + NULL_MEANING)
-    velocity_ned_m_s: PartialVelocity = Field(default=s.NOTHING, description=VELOCITY_WORDS + NULL_MEANING)
+    position_ned_m: PartialPositionNed = Field(default=s.NOTHING, description=POSITION_TEXT + NULL_MEANING)
+    velocity_ned_m_s: PartialVelocity = Field(default=s.NOTHING, description=VELOCITY_TEXT + NULL_MEANING)
     acceleration_ned_m_s2: PartialAcceleration = Field(
-        default=s.NOTHING, description=ACCELERATION_WORDS + NULL_MEANING
+        default=s.NOTHING, description=ACCELERATION_TEXT + NULL_MEANING
     )
 
     def to_setpoint(self) -> s.Trajectory:
@@ -265,7 +265,7 @@ class PathPointBody(StrictBody):
     t_s: float = Field(
         allow_inf_nan=False, ge=0, le=3600, description="Time since the start of the path [s]."
     )
-    position_ned_m: PositionNed = Field(description=POSITION_WORDS)
+    position_ned_m: PositionNed = Field(description=POSITION_TEXT)
     yaw_ned_rad: Angle | None = Field(
         default=None, description="Heading clockwise from north [rad]; given for all points or for none."
     )

@@ -104,7 +104,7 @@ class Gcs:
         return Vehicle(self, vehicle_id)
 
     async def hold(self, vehicles: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """Switches several vehicles to Hold at once, even if another client has control.
+        """Switches several vehicles to Hold at the same time, even if another client has control.
 
         Args:
             vehicles: their ids; default: all armed vehicles.

@@ -84,7 +84,7 @@ class SyncGcs(LoopThread):
         return SyncVehicle(self._inner.vehicle(vehicle_id), self._portal)
 
     def hold(self, vehicles: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """Switches several vehicles to Hold at once, even if another client has control.
+        """Switches several vehicles to Hold at the same time, even if another client has control.
 
         Args:
             vehicles: their ids; default: all armed vehicles.

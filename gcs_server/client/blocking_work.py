@@ -252,7 +252,7 @@ class SyncPlans:
     def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
         """Converts a file to a plan (`plan`, `areas`, `notes`); saves nothing.
 
-        `altitude_m` and `altitude_reference` are for points that have no altitude.
+        Points without an altitude get `altitude_m` with `altitude_reference`.
         """
         return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
 

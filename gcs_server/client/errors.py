@@ -64,7 +64,7 @@ class NoReply(ApiError):
 
 
 class Unreachable(Exception):
-    """The server did not answer; the request may or may not have been carried out."""
+    """The server did not answer; the request may or may not have been executed."""
 
 
 class Timeout(Exception):

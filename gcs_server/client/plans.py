@@ -103,7 +103,7 @@ class Plans:
     async def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
         """Converts a file to a plan (`plan`, `areas`, `notes`); saves nothing.
 
-        `altitude_m` and `altitude_reference` are for points that have no altitude.
+        Points without an altitude get `altitude_m` with `altitude_reference`.
         """
         query = urlencode({"filename": filename, **altitude})
         return json.loads(await self._gcs.raw("POST", f"/plans/import?{query}", content=data))

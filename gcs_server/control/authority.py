@@ -29,8 +29,8 @@ log = logging.getLogger(__name__)
 EXPIRY_PERIOD_S = 0.5
 FLYING = ("in_air", "taking_off", "landing")
 MOVING_MODES = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
-"""Modes in which the vehicle moves by itself, so that Hold stops it. In other modes a pilot flies, or the
-vehicle hovers or lands."""
+"""Modes in which the vehicle moves without a pilot, so that Hold stops it. In other modes a pilot flies, or
+the vehicle hovers or lands."""
 
 
 @dataclass(frozen=True, slots=True)

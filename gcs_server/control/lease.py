@@ -17,7 +17,7 @@ from typing import Literal
 
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MAX_REQUESTS, REQUEST_LIFETIME_S, PendingRequest, make_room
+from gcs_server.control.requests import MAX_REQUESTS, REQUEST_LIFETIME_S, PendingRequest, remove_oldest_denied
 from gcs_server.errors import NotInControl, Refused
 
 OnControlLost = Literal["nothing", "hold", "land", "rtl"]
@@ -268,7 +268,7 @@ class Lease:
         if known is not None and not known.denied:
             known.reason = reason or known.reason
             return
-        make_room(self._requests, client, self.vehicle_id)
+        remove_oldest_denied(self._requests, client, self.vehicle_id)
         self._requests[client.key] = PendingRequest(client, reason, self.clock.unix_s(), now_s, now_s)
         because = f": {reason}" if reason else ""
         text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{because}."

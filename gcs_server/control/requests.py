@@ -28,7 +28,7 @@ class PendingRequest:
     denied: bool = False
 
 
-def make_room(pending: dict[str, PendingRequest], client: Principal, vehicle_id: str) -> None:
+def remove_oldest_denied(pending: dict[str, PendingRequest], client: Principal, vehicle_id: str) -> None:
     """Removes the oldest denied request if the limit is reached.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Accepts connections: a few per turn of the event loop, and only if there is room.
+"""Accepts connections: a few per iteration of the event loop, and only if there is room.
 
 asyncio's own acceptor accepts all waiting connections at once, and without free file descriptors it logs a
 traceback for each of them every second.

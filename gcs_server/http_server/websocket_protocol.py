@@ -1,7 +1,7 @@
 """The protocol of one WebSocket, with limits: input is parsed in small pieces, and only as fast as the
 application reads it. uvicorn's protocol parses all input at once and stores each message; a quarter of a
 megabyte of empty frames would stall the event loop for almost a second. Here each piece is parsed in a
-separate turn of the event loop, once the application has read the messages of the previous piece.
+separate iteration of the event loop, once the application has read the messages of the previous piece.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
             self._parse_some()
 
     def handle_connect(self, event: Request) -> None:
-        """The head is complete; the application starts in the next turn of the event loop."""
+        """The head is complete; the application starts in the next iteration of the event loop."""
         super().handle_connect(event)
         if self.response.status_code == 101:
             scope = cast("dict[str, Any]", self.scope)

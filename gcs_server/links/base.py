@@ -1,4 +1,4 @@
-"""The base of all links: receives bytes with their peer, and sends bytes from any thread."""
+"""Base class of all links: receives bytes from peers, and sends bytes from any thread."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ OnState = Callable[[], None]
 
 
 class Link(ABC):
-    """Transports bytes only. The link opens itself, and opens again after a loss.
+    """Transports bytes only. After `start`, the link opens, and opens again after a loss.
 
     Subclasses implement `_open`, `_close`, `_writer`; they call `_opened`, `_lost` and `_received`.
     Everything but `submit` and `send` happens in the event loop.
@@ -174,7 +174,7 @@ class Link(ABC):
         self._counts = SendCounts()
         self._retry_s = FIRST_RETRY_S
         self._retry: asyncio.TimerHandle | None = None
-        self._wanted = False
+        self._should_be_open = False
         self.faults = FaultLog(f"link {name}")
         """Errors of this server's code while serving this link."""
         self.now_s: Callable[[], float] = time.monotonic
@@ -186,17 +186,17 @@ class Link(ABC):
         self._on_state: OnState
 
     def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_state: OnState) -> None:
-        """Starts the link; never raises for problems that may pass (a port in use, a missing device): see
+        """Starts the link. Temporary problems (a port in use, a missing device) raise no error: see
         `info()`."""
         self._loop = asyncio.get_running_loop()
         self.now_s = self._loop.time
         self._on_bytes, self._on_peer_gone, self._on_state = on_bytes, on_peer_gone, on_state
-        self._wanted = True
+        self._should_be_open = True
         try:
-            self._try()
+            self._try_to_open()
         except BaseException:  # after a fault of this program, release what was opened
-            self._wanted = False
-            self._shut()
+            self._should_be_open = False
+            self._close_and_forget_peers()
             raise
 
     def submit(self, packet: Packet) -> bool:
@@ -217,7 +217,7 @@ class Link(ABC):
         """The open socket of a datagram link, with which another process may also send; otherwise None."""
         return None
 
-    def sent_elsewhere(self, size_bytes: int) -> None:
+    def count_sent_elsewhere(self, size_bytes: int) -> None:
         """Counts a frame that another process has sent with this link's socket."""
         with self._counts.lock:
             self._counts.frames_sent += 1
@@ -252,10 +252,10 @@ class Link(ABC):
 
     async def close(self) -> None:
         """Closes the link; returns once the socket or device is released."""
-        self._wanted = False
+        self._should_be_open = False
         if self._retry is not None:
             self._retry.cancel()
-        self._shut()
+        self._close_and_forget_peers()
         self._set_state("closed", "")
 
     # --- for subclasses --------------------------------------------------------------------------
@@ -284,13 +284,13 @@ class Link(ABC):
 
     def _lost(self, reason: str) -> None:
         """Closes the link and schedules a retry."""
-        self._shut()
-        if not self._wanted:
+        self._close_and_forget_peers()
+        if not self._should_be_open:
             return
         self._set_state("waiting", reason)
         if self._retry is not None:
             self._retry.cancel()
-        self._retry = self._loop.call_later(self._retry_s, self._try)
+        self._retry = self._loop.call_later(self._retry_s, self._try_to_open)
         self._retry_s = min(self._retry_s * 2, MAX_RETRY_S)
 
     def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
@@ -324,7 +324,7 @@ class Link(ABC):
             self._state, self._detail = state, detail
             self._changed()
 
-    def _attempt(self, step: Callable[..., None], *arguments: object) -> None:
+    def _run_opening_step(self, step: Callable[..., None], *arguments: object) -> None:
         """Runs a step of opening the link; if the step fails, opening is tried again."""
         try:
             step(*arguments)
@@ -334,15 +334,15 @@ class Link(ABC):
             self.faults.add(error, "opening")
             self._lost(OPENING_FAILED)
 
-    def _try(self) -> None:
+    def _try_to_open(self) -> None:
         self._retry = None
-        if not self._wanted:
+        if not self._should_be_open:
             return
         if self._state != "waiting":
             self._set_state("connecting", "")
-        self._attempt(self._open)
+        self._run_opening_step(self._open)
 
-    def _shut(self) -> None:
+    def _close_and_forget_peers(self) -> None:
         try:
             self._close()
         except Exception as error:

@@ -10,7 +10,7 @@ from gcs_server.faults import FaultLog
 WAKE_INTERVAL_S = 0.005
 """Minimum time between two reads of a busy link; bytes after a pause are read immediately [s]."""
 MAX_READ_S = 0.02
-"""Maximum time spent on one link per turn of the event loop [s]. The remaining data wait in the system's
+"""Maximum time spent on one link per iteration of the event loop [s]. The remaining data wait in the system's
 buffer; if it overflows, bytes are lost on this link only."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
 """(pieces per second, seconds between two reads). A busy link is read less often, because each wake-up costs

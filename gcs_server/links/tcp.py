@@ -34,10 +34,16 @@ class TcpLink(Link):
         self._first_bytes = FirstBytes()
 
     def _open(self) -> None:
-        resolve(self._loop, self._host, self._port, lambda a: self._attempt(self._resolved, a), self._lost)
+        resolve(
+            self._loop,
+            self._host,
+            self._port,
+            lambda a: self._run_opening_step(self._resolved, a),
+            self._lost,
+        )
 
     def _resolved(self, address: Address) -> None:
-        if not self._wanted or self._socket is not None:
+        if not self._should_be_open or self._socket is not None:
             return
         self._socket = sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         sock.setblocking(False)
@@ -47,7 +53,7 @@ class TcpLink(Link):
             self._lost(self._explain(OSError(result, "")))
             return
         self._connecting = True
-        self._loop.add_writer(sock.fileno(), self._attempt, self._connected)
+        self._loop.add_writer(sock.fileno(), self._run_opening_step, self._connected)
 
     def _connected(self) -> None:
         sock = self._socket
@@ -134,10 +140,16 @@ class TcpServerLink(Link):
         return replace(info, detail=self._closed_connections.text(self._loop.time()))
 
     def _open(self) -> None:
-        resolve(self._loop, self._host, self._port, lambda a: self._attempt(self._resolved, a), self._lost)
+        resolve(
+            self._loop,
+            self._host,
+            self._port,
+            lambda a: self._run_opening_step(self._resolved, a),
+            self._lost,
+        )
 
     def _resolved(self, address: Address) -> None:
-        if not self._wanted or self._socket is not None:
+        if not self._should_be_open or self._socket is not None:
             return
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:

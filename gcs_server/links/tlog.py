@@ -20,7 +20,7 @@ TICK_S = 0.02
 RECORDS_PER_TICK = 500
 """Limits a tick to about 10 ms of the event loop; if more is due, the replay falls behind."""
 CONDENSE_FROM = 100
-"""If more records are due at once, only those needed for the vehicles' state are played."""
+"""If more records are due at the same time, only those needed for the vehicles' state are played."""
 READ_AHEAD = 4000
 AT_ITS_END = "The recording is at its end."
 
@@ -187,8 +187,8 @@ class TlogLink(Link):
         self._loop.run_in_executor(self._reader, work).add_done_callback(done)
 
     def _end(self, why: str) -> None:
-        if self._wanted:
-            self._wanted = False
+        if self._should_be_open:
+            self._should_be_open = False
             self._close()
             self._set_state("ended", why)
 
@@ -203,7 +203,7 @@ class TlogLink(Link):
                 self._play_due(timeline, clock)
         except Exception as error:
             self.faults.add(error, "playing")
-        if self._wanted and self._timeline is not None:
+        if self._should_be_open and self._timeline is not None:
             behind = self._speed == 0 and bool(self._pending)
             self._timer = self._loop.call_later(0.0 if behind else TICK_S, self._tick)
 
@@ -237,7 +237,7 @@ class TlogLink(Link):
         for record in records:
             clock.time_us = max(clock.time_us, record.time_us)
             self._received(record.raw, self._peer, clock.monotonic_s())
-            if not self._wanted:  # the receiver closed the link
+            if not self._should_be_open:  # the receiver closed the link
                 return
 
     def _read_on(self) -> None:

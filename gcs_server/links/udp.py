@@ -60,10 +60,16 @@ class UdpLink(Link):
         return self._socket
 
     def _open(self) -> None:
-        resolve(self._loop, self._host, self._port, lambda a: self._attempt(self._resolved, a), self._lost)
+        resolve(
+            self._loop,
+            self._host,
+            self._port,
+            lambda a: self._run_opening_step(self._resolved, a),
+            self._lost,
+        )
 
     def _resolved(self, address: Address) -> None:
-        if not self._wanted or self._socket is not None:
+        if not self._should_be_open or self._socket is not None:
             return
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:

@@ -183,10 +183,10 @@ class Connection:
         """Forwards a frame unchanged."""
         self.sender.forward(frame, peer)
 
-    def sent_elsewhere(self, time_us: int, raw: bytes) -> None:
+    def count_sent_elsewhere(self, time_us: int, raw: bytes) -> None:
         """Records a frame that the stream process has sent with this link's socket, with its time [us since
         1970]. May be called from any thread."""
-        self.link.sent_elsewhere(len(raw))
+        self.link.count_sent_elsewhere(len(raw))
         if self._recording is not None:
             self._recording.append(stamp(time_us), raw)
 

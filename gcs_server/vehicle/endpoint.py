@@ -3,9 +3,9 @@
 System ids are set by hand, and duplicates are common. Therefore an endpoint is assigned to a vehicle only by
 one of these rules:
 
-1. Both autopilots have a unique uid: equal uids are one vehicle, different ones two.
-2. On one link, two peers that both send are two vehicles (a vehicle has one address there). A peer that
-sends after the other has stopped sending is the same vehicle with a new port.
+1. Both autopilots have a unique uid: with equal uids they are one vehicle, with different uids two.
+2. On one link, two peers that both send are two vehicles, because a vehicle has one address per link. A peer
+that sends after the other has stopped sending is the same vehicle with a new port.
 3. On two links, one autopilot has one boot clock: streams whose boot time agrees are one vehicle. This also
 separates simulators, which all have the same uid.
 
@@ -55,7 +55,7 @@ _boot_ms = struct.Struct("<I")
 MAVLINK, ROS2 = "MAVLink", "ROS 2"
 """Protocols of links."""
 RECEIVED_WITHIN_S = 1.5
-"""A link is preferred only if its newest message is less than this older than the newest of all links [s]."""
+"""A link is preferred if its newest message is at most this much older than that of any other link [s]."""
 
 
 class SameVehicle(enum.Enum):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from gcs_server.vehicle.check_words import CHECKS
+from gcs_server.vehicle.check_texts import CHECKS
 from gcs_server.vehicle.event_definitions import Definitions
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAV_STATE
 

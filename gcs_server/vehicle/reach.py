@@ -41,7 +41,7 @@ class Reach:
     setpoints: str | None
     """Protocol over which setpoints are sent."""
     missing: tuple[Feature, ...]
-    """What the vehicle's links do not carry; requests for it are refused at once. Empty over MAVLink."""
+    """What the vehicle's links do not carry; requests for it are refused immediately. Empty over MAVLink."""
 
 
 def reach_of(endpoints: Sequence[Endpoint]) -> Reach:

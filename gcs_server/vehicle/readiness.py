@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from gcs_server.vehicle.check_words import COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.check_texts import COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.foreign import cut
 from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 

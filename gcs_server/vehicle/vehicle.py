@@ -257,7 +257,7 @@ class Vehicle:
         task.add_done_callback(lambda _: work.close())  # cancelled before its first step
 
     def _fetch_metadata(self) -> None:
-        self.in_background("metadata of its events", self.health.learn(self.metadata))
+        self.in_background("metadata of its events", self.health.read_texts(self.metadata))
 
     # --- written by the fleet only --------------------------------------------------------------
 

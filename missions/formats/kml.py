@@ -184,10 +184,10 @@ def _properties(placemark: Element) -> dict[str, Any]:
 
 def _coordinates(geometry: Element, name: str) -> tuple[Coordinate, ...]:
     text = next(((each.text or "") for each in _all(geometry, "coordinates")), "")
-    words = text.split()
-    if len(words) > MAX_ITEMS:
+    coordinates = text.split()
+    if len(coordinates) > MAX_ITEMS:
         raise PlanError(f"placemark {name!r}", f"more than {MAX_ITEMS} coordinates", "Simplify it.")
-    return tuple(_coordinate(each, name) for each in words)
+    return tuple(_coordinate(each, name) for each in coordinates)
 
 
 def _coordinate(text: str, name: str) -> Coordinate:

@@ -184,7 +184,7 @@ def _to_wire(item: SimpleItem, seq: int) -> WireItem:
         frame, params = MAV_FRAME_GLOBAL_INT, (*params[:6], altitude.resolved_amsl_m)
     command = item.command if isinstance(item, CommandItem) else item.COMMAND
     p1, p2, p3, p4, _, _, z = (_float32(value, n) for n, value in enumerate(params, start=1))
-    x, y = (_integer(params[n - 1], frame, n) for n in (5, 6))
+    x, y = (_wire_integer(params[n - 1], frame, n) for n in (5, 6))
     return WireItem(seq, frame, command, p1, p2, p3, p4, x, y, z, item.autocontinue, current=seq == 0)
 
 
@@ -196,7 +196,7 @@ def _float32(value: float | None, number: int) -> float:
         raise PlanError(f"parameter {number}", reason, "Correct this value.") from None
 
 
-def _integer(value: float | None, frame: int, number: int) -> int:
+def _wire_integer(value: float | None, frame: int, number: int) -> int:
     scale = 1e7 if frame in REFERENCE_OF_FRAME else 1e4 if frame in LOCAL_FRAMES else 1.0
     if value is None and frame in REFERENCE_OF_FRAME:
         raise PlanError(f"parameter {number}", "the position is missing", "Set latitude and longitude.")

@@ -59,12 +59,12 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
             update={"resolved_amsl_m": None if amsl_m is None else round(amsl_m + altitude.value_m, 2)}
         )
 
-    def at_height(item: SimpleItem) -> SimpleItem:
+    def with_resolved_altitude(item: SimpleItem) -> SimpleItem:
         if not isinstance(item, PlacedItem):
             return item
         return item.model_copy(update={"altitude": altitude_at(item.lat_deg, item.lon_deg, item.altitude)})
 
-    def rally_at_height(point: RallyPoint) -> RallyPoint:
+    def rally_with_resolved_altitude(point: RallyPoint) -> RallyPoint:
         return point.model_copy(
             update={"altitude": altitude_at(point.lat_deg, point.lon_deg, point.altitude)}
         )
@@ -76,13 +76,13 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     previous: PlacedItem | None = None
     for row in plan.items:
         if isinstance(row, ComplexItem):
-            inner = tuple(at_height(each) for each in row.items)
+            inner = tuple(with_resolved_altitude(each) for each in row.items)
             first_of += range(count, count + len(inner))
             count += len(inner)
             items.append(row.model_copy(update={"items": inner}))
             previous = None
             continue
-        item = at_height(row)
+        item = with_resolved_altitude(row)
         current = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
         if current is not None and previous is not None and ground is not None and tolerance_m is not None:
             between_them = _between(previous, current, ground, tolerance_m)
@@ -100,7 +100,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
         plan.model_copy(
             update={
                 "items": tuple(_with_new_target(item, first_of) for item in items) if added else tuple(items),
-                "rally_points": tuple(rally_at_height(each) for each in plan.rally_points),
+                "rally_points": tuple(rally_with_resolved_altitude(each) for each in plan.rally_points),
             }
         ),
         resolved,
@@ -128,17 +128,17 @@ def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: fl
     if low.resolved_amsl_m is None or high.resolved_amsl_m is None:
         return []
     line = between((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), ground.spacing_m)
-    share = line[:, 2]
-    height_m = low.value_m + (high.value_m - low.value_m) * share
-    wanted_m = ground.at(line[:, 0], line[:, 1]) + height_m
-    if np.isnan(wanted_m).any():
+    fractions = line[:, 2]
+    height_m = low.value_m + (high.value_m - low.value_m) * fractions
+    target_amsl_m = ground.at(line[:, 0], line[:, 1]) + height_m
+    if np.isnan(target_amsl_m).any():
         return []
-    keep = _divided(share, wanted_m, tolerance_m)
+    keep = _dividing_indices(fractions, target_amsl_m, tolerance_m)
     found: list[Waypoint] = []
     for index in keep:
         altitude = Altitude(
             value_m=round(float(height_m[index]), 2), reference="terrain",
-            resolved_amsl_m=round(float(wanted_m[index]), 2),
+            resolved_amsl_m=round(float(target_amsl_m[index]), 2),
         )  # fmt: skip
         lon_deg = float((line[index, 1] + 180.0) % 360.0 - 180.0)
         heading = end.yaw_ned_deg if isinstance(end, Waypoint | Takeoff) else None
@@ -148,17 +148,17 @@ def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: fl
     return found
 
 
-def _divided(share: np.ndarray, wanted_m: np.ndarray, tolerance_m: float) -> list[int]:
+def _dividing_indices(fractions: np.ndarray, target_amsl_m: np.ndarray, tolerance_m: float) -> list[int]:
     """Indices between the ends at which the line is divided, in order."""
     keep: list[int] = []
-    parts = [(0, len(share) - 1)]
+    parts = [(0, len(fractions) - 1)]
     while parts:
         first, last = parts.pop()
         if last - first < 2:
             continue
         inner = slice(first + 1, last)
-        straight_m = np.interp(share[inner], share[[first, last]], wanted_m[[first, last]])
-        error_m = np.abs(wanted_m[inner] - straight_m)
+        straight_m = np.interp(fractions[inner], fractions[[first, last]], target_amsl_m[[first, last]])
+        error_m = np.abs(target_amsl_m[inner] - straight_m)
         largest = int(np.argmax(error_m))
         if error_m[largest] <= tolerance_m:
             continue

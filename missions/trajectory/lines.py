@@ -33,12 +33,12 @@ def straight(points: Sequence[PassPoint]) -> Pieces:
 
     Points at the same position (made by `merge_same`) become a turn on the spot; its yaw is set later.
     """
-    where = np.array([point.position_ned_m for point in points])
-    steps = np.diff(where, axis=0)
-    sizes = np.sqrt((steps**2).sum(axis=1))
-    moves = sizes >= SAME_POINT_M
-    directions = steps / np.where(moves, sizes, 1.0)[:, None]
-    cuts, stops = _corners(points, directions, sizes, moves)
+    positions_ned_m = np.array([point.position_ned_m for point in points])
+    steps = np.diff(positions_ned_m, axis=0)
+    lengths_m = np.sqrt((steps**2).sum(axis=1))
+    moves = lengths_m >= SAME_POINT_M
+    directions = steps / np.where(moves, lengths_m, 1.0)[:, None]
+    cuts, stops = _corners(points, directions, lengths_m, moves)
     controls: list[Array] = []
     spans: list[float] = []
     stops_at = [True]
@@ -49,21 +49,24 @@ def straight(points: Sequence[PassPoint]) -> Pieces:
         spans.append(span)
         stops_at.append(halt)
 
-    share = np.linspace(0.0, 1.0, 6)[:, None]
-    for leg in range(len(sizes)):
+    fractions = np.linspace(0.0, 1.0, 6)[:, None]
+    for leg in range(len(lengths_m)):
         start_m, end_m = cuts[leg], cuts[leg + 1]
         if not moves[leg]:
-            add(np.repeat(where[leg][None], 6, axis=0), 1.0, True)
+            add(np.repeat(positions_ned_m[leg][None], 6, axis=0), 1.0, True)
             marks.append(len(spans))
             continue
-        d, length_m = directions[leg], float(sizes[leg] - start_m - end_m)
-        if length_m > 1e-9 * sizes[leg]:
-            begin = where[leg] + d * start_m
-            add(begin + share * (d * length_m), length_m, bool(stops[leg + 1]) and end_m == 0.0)
+        d, length_m = directions[leg], float(lengths_m[leg] - start_m - end_m)
+        if length_m > 1e-9 * lengths_m[leg]:
+            begin = positions_ned_m[leg] + d * start_m
+            add(begin + fractions * (d * length_m), length_m, bool(stops[leg + 1]) and end_m == 0.0)
         if end_m > 0.0:
             span = 5.0 * (1.0 - NEAR) * end_m
             arms = end_m * np.array([1.0, NEAR, BEND])[:, None]
-            into, out_of = where[leg + 1] - arms * d, where[leg + 1] + arms[::-1] * directions[leg + 1]
+            into, out_of = (
+                positions_ned_m[leg + 1] - arms * d,
+                positions_ned_m[leg + 1] + arms[::-1] * directions[leg + 1],
+            )
             left, right = _halves(np.concatenate((into, out_of)))
             add(left, span / 2.0, False)
             marks.append(len(spans))
@@ -74,7 +77,7 @@ def straight(points: Sequence[PassPoint]) -> Pieces:
 
 
 def _corners(
-    points: Sequence[PassPoint], directions: Array, sizes: Array, moves: NDArray[np.bool_]
+    points: Sequence[PassPoint], directions: Array, lengths_m: Array, moves: NDArray[np.bool_]
 ) -> tuple[list[float], list[bool]]:
     """The length that each corner cuts off its legs [m], and whether the vehicle stops there."""
     cuts, stops = [0.0] * len(points), [True] * len(points)
@@ -87,8 +90,8 @@ def _corners(
             stops[k] = False
         elif cosine > REVERSAL and points[k].corner_m >= MIN_CORNER_M:
             stops[k] = False
-            room_m = 0.5 * min(float(sizes[k - 1]), float(sizes[k]))
-            cuts[k] = min(points[k].corner_m / (DEVIATION * difference), room_m)
+            max_cut_m = 0.5 * min(float(lengths_m[k - 1]), float(lengths_m[k]))
+            cuts[k] = min(points[k].corner_m / (DEVIATION * difference), max_cut_m)
     return cuts, stops
 
 
@@ -125,33 +128,33 @@ def smooth(points: Sequence[PassPoint]) -> Pieces:
             continue
         while end < len(points) - 1 and not points[end].stop:
             end += 1
-        where = np.array([point.position_ned_m for point in points[start : end + 1]])
-        h = np.sqrt((np.diff(where, axis=0) ** 2).sum(axis=1))
-        second = _spline(where, h)
-        slope = np.diff(where, axis=0) / h[:, None]
-        first_start = slope - h[:, None] * (2.0 * second[:-1] + second[1:]) / 6.0
-        first_end = slope + h[:, None] * (second[:-1] + 2.0 * second[1:]) / 6.0
-        left = np.stack((where[:-1], first_start, second[:-1]), axis=1)
-        right = np.stack((where[1:], first_end, second[1:]), axis=1)
-        controls += list(hermite(left, right, h))
-        spans += h.tolist()
-        stops_at += [False] * (len(h) - 1) + [True]
-        marks += range(marks[-1] + 1, marks[-1] + len(h) + 1)
+        positions_ned_m = np.array([point.position_ned_m for point in points[start : end + 1]])
+        chords_m = np.sqrt((np.diff(positions_ned_m, axis=0) ** 2).sum(axis=1))
+        second = _spline(positions_ned_m, chords_m)
+        slope = np.diff(positions_ned_m, axis=0) / chords_m[:, None]
+        first_start = slope - chords_m[:, None] * (2.0 * second[:-1] + second[1:]) / 6.0
+        first_end = slope + chords_m[:, None] * (second[:-1] + 2.0 * second[1:]) / 6.0
+        left = np.stack((positions_ned_m[:-1], first_start, second[:-1]), axis=1)
+        right = np.stack((positions_ned_m[1:], first_end, second[1:]), axis=1)
+        controls += list(hermite(left, right, chords_m))
+        spans += chords_m.tolist()
+        stops_at += [False] * (len(chords_m) - 1) + [True]
+        marks += range(marks[-1] + 1, marks[-1] + len(chords_m) + 1)
         start = end
     whole = _pieces(controls, spans, stops_at, marks)
     return whole.split(np.full(len(spans), PARTS))
 
 
-def _spline(where: Array, h: Array) -> Array:
+def _spline(positions_ned_m: Array, chords_m: Array) -> Array:
     """The second derivatives of the natural cubic spline (solves the tridiagonal system)."""
-    count = len(where)
-    second = np.zeros_like(where)
+    count = len(positions_ned_m)
+    second = np.zeros_like(positions_ned_m)
     if count < 3:
         return second
-    slopes = np.diff(where, axis=0) / h[:, None]
+    slopes = np.diff(positions_ned_m, axis=0) / chords_m[:, None]
     right = 6.0 * np.diff(slopes, axis=0)
-    diagonal = (2.0 * (h[:-1] + h[1:])).tolist()
-    between = h[1:-1].tolist()
+    diagonal = (2.0 * (chords_m[:-1] + chords_m[1:])).tolist()
+    between = chords_m[1:-1].tolist()
     for k in range(1, count - 2):
         factor = between[k - 1] / diagonal[k - 1]
         diagonal[k] -= factor * between[k - 1]

@@ -175,16 +175,16 @@ class Flown:
 
 async def _watch(gcs: Gcs, vehicle_id: str, flown: Flown) -> None:
     """Notes the next flight, until the vehicle says that it is disarmed."""
-    async for told in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
-        if told["type"] == "sample":
+    async for sample in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
+        if sample["type"] == "sample":
             flown.begun.set()
-            flown.t_s.append(told["vehicle_time_boot_s"])
-            flown.places.append(told["value"]["position_ned_m"])
-        elif told["vehicle"] != vehicle_id:
+            flown.t_s.append(sample["vehicle_time_boot_s"])
+            flown.places.append(sample["value"]["position_ned_m"])
+        elif sample["vehicle"] != vehicle_id:
             continue  # events of all vehicles arrive
-        elif told["text"].startswith("Armed by"):
+        elif sample["text"].startswith("Armed by"):
             flown.armed_at_s = flown.t_s[-1]
-        elif told["text"].startswith("Disarmed by"):
+        elif sample["text"].startswith("Disarmed by"):
             flown.disarmed_at_s = flown.t_s[-1]
             return
 

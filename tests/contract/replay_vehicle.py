@@ -68,7 +68,7 @@ class Vehicle:
         self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
         self.reports: list[list[Received]] = []
         """Valid arming reports in the form in which they are sent, the newest last."""
-        self._told: CheckResults | None = None
+        self._published_report: CheckResults | None = None
         self.states: list[tuple[float, dict[str, Any]]] = []
         """Armed, mode and landed state, and the time of the change."""
         self.counts: dict[int, int] = {}
@@ -147,8 +147,8 @@ class Vehicle:
         if not self.states or state != self.states[-1][1]:
             self.states.append((self.now_s, state))
         report = self.commander.report
-        if report is not self._told and report != self._told:
-            self._told = report
+        if report is not self._published_report and report != self._published_report:
+            self._published_report = report
             self.reports.append(_as_sent(report))
         for via, parser in self._parsers.items():
             for frame in self.sim.frames(0, via):

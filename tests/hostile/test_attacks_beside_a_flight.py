@@ -16,8 +16,8 @@ import pytest
 from tests.hostile.attacked_flight import AttackedFlight, attack, attacked_flight, endless_recording, pause
 
 FUZZ_FRAMES = int(os.environ.get("HOSTILE_FRAMES", "500000"))
-SHEDDING = {503}
-"""Statuses with which the server refuses a client that asks for too much."""
+OVERLOAD_STATUSES = {503}
+"""Statuses with which the server refuses a client that sends too many requests."""
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +41,17 @@ def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(fl
     """The test requests its readiness, its parameters and their metadata."""
     asked: set[int] = set()
 
-    def ask() -> None:
+    def request_everything() -> None:
         with httpx.Client(base_url=f"{flight.url}/api/v1/vehicles/66", timeout=60) as client:
             for path in ("", "/readiness", "/params", "/params", "/offboard", "/history?topics=attitude"):
                 asked.add(client.get(path).status_code)
             asked.add(client.post("/params/refresh").status_code)
 
     with flight.under_attack():
-        asking = threading.Timer(2.0, ask)
-        asking.start()
+        requester = threading.Timer(2.0, request_everything)
+        requester.start()
         attack("vehicles", "files", flight.hostile_port, 1, 25)
-        asking.join()
+        requester.join()
     assert not {status for status in asked if status >= 500 and status not in (503, 504)}, asked
 
 
@@ -60,7 +60,7 @@ def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) 
     with flight.under_attack():
         statuses = {int(each) for each in attack("clients", name, flight.url.removeprefix("http://")).split()}
         pause(3)
-    assert not {status for status in statuses if status >= 500} - SHEDDING
+    assert not {status for status in statuses if status >= 500} - OVERLOAD_STATUSES
 
 
 def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedFlight) -> None:
@@ -69,12 +69,12 @@ def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedF
     with flight.under_attack(), httpx.Client(base_url=f"{flight.url}/api/v1", timeout=60) as client:
         index = client.get("/recordings/endless.tlog/index")
         opened = client.post("/replays", json={"recording": "endless.tlog", "speed": 50})
-        moment = {"position_unix_s": opened.json()["end_unix_s"] - 10}
-        sought = client.post(f"/replays/{opened.json()['name']}", json=moment)
+        position = {"position_unix_s": opened.json()["end_unix_s"] - 10}
+        jumped = client.post(f"/replays/{opened.json()['name']}", json=position)
         pause(3)
         closed = client.delete(f"/replays/{opened.json()['name']}")
     assert index.json()["left_out"] > 900_000
-    assert [answer.status_code for answer in (index, opened, sought, closed)] == [200, 201, 200, 204]
+    assert [answer.status_code for answer in (index, opened, jumped, closed)] == [200, 201, 200, 204]
 
 
 def test_half_a_million_invalid_frames_affect_no_vehicle(flight: AttackedFlight) -> None:

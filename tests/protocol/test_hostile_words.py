@@ -9,7 +9,7 @@ from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, TEXTS
-from gcs_server.vehicle.services.health import LEARN_WAIT_S
+from gcs_server.vehicle.services.health import TEXTS_TIMEOUT_S
 from gcs_server.vehicle.texts import LINES_AT_ONCE, LINES_PER_S, MAX_CHUNKS, MAX_PENDING, TextJoiner
 from tests.protocol.one_vehicle import flight
 from tests.protocol.sim_world import SimulatedAutopilot
@@ -89,7 +89,7 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, j
             )
             sequence = vehicle.health._stream.expected
             vehicle.health.event(event_payload(event_id, sequence))
-            await world.clock.sleep(LEARN_WAIT_S + 1)
+            await world.clock.sleep(TEXTS_TIMEOUT_S + 1)
             assert lines(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
         finally:
             autopilot.alive = False

@@ -164,7 +164,7 @@ def test_a_vehicle_without_parameters_is_reported(kit, jump):
 def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
     async def work(world, vehicle, autopilot):
         before = (await vehicle.health.check()).findings
-        vehicle.health.use(await vehicle.metadata.events())
+        vehicle.health.apply_definitions(await vehicle.metadata.events())
         after = vehicle.health.readiness
         assert (after.words, len(after.findings)) == ("vehicle", len(before))
         words = {f.name: f.cause for f in after.findings}

@@ -12,7 +12,7 @@ from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES
 from vehicle_sim.vehicle_view import VehicleView
 
 THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
-"""Throttle stick (-1..1) above which the vehicle would climb at once, and below which there is no thrust."""
+"""Throttle stick (-1..1) above which the vehicle would climb when armed, and below which thrust is zero."""
 _LOW_WORD = 0xFFFFFFFF
 
 

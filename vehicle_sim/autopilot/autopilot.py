@@ -351,7 +351,7 @@ class Autopilot:
         return self._motion[TILT] if self._motion[TILT] < high else math.nan
 
     def _take_at_once(self) -> None:
-        """Applies a new attitude, rate or motor setpoint at once, also while the position is still
+        """Applies a new attitude, rate or motor setpoint immediately, also while the position is still
         controlled."""
         commander, setpoint = self.commander, self.offboard.setpoint
         if commander.active is not NavState.OFFBOARD or not commander.armed:

@@ -1,5 +1,5 @@
 """Arrays of the values of all autopilots that change at every tick: each autopilot uses its row, and the
-compiled ticks (`steady.py`) use all rows at once."""
+compiled ticks (`steady.py`) use all rows together."""
 
 from __future__ import annotations
 

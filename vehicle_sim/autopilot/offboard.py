@@ -120,7 +120,7 @@ class Offboard:
         self.invalid = False
         """Whether the newest setpoint controls nothing; the vehicle then descends level."""
         self.on_setpoint: Callable[[], None] = _no_listener
-        """Called at each attitude, rate, torque or motor setpoint, because these are applied at once."""
+        """Called at each attitude, rate, torque or motor setpoint, because these are applied immediately."""
 
     def signal(self) -> bool:
         """Whether a valid setpoint was received within COM_OF_LOSS_T."""

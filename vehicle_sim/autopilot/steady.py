@@ -2,7 +2,7 @@
 
 Most ticks decide nothing: an armed vehicle in the air climbs, descends, flies a leg or follows a stream of
 trajectory setpoints, no failsafe acts, no command has arrived, and its item is not finished. The compiled
-loops compute such ticks for all these vehicles at once, with the same formulas and results as
+loops compute such ticks for all these vehicles together, with the same formulas and results as
 `Autopilot.update`. Geofence and the checks of the commander run at their own rates. A tick that may decide
 something runs in `Autopilot.update`.
 """

@@ -90,12 +90,12 @@ def _rotate_towards(
             2.0 * ry / total * gain[i, 1],
             2.0 * rz / total * gain[i, 2],
         )
-        feed = yaw_rate_ned_rad_s[i]
-        if math.isfinite(feed):
+        feed_forward = yaw_rate_ned_rad_s[i]
+        if math.isfinite(feed_forward):
             # The NED z axis in FRD.
-            roll += feed * 2.0 * (q[1] * q[3] - q[0] * q[2])
-            pitch += feed * 2.0 * (q[2] * q[3] + q[0] * q[1])
-            yaw += feed * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])
+            roll += feed_forward * 2.0 * (q[1] * q[3] - q[0] * q[2])
+            pitch += feed_forward * 2.0 * (q[2] * q[3] + q[0] * q[1])
+            yaw += feed_forward * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])
         rates[i, 0] = constrain(roll, -limit[i, 0], limit[i, 0])
         rates[i, 1] = constrain(pitch, -limit[i, 1], limit[i, 1])
         rates[i, 2] = constrain(yaw, -limit[i, 2], limit[i, 2])

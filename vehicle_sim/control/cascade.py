@@ -127,7 +127,7 @@ class Cascade:
             setpoints.override_level[rows] = _DISARMED
 
     def _override_rates(self, setpoints: Setpoints) -> None:
-        """Applies overriding body rates at once if they arrived between two runs of the outer controllers."""
+        """Applies overriding body rates that arrived between two runs of the outer controllers."""
         rows = (setpoints.override_level == _RATES) & self._groups.trajectory
         if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)

@@ -3,8 +3,8 @@
 A strapdown prediction runs at half the IMU rate, because PX4's filter also combines two samples. A Kalman
 filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
 and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections
-smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). A reset moves them by the step of the filter at once; what they still
-lag behind earlier corrections remains. Without aiding the estimate drifts with the errors of the IMU, and
+smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). A reset moves them immediately by the step of the filter; their lag
+behind earlier corrections remains. Without aiding the estimate drifts with the errors of the IMU, and
 becomes invalid after EKF2_NOAID_TOUT.
 """
 
@@ -262,7 +262,7 @@ class Estimator:
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
     def _fuse(self, sensors: SensorState, counts: list[int], constrain: bool) -> None:
-        """Fuses new samples; the outputs follow corrections smoothly and resets at once."""
+        """Fuses new samples; the outputs follow corrections smoothly and resets immediately."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
         old, self._counts = self._counts, counts
         gnss_due = counts[0] != old[0]

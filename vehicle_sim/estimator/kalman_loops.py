@@ -138,7 +138,7 @@ def fuse_states(
     first: int, innovation: Rows, variance: Rows, bad_accel: Flags, bias_limit: Rows, covariance: Blocks,
     change: Blocks, vector: Rows, q: Rows, matrix: Blocks,
 ) -> None:  # fmt: skip
-    """Fuses the measurements one after the other; with independent noise this equals fusing all at once."""
+    """Fuses the measurements one after the other; with independent noise this equals fusing all together."""
     for i in range(covariance.shape[0]):
         taken = False
         for m in range(innovation.shape[1]):

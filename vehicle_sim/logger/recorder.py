@@ -1,6 +1,6 @@
 """Samples the array topics of all logging vehicles: one copy per column and step, encoded in whole blocks.
 
-A step costs one small copy per array. NumPy encodes forty samples of all vehicles at once, so that logging
+A step costs one small copy per array. NumPy encodes forty samples of all vehicles together, so that logging
 takes about one per cent of the simulation's computing time.
 """
 

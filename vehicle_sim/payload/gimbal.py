@@ -1,9 +1,9 @@
 """A three-axis gimbal and its manager: control, setpoints, and motion.
 
-The manager follows PX4's (MNT_MODE_IN 4). With MNT_MODE_OUT 0 it drives servos: angles are reached at once,
-within half of MNT_RANGE_* to either side, relative to the body unless MNT_DO_STAB compensates the vehicle's
-attitude. With MNT_MODE_OUT 2 it commands a separate gimbal device, which has a lag and a maximum rate, and
-keeps a locked yaw relative to north.
+The manager follows PX4's (MNT_MODE_IN 4). With MNT_MODE_OUT 0 it drives servos: angles are reached
+immediately, within half of MNT_RANGE_* to either side, relative to the body unless MNT_DO_STAB compensates
+the vehicle's attitude. With MNT_MODE_OUT 2 it commands a separate gimbal device, which has a lag and a
+maximum rate, and keeps a locked yaw relative to north.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Batteries that drain linearly while armed, within SIM_BAT_DRAIN seconds, as in PX4's battery simulator.
 
-While armed the charge falls from full to SIM_BAT_MIN_PCT; disarming restores full charge at once. A raised
+While armed the charge falls from full to SIM_BAT_MIN_PCT; disarming restores full charge. A raised
 minimum raises the charge. The voltage is linear in the charge, from BAT1_V_EMPTY to BAT1_V_CHARGED per cell.
 The autopilot's estimate of the remaining charge follows it within a second. The current is not measured (-1),
 so consumption is not counted.

@@ -22,7 +22,7 @@ DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in Requiremen
 
 
 def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
-    """Current faults; the topic is published at once when they change."""
+    """Current faults; the topic is published immediately when they change."""
     estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
     position = checks.position_good
     return {

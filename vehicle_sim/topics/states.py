@@ -47,7 +47,7 @@ class StateTopic:
     """0: only when it changes."""
     read: Callable[[], Values]
     key: Callable[[], object] | None = None
-    """The topic is written at once when this value changes."""
+    """The topic is written immediately when this value changes."""
 
     def pack(self, time_us: int, values: Values | None = None) -> bytes:
         """A data message; fields missing in `read` are zero."""

@@ -53,13 +53,13 @@ class GroupChecks:
     def __init__(self, clock: Clock, streams: Streams) -> None:
         self._clock = clock
         self._streams = streams
-        self._piece = asyncio.Lock()
-        """Locked while one piece of a plan is computed, so that concurrent plans together compute only one
-        piece per iteration of the event loop.
+        self._computing = asyncio.Lock()
+        """Locked while one piece of a prediction is computed, so that concurrent predictions together compute
+        only one piece per iteration of the event loop.
         """
 
     def check_start_time(self, request: GroupRequest, earliest_s: float) -> None:
-        """Raises InvalidRequest if the common start is too early or too far in the future."""
+        """Raises InvalidRequest if the common start is too early or too late."""
         at = request.start_at_unix_s
         if at is None:
             return
@@ -111,7 +111,7 @@ class GroupChecks:
             members[vehicle_id].vehicle.require_commandable()
             self.check_setpoint(members[vehicle_id], index, request, "setpoints")
 
-    async def check_apart(
+    async def check_separation(
         self,
         minimum_m: float,
         members: Mapping[str, Member],
@@ -122,7 +122,7 @@ class GroupChecks:
         """Predicts the flights from positions and setpoints, and checks that all vehicles stay apart.
 
         Meanwhile the event loop does other work and the vehicles continue to fly. Therefore repeat the
-        earlier checks afterwards, and call `check_apart_now`.
+        earlier checks afterwards, and call `check_separation_now`.
 
         Args:
             minimum_m: the minimum separation.
@@ -139,7 +139,7 @@ class GroupChecks:
         planned = self._planned(now_s, members, requests, held, duration_s)
         _raise_conflict(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
 
-    def check_apart_now(
+    def check_separation_now(
         self,
         minimum_m: float,
         members: Mapping[str, Member],
@@ -155,7 +155,7 @@ class GroupChecks:
             held: members that no longer follow the group and may be anywhere.
 
         Raises:
-            NotTogether: as for `check_apart`.
+            NotTogether: as for `check_separation`.
         """
         now_s = self._clock.monotonic_s()
         _raise_conflict(
@@ -163,9 +163,9 @@ class GroupChecks:
         )
 
     async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
-        """Computes a plan piece by piece; the event loop does other work after each piece."""
+        """Computes a prediction piece by piece; the event loop does other work after each piece."""
         while True:
-            async with self._piece:
+            async with self._computing:
                 try:
                     next(plan)
                 except StopIteration as done:
@@ -224,14 +224,14 @@ class GroupChecks:
             for vehicle_id, setpoint in setpoints.items()
         }
 
-    def left_s(self, flown: Mapping[str, Setpoint], changed: Mapping[str, Setpoint]) -> float:
+    def remaining_path_s(self, flown: Mapping[str, Setpoint], changed: Mapping[str, Setpoint]) -> float:
         """Time until the last path ends."""
-        left_s = [_duration_s(setpoint) for setpoint in changed.values()]
+        remaining_path_s = [_duration_s(setpoint) for setpoint in changed.values()]
         for vehicle_id, setpoint in flown.items():
             if vehicle_id not in changed:
                 age_s = self._streams.state(vehicle_id).age_s
-                left_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
-        return max(left_s, default=0.0)
+                remaining_path_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
+        return max(remaining_path_s, default=0.0)
 
 
 def _raise_conflict(conflict: Conflict | None, minimum_m: float) -> None:

@@ -66,9 +66,9 @@ class Groups:
         self._checks.check_start_time(request, MIN_LEAD_S)
         members = self._joinable(request)
         requests = self._checks.requests(request, request.setpoints)
-        await self._checks.check_apart(request.minimum_separation_m, members, requests)
+        await self._checks.check_separation(request.minimum_separation_m, members, requests)
         members = self._joinable(request)  # another request may have been accepted meanwhile
-        self._checks.check_apart_now(request.minimum_separation_m, members, requests)
+        self._checks.check_separation_now(request.minimum_separation_m, members, requests)
         self._count += 1
         group = Group(str(self._count), request, dict(request.setpoints), members, self._clock.unix_s())
         self._groups[group.id] = group
@@ -77,11 +77,11 @@ class Groups:
         standby: dict[str, StreamRequest] = {}
         try:
             standby = await self._gather(group)
-            await self._checks.check_apart(request.minimum_separation_m, members, requests)
+            await self._checks.check_separation(request.minimum_separation_m, members, requests)
             group.require_gathered({v: self._streams.state(v) for v in members})
             for index, member in enumerate(members.values()):  # some seconds have passed
                 self._checks.check_setpoint(member, index, requests[member.vehicle.id])
-            self._checks.check_apart_now(request.minimum_separation_m, members, requests)
+            self._checks.check_separation_now(request.minimum_separation_m, members, requests)
             self._checks.check_start_time(request, 0.1)
         except GcsError as error:
             await self._abort_start(group, str(error))
@@ -129,14 +129,14 @@ class Groups:
         request = replace(template, setpoints=setpoints)
         requests = self._checks.requests(request, changed)
         self._checks.check_setpoints(group.members, requests)
-        left_s = self._checks.left_s(group.setpoints, changed)
-        await self._checks.check_apart(minimum_m, group.members, requests, held, left_s + valid_for_s)
+        paths_s = self._checks.remaining_path_s(group.setpoints, changed)
+        await self._checks.check_separation(minimum_m, group.members, requests, held, paths_s + valid_for_s)
         # the vehicles have moved meanwhile
         held = group.require_changeable(changed, self._guard(group)).held
         self._checks.check_setpoints(group.members, requests)
-        self._checks.check_apart_now(minimum_m, group.members, requests, held)
-        left_s = self._checks.left_s(group.setpoints, changed)
-        until_s = self._clock.monotonic_s() + left_s + valid_for_s
+        self._checks.check_separation_now(minimum_m, group.members, requests, held)
+        paths_s = self._checks.remaining_path_s(group.setpoints, changed)
+        until_s = self._clock.monotonic_s() + paths_s + valid_for_s
         snapshots = {v: group.members[v].snapshot(requests[v]) for v in changed}
         if not await self._streams.change_together(group_id, requests, snapshots, until_s):
             raise Refused(

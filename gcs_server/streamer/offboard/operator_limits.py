@@ -54,7 +54,7 @@ class VehicleOperatorLimits:
         self._vehicle = vehicle
         self._store = store
         self._owners = owners
-        self._seen_identity: Identity | None = None
+        self._last_identity: Identity | None = None
         self._key: VehicleKey | None = None
         self._record: LimitRecord | None = None
         self._restored = False
@@ -72,14 +72,14 @@ class VehicleOperatorLimits:
         self.recognise()
         record = LimitRecord(limits, self._vehicle.clock.unix_s(), by)
         self._record, self._restored, self._not_restored = record, False, None
-        await self._keep(record)
+        await self._store_record(record)
 
     def recognise(self) -> None:
         """Called periodically: restores stored limits once the vehicle is identified."""
         identity = self._vehicle.identity
-        if identity is self._seen_identity:
+        if identity is self._last_identity:
             return
-        self._seen_identity = identity
+        self._last_identity = identity
         key = key_of(identity)
         if key is None or key == self._key:
             return
@@ -93,7 +93,7 @@ class VehicleOperatorLimits:
         # set before the vehicle was identified, therefore newer than the stored limits
         if before is None and self._record is not None:
             record = self._record
-            self._vehicle.in_background("keep limits", self._keep(record))
+            self._vehicle.in_background("keep limits", self._store_record(record))
             return
         if before is not None:
             self._publish(
@@ -164,7 +164,7 @@ class VehicleOperatorLimits:
             self._record, self._restored = stored, True
             self._publish("limits_restored", self.origin().text, NOTICE)
 
-    async def _keep(self, record: LimitRecord) -> None:
+    async def _store_record(self, record: LimitRecord) -> None:
         if self._vehicle.identity.replayed:
             self._not_kept = "Limits of a recording are not stored."
             return

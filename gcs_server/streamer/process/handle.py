@@ -268,7 +268,7 @@ class WorkerHandle:
         for number, time_us, raw in values[0]:
             connection = self.connections.get(number)
             if connection is not None:
-                connection.sent_elsewhere(time_us, raw)
+                connection.count_sent_elsewhere(time_us, raw)
 
     def _reap(self) -> None:
         if self._process is None:

@@ -218,7 +218,7 @@ class StreamProcess(Streams):
         self._post(messages.EndStream(vehicle_id, code, text, number))
         state = self.state(vehicle_id)
         if state.phase != "idle" and number in (None, state.number):
-            self._begun.discard(vehicle_id)  # the end counts at once, before the process reports it
+            self._begun.discard(vehicle_id)  # the end counts immediately, before the process reports it
             self._vehicles[vehicle_id].last = StreamState(
                 rate_hz=state.rate_hz,
                 sends_failed=state.sends_failed,

@@ -6,21 +6,21 @@ from __future__ import annotations
 
 from missions.setpoints import NOTHING, Acceleration, Partial3, Position, Setpoint, Trajectory, Velocity
 
-FRAMES = (
-    "PX4 follows the local frames 1 (LOCAL_NED) and 8 (BODY_NED) and the global frames 5, 6 and 11 only, and "
-    "the type of a setpoint says which: position and velocity are local NED, velocity_body goes along the "
-    "heading, position_body is an offset from the current position (like frames 7 and 9 in MAVLink), "
+FRAME_TEXT = (
+    "PX4 follows only the local frames 1 (LOCAL_NED) and 8 (BODY_NED) and the global frames 5, 6 and 11. The "
+    "type of the setpoint selects the frame: position and velocity are local NED, velocity_body is relative "
+    "to the heading, position_body is an offset from the current position (like MAVLink frames 7 and 9), "
     "position_global is latitude and longitude."
 )
-FORCE = (
+FORCE_TEXT = (
     "PX4 does not support force setpoints: with their flag (512) it ignores the acceleration. Remove "
     "this field and give acceleration_ned_m_s2 in m/s²."
 )
-MASK = "The ignore bits follow from the fields: give null for what is not to be controlled."
+MASK_TEXT = "The ignore bits follow from the fields: give null for what is not to be controlled."
 MAVLINK_ONLY_FIELDS = {
-    **dict.fromkeys(("frame", "coordinate_frame", "mav_frame"), FRAMES),
-    **dict.fromkeys(("force", "force_ned_n", "is_force", "use_force"), FORCE),
-    **dict.fromkeys(("type_mask", "mask"), MASK),
+    **dict.fromkeys(("frame", "coordinate_frame", "mav_frame"), FRAME_TEXT),
+    **dict.fromkeys(("force", "force_ned_n", "is_force", "use_force"), FORCE_TEXT),
+    **dict.fromkeys(("type_mask", "mask"), MASK_TEXT),
 }
 """MAVLink fields that a client may send, and why the API does not have them."""
 _AXES = ("north", "east", "down")

@@ -190,7 +190,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
 def _violations(
     places: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
 ) -> NDArray[np.bool_]:
-    """Samples of a path that are outside or too fast, checked all at once."""
+    """Samples of a path that are outside or too fast, checked all together."""
     region, down_m, down_m_s = bounds.region, places[:, 2], velocities[:, 2]
     return (
         region.are_outside(places[:, :2])

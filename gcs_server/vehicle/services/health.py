@@ -14,7 +14,7 @@ from dataclasses import replace
 from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import readiness
-from gcs_server.vehicle.check_words import CHECKS
+from gcs_server.vehicle.check_texts import CHECKS
 from gcs_server.vehicle.event_definitions import Definitions
 from gcs_server.vehicle.event_stream import EventStream
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE
@@ -40,9 +40,9 @@ RESTART_S = 10.0
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
 REPORT_PERIOD_S = 0.25
 """A report that changes sooner is published with the next tick."""
-LEARN_AGAIN_S, MAX_LEARN_AGAIN_S = 30.0, 960.0
+TEXTS_RETRY_S, MAX_TEXTS_RETRY_S = 30.0, 960.0
 """Time after a failure until the vehicle's texts are requested again; doubled each time."""
-LEARN_WAIT_S = 5.0
+TEXTS_TIMEOUT_S = 5.0
 """An event without a description is published after this time."""
 
 _current = struct.Struct("<HB")
@@ -54,19 +54,18 @@ class HealthService:
 
     Args:
         vehicle: the vehicle.
-        tell: called with each event that is not part of a report, and whether it was lost and requested
-            again.
-        fetch_metadata: starts `learn` in the background.
+        publish_event: called with each event outside reports, and whether it was lost and requested again.
+        fetch_metadata: starts `read_texts` in the background.
     """
 
     def __init__(
         self,
         vehicle: VehiclePort,
-        tell: Callable[[VehicleEvent, bool], None],
+        publish_event: Callable[[VehicleEvent, bool], None],
         fetch_metadata: Callable[[], None] = lambda: None,
     ) -> None:
         self._vehicle = vehicle
-        self._tell = tell
+        self._publish_event = publish_event
         self._stream: EventStream[VehicleEvent] = EventStream()
         self._joiner = ReportJoiner()
         self._report: HealthReport | None = None
@@ -75,9 +74,9 @@ class HealthService:
         self._unpublished_unix_s: float | None = None
         """Time of a report that is not yet in `_published`."""
         self._fetch_metadata = fetch_metadata
-        self._learning = False
-        self._learn_next_s = float("-inf")
-        self._learn_again_s = LEARN_AGAIN_S
+        self._reading_texts = False
+        self._next_reading_s = float("-inf")
+        self._texts_retry_s = TEXTS_RETRY_S
         self._definitions: Definitions | None = None
         self._newest_boot_ms = 0
         self._reports = 0
@@ -113,31 +112,31 @@ class HealthService:
         found = report.findings if nav_state is None else report.causes(nav_state)
         return tuple(f.cause for f in found)
 
-    def use(self, definitions: Definitions) -> None:
+    def apply_definitions(self, definitions: Definitions) -> None:
         """Applies the vehicle's metadata: the current report gets its texts."""
         self._definitions = definitions
         if self._report is not None:
             findings = tuple(self._described_again(f) for f in self._report.findings)
             self._set(replace(self._report, findings=findings))
 
-    async def learn(self, metadata: MetadataService) -> None:
+    async def read_texts(self, metadata: MetadataService) -> None:
         """Reads the texts of events from the vehicle's metadata; raises as `metadata.events`."""
         if self._definitions is not None:
-            self._learning = False
+            self._reading_texts = False
             return
-        self._learning = True
+        self._reading_texts = True
         try:
-            self.use(await metadata.events())
+            self.apply_definitions(await metadata.events())
         finally:
-            self._learning = False
-            self._learn_next_s = self._vehicle.clock.monotonic_s() + self._learn_again_s
-            self._learn_again_s = min(self._learn_again_s * 2, MAX_LEARN_AGAIN_S)
+            self._reading_texts = False
+            self._next_reading_s = self._vehicle.clock.monotonic_s() + self._texts_retry_s
+            self._texts_retry_s = min(self._texts_retry_s * 2, MAX_TEXTS_RETRY_S)
 
     def describe_again(self, event: VehicleEvent, waited_s: float) -> VehicleEvent | None:
         """Adds the description to an event that had none; None if it may still arrive."""
         text, name, remedy = describe(event.id, event.arguments, self._definitions)
         is_described = has_description(event.id, self._definitions)
-        if not is_described and self._learning and waited_s < LEARN_WAIT_S:
+        if not is_described and self._reading_texts and waited_s < TEXTS_TIMEOUT_S:
             return None
         return replace(event, text=text, name=name, remedy=remedy, is_described=is_described)
 
@@ -181,7 +180,7 @@ class HealthService:
         ready = self._stream.take(event.sequence, event)
         if not self._is_of_report(event):
             self._request_metadata(event)
-            self._tell(event, late)
+            self._publish_event(event, late)
         self._take_in_order(ready, lost)
         self._request_missing_events()
 
@@ -245,9 +244,14 @@ class HealthService:
         if event.is_described or event.level >= LEVEL_PROTOCOL or self._definitions is not None:
             return
         now_s = self._vehicle.clock.monotonic_s()
-        if self._learning or now_s < self._learn_next_s or identity.replayed or not identity.commandable:
+        if (
+            self._reading_texts
+            or now_s < self._next_reading_s
+            or identity.replayed
+            or not identity.commandable
+        ):
             return
-        self._learning = True  # reset by `learn` when it ends
+        self._reading_texts = True  # reset by `read_texts` when it ends
         self._fetch_metadata()
 
     def _request_missing_events(self) -> None:

@@ -1,4 +1,4 @@
-"""The ROS 2 message types: recorded bytes decode to recorded fields, and ours are those of Cyclone DDS."""
+"""The ROS 2 message types: recorded bytes decode to recorded fields; encoded bytes equal Cyclone DDS's."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _check(sample: dict[str, Any]) -> None:
     values = message.decode(data)
     differ = {k: (v, values[k]) for k, v in _flat(sample["fields"]) if not _same(v, values[k])}
     assert not differ, (sample["topic"], differ)
-    # PX4 leaves what was in its buffer in the padding; a second turn has zeros there on both sides.
+    # PX4's padding contains old bytes of its buffer; our encoding and Cyclone's have zeros there.
     encoded = message.encode(values)
     assert len(encoded) <= len(data) < len(encoded) + 4
     cyclone = idl_dataclass(message).deserialize(data)

@@ -36,7 +36,7 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ITEMS_PER_TICK = 20
-"""Maximum items per tick: items without a position are executed at once, and jumps may form a loop."""
+"""Maximum items per tick: items without a position are executed immediately, and jumps may form a loop."""
 
 
 class Work(Enum):

@@ -77,8 +77,8 @@ class CommandService:
 
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
-            # PX4's receiver acknowledges at once and its commander later; the second acknowledgement is the
-            # valid one.
+            # PX4's receiver acknowledges immediately, and its commander later; the second acknowledgement is
+            # the valid one.
             self._context.acknowledge(command, ACCEPTED)
             self._defer(lambda: self._execute(command))
         elif self._queue:

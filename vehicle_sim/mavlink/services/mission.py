@@ -100,7 +100,7 @@ class MissionService:
         )  # fmt: skip
 
     def _send_reached(self) -> None:
-        """Sends MISSION_ITEM_REACHED at once, then once per second for a while."""
+        """Sends MISSION_ITEM_REACHED immediately, then once per second for a while."""
         flight, now_s = self._flight, self._context.view.time_s
         if self._reported_reached_count != flight.reached_count:
             self._reported_reached_count = flight.reached_count
@@ -228,7 +228,7 @@ class MissionService:
         self._ack(link, message.sender, ACCEPTED, transfer.kind)
 
     def clear(self, link: Link, message: Message) -> None:
-        """Clears plans; clearing an unknown type succeeds at once."""
+        """Clears plans; clearing an unknown type succeeds immediately."""
         if not self._context.is_for_me(message):
             return
         transfer, kind = self._transfer(link), message.mission_type

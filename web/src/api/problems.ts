@@ -73,7 +73,7 @@ export function unreachable(): Problem {
     title: 'The server did not answer',
     detail: 'The command may or may not have reached the vehicle: check what the vehicle does.',
     reasons: [],
-    remedy: 'Check that the server is running. The page reconnects by itself.',
+    remedy: 'Check that the server is running. The page reconnects automatically.',
     code: 'unreachable',
     status: 0,
     field: null,

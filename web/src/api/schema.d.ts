@@ -432,8 +432,8 @@ export interface paths {
          * Hold Several
          * @description Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
          *
-         *     The command is sent to all vehicles at once, and a failure of one does not affect the others. Answers
-         *     once each vehicle has reported Hold or failed.
+         *     The command is sent to all vehicles at the same time, and a failure of one does not affect the others.
+         *     Answers once each vehicle has reported Hold or failed.
          */
         readonly post: operations["hold_several_api_v1_hold_post"];
         readonly delete?: never;
@@ -5917,7 +5917,7 @@ export interface components {
         readonly GroupSetpoints: {
             /**
              * Valid For S
-             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at once.
+             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at the same time.
              */
             readonly valid_for_s?: number;
             /**
@@ -10178,7 +10178,7 @@ export interface components {
         };
         /**
          * Problem
-         * @description Why a request was not carried out.
+         * @description Why a request was not executed.
          */
         readonly Problem: {
             /**
@@ -10370,7 +10370,7 @@ export interface components {
             readonly setpoints: string | null;
             /**
              * Missing
-             * @description What the vehicle's links do not carry; requests for it are refused at once. Empty over MAVLink.
+             * @description What the vehicle's links do not carry; requests for it are refused immediately. Empty over MAVLink.
              */
             readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report")[];
         };
@@ -11437,7 +11437,7 @@ export interface components {
         readonly StartGroup: {
             /**
              * Valid For S
-             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at once.
+             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at the same time.
              */
             readonly valid_for_s?: number;
             /**

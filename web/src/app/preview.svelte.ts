@@ -1,4 +1,4 @@
-/** What a room shows in map and 3D view before it is flown: an unsent setpoint or a dry run. */
+/** The setpoint or dry run that a room shows on the map and in the 3D view before it is flown. */
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';

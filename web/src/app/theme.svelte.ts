@@ -5,7 +5,7 @@ export type ThemeChoice = 'system' | 'light' | 'dark';
 const KEY = 'gcs-theme';
 const CHOICES: readonly ThemeChoice[] = ['system', 'light', 'dark'];
 
-function remembered(): ThemeChoice {
+function storedChoice(): ThemeChoice {
   try {
     const value = localStorage.getItem(KEY);
     return CHOICES.find((c) => c === value) ?? 'system';
@@ -15,7 +15,7 @@ function remembered(): ThemeChoice {
 }
 
 class Theme {
-  choice = $state<ThemeChoice>(remembered());
+  choice = $state<ThemeChoice>(storedChoice());
   private systemDark = $state(matchMedia('(prefers-color-scheme: dark)').matches);
   readonly shown: 'light' | 'dark' = $derived(this.choice === 'system' ? (this.systemDark ? 'dark' : 'light') : this.choice);
 

@@ -111,7 +111,7 @@ describe('telemetry socket', () => {
     expect(sockets[0]?.closed).toBe(true);
     expect(socket.state.phase).toBe('waiting');
   });
-  it('reconnects at once only on request', () => {
+  it('reconnects immediately only on request', () => {
     const { socket, sockets } = setup();
     socket.start();
     socket.retryNow();

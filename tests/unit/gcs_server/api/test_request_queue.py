@@ -26,12 +26,12 @@ def served(callers, in_control=()):
                 rounds += 1
                 await asyncio.sleep(0)
 
-        async def ask(caller):
+        async def wait_and_note(caller):
             await request_queue.wait(caller)
             order.append((str(caller), rounds))
 
         counting = asyncio.ensure_future(count())
-        await asyncio.gather(*(ask(caller) for caller in callers))
+        await asyncio.gather(*(wait_and_note(caller) for caller in callers))
         counting.cancel()
 
     asyncio.run(run())
@@ -39,7 +39,7 @@ def served(callers, in_control=()):
     return [name for name, _ in order], between
 
 
-def test_each_request_starts_in_its_own_turn_of_the_loop():
+def test_each_request_starts_in_its_own_iteration_of_the_loop():
     _, between = served([client("hostile")] * 50)
     assert min(between) >= 1
 
@@ -62,7 +62,7 @@ def test_a_client_in_control_goes_first():
     assert names.index("pilot") <= 1
 
 
-def test_a_cancelled_request_takes_no_turn():
+def test_a_cancelled_request_delays_no_other():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("first"))
@@ -80,7 +80,7 @@ def test_a_cancelled_request_takes_no_turn():
 def test_a_known_client_is_served_before_a_thousand_new_ones():
     order = []
 
-    async def ask(request_queue, caller):
+    async def wait_and_note(request_queue, caller):
         await request_queue.wait(caller)
         order.append(str(caller))
 
@@ -90,8 +90,8 @@ def test_a_known_client_is_served_before_a_thousand_new_ones():
         for n in range(1000):  # many clients must not remove it from the known ones
             await request_queue.wait(client(f"earlier {n}"))
         await asyncio.sleep(KNOWN_AFTER_S + 1)
-        hostile = [ask(request_queue, client(f"hostile {n}")) for n in range(1000)]
-        await asyncio.gather(*hostile, ask(request_queue, client("innocent")))
+        hostile = [wait_and_note(request_queue, client(f"hostile {n}")) for n in range(1000)]
+        await asyncio.gather(*hostile, wait_and_note(request_queue, client("innocent")))
         assert order.index("innocent") <= 2
         assert len(request_queue._seen) <= MAX_KNOWN_CLIENTS
 

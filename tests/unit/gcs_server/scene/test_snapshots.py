@@ -15,7 +15,7 @@ from gcs_server.vehicle.samples import Sample
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying, local, status
 
 
-class Both:
+class BuilderAndMirror:
     """A snapshot builder and the mirror that gets its snapshots."""
 
     def __init__(self, *vehicles, offboard=None):
@@ -32,7 +32,7 @@ class Both:
 
 def test_the_mirror_has_all_drawn_topics():
     one = flying("1")
-    both = Both(one, offboard=lambda _: ((1.0, 2.0, 3.0), None, 0.5))
+    both = BuilderAndMirror(one, offboard=lambda _: ((1.0, 2.0, 3.0), None, 0.5))
     both.step(stalled=["7"])
     seen = both.mirror.get("1")
     for topic in DRAWN_TOPICS:
@@ -45,7 +45,7 @@ def test_the_mirror_has_all_drawn_topics():
 
 def test_only_changed_samples_are_sent():
     vehicle = flying("1")
-    both = Both(vehicle)
+    both = BuilderAndMirror(vehicle)
     both.step()
     assert both.step().changed[0].samples == []
     vehicle.received_monotonic_s = 5.0
@@ -54,7 +54,7 @@ def test_only_changed_samples_are_sent():
 
 def test_a_topic_that_becomes_unusable_is_removed():
     vehicle = flying("1")
-    both = Both(vehicle)
+    both = BuilderAndMirror(vehicle)
     both.step()
     vehicle.values.pop("gimbal")
     assert both.step().changed[0].absent == ["gimbal"]
@@ -63,7 +63,7 @@ def test_a_topic_that_becomes_unusable_is_removed():
 
 
 def test_vehicles_that_no_view_follows_are_in_every_third_snapshot():
-    both = Both(*(flying(str(i)) for i in range(1, 8)))
+    both = BuilderAndMirror(*(flying(str(i)) for i in range(1, 8)))
     assert len(both.step("4").changed) == 7
     ids = [[v.id for v in both.step("4").changed] for _ in range(3)]
     assert all("4" in each for each in ids)
@@ -72,7 +72,7 @@ def test_vehicles_that_no_view_follows_are_in_every_third_snapshot():
 
 
 def test_a_vehicle_under_the_id_of_a_removed_one_is_another_vehicle():
-    both = Both(flying("1"), flying("2"))
+    both = BuilderAndMirror(flying("1"), flying("2"))
     both.step()
     before = both.mirror.get("1")
     both.fleet.vehicles[0] = flying("1")
@@ -86,7 +86,7 @@ def test_a_vehicle_under_the_id_of_a_removed_one_is_another_vehicle():
 
 def test_a_vehicle_that_cannot_be_read_is_reported_and_the_others_are_drawn():
     broken = flying("1")
-    both = Both(broken, flying("2"))
+    both = BuilderAndMirror(broken, flying("2"))
     broken.values["attitude"] = object()  # cannot be encoded
     both.step()
     assert [v.id for v in both.mirror.all()] == ["2"]
@@ -96,7 +96,7 @@ def test_a_vehicle_that_cannot_be_read_is_reported_and_the_others_are_drawn():
 
 def test_a_vehicle_whose_snapshot_cannot_be_decoded_is_reported_and_the_others_are_drawn():
     broken = flying("1")
-    both = Both(broken, flying("2"))
+    both = BuilderAndMirror(broken, flying("2"))
     broken.values["attitude"] = status()
     both.step()
     assert both.mirror.get("2").topic("attitude") is not None
@@ -110,7 +110,7 @@ def test_a_trail_is_built_once_the_server_has_sent_the_history():
     for ago_s in (3, 2, 1):
         at = local(-10.0 * ago_s, 0.0, -10.0)
         vehicle.past.append(Sample("local_position", None, clock.unix_s() - ago_s, clock.now_s - ago_s, at))
-    both = Both(vehicle)
+    both = BuilderAndMirror(vehicle)
     both.step()
     tracks = Tracks(both.mirror, None, SystemClock())
     for i in range(3):
@@ -127,7 +127,7 @@ def test_a_trail_is_built_once_the_server_has_sent_the_history():
 def test_a_history_that_comes_after_a_pause_is_not_used():
     clock, vehicle = StillClock(), flying("1")
     vehicle.clock = clock
-    both = Both(vehicle)
+    both = BuilderAndMirror(vehicle)
     both.step()
     seen = both.mirror.get("1")
     assert seen.history(("local_position",), 0.0) is None
@@ -139,7 +139,7 @@ def test_a_history_that_comes_after_a_pause_is_not_used():
 
 
 def test_the_history_of_a_removed_vehicle_is_empty():
-    both = Both(flying("1"))
+    both = BuilderAndMirror(flying("1"))
     both.step()
     both.fleet.vehicles = []
     both.step()

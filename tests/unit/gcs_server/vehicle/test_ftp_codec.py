@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gcs_server.vehicle.services import ftp_codec as codec
 from gcs_server.vehicle.services.ftp_pieces import MAX_HOLES, Pieces
-from tests.steps import lines_run
+from tests.steps import count_lines_run
 
 packets = st.builds(
     lambda data, **more: codec.Packet(data=data, size=len(data), **more),
@@ -107,7 +107,7 @@ def every_second_byte(pieces):
 
 
 def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
-    few, many = (lines_run(lambda n=n: every_second_byte(Pieces(n))) for n in (1_000, 4_000))
+    few, many = (count_lines_run(lambda n=n: every_second_byte(Pieces(n))) for n in (1_000, 4_000))
     assert many < 5 * few
 
 

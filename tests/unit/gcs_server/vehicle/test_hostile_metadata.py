@@ -14,7 +14,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import event_document, metadata_files, param_document
 from gcs_server.vehicle.event_definitions import MAX_TEXT_LENGTH
 from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged
-from tests.steps import lines_run
+from tests.steps import count_lines_run
 
 GOOD = {"name": "GOOD", "type": "Float", "max": 3.0}
 
@@ -80,7 +80,7 @@ def test_the_work_for_an_event_text_is_limited(text):
     def fill(times):
         return lambda: event_document.template(text * times, 500).filled([])
 
-    assert lines_run(fill(4)) == lines_run(fill(1)) < 5_000
+    assert count_lines_run(fill(4)) == count_lines_run(fill(1)) < 5_000
     assert len(event_document.template(text, 500).filled([])) <= 500
 
 
@@ -91,7 +91,7 @@ def test_the_text_of_an_event_has_a_limited_length():
     definition = words[1 << 24 | 7]
     text = definition.text(b"\xff" * 40)
     assert len(text) == MAX_TEXT_LENGTH
-    assert lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
+    assert count_lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
 
 
 def test_a_too_large_precision_shows_few_decimals():

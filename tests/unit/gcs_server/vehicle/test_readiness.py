@@ -10,7 +10,7 @@ import pytest
 from gcs_server.mavlink.codec import FrameParser, full_payload
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle import event_document, readiness
-from gcs_server.vehicle.check_words import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.check_texts import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.event_stream import EventStream
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
@@ -22,7 +22,7 @@ from gcs_server.vehicle.readiness import (
     ReportJoiner,
     head_of,
 )
-from tests.steps import lines_run
+from tests.steps import count_lines_run
 
 GPS = "no valid global position"
 POSITION = "no valid position estimate"
@@ -282,7 +282,7 @@ def test_a_too_long_report_is_cut_and_counted(chunks, findings):
     assert view.left_out == f"The vehicle reported 20,000 findings; {MAX_FINDINGS} of them are shown."
     assert all(len(m.arming) <= MAX_CAUSES and len(m.running) <= MAX_CAUSES for m in view.modes)
     assert len(encode(view)) < 500_000
-    assert lines_run(lambda: readiness.readiness_of(report, 0.0, "vehicle")) < 60_000
+    assert count_lines_run(lambda: readiness.readiness_of(report, 0.0, "vehicle")) < 60_000
 
 
 def test_a_report_of_usual_length_is_complete():

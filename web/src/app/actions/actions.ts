@@ -76,7 +76,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'arm':
       return {
         title: `Arm ${name}`,
-        effect: 'The motors start on the ground. The vehicle disarms by itself if it does not take off.',
+        effect: 'The motors start on the ground. The vehicle disarms automatically if it does not take off.',
         verb: 'Arm',
         danger: false,
       };
@@ -138,7 +138,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Descends at once from ${altitudeNow(facts)} at its current position, even if another client has control.${end}`,
+        effect: `Descends immediately from ${altitudeNow(facts)} at its current position, even if another client has control.${end}`,
         verb: 'Land now',
         danger: false,
       };
@@ -154,7 +154,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         title: `Stop motors of ${name}`,
         effect: facts.inAir
           ? `The vehicle will fall from ${altitudeNow(facts)}. Nothing slows it down.`
-          : 'Motors stop at once. If the vehicle is in the air it will fall.',
+          : 'Motors stop immediately. If the vehicle is in the air it will fall.',
         verb: 'Stop',
         danger: true,
       };

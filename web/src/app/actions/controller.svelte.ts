@@ -95,7 +95,7 @@ export class ActionController {
     return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
 
-  /** Handles a button or key: opens the confirmation, or acts at once if none is needed. */
+  /** Handles a button or key: opens the confirmation, or acts immediately if none is needed. */
   request(action: ActionName, facts: VehicleFacts | null, pagePart: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(pagePart);

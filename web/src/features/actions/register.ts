@@ -4,7 +4,7 @@ import ActionBar from './ActionBar.svelte';
 
 registry.addTo('bottom', { order: 100, component: ActionBar });
 registry.addKeys([
-  { order: 10, keys: 'H', what: 'Hold: at once, no confirmation', inScene: true, on: { h: (facts) => actions.request('hold', facts) } },
+  { order: 10, keys: 'H', what: 'Hold: immediately, no confirmation', inScene: true, on: { h: (facts) => actions.request('hold', facts) } },
   { order: 20, keys: 'T', what: 'Take off', inScene: true, on: { t: (facts) => actions.request('takeoff', facts) } },
   { order: 30, keys: 'L', what: 'Land', inScene: true, on: { l: (facts) => actions.request('land', facts) } },
   { order: 40, keys: 'R', what: 'Return', inScene: true, on: { r: (facts) => actions.request('rtl', facts) } },

@@ -14,9 +14,9 @@ function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
 
 describe('list of vehicles', () => {
   it('shows a vehicle as lost only if the server reports it, not if the server is unreachable', () => {
-    expect(stateLabel(facts('1', { lost: true }))).toEqual({ words: 'lost', tone: 'danger' });
-    expect(stateLabel(facts('1', { lost: true, offline: true }))).toEqual({ words: 'no server', tone: 'danger' });
-    expect(stateLabel(facts('1')).words).toBe('disarmed');
+    expect(stateLabel(facts('1', { lost: true }))).toEqual({ text: 'lost', tone: 'danger' });
+    expect(stateLabel(facts('1', { lost: true, offline: true }))).toEqual({ text: 'no server', tone: 'danger' });
+    expect(stateLabel(facts('1')).text).toBe('disarmed');
   });
 
   it('finds by number, type and state, and filters those that fly or need attention', () => {
@@ -46,16 +46,16 @@ describe('list of vehicles', () => {
   });
 
   it('holds all in one request, and names those that failed', async () => {
-    const asked: { url: string; vehicles: string[] }[] = [];
+    const requests: { url: string; vehicles: string[] }[] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
       const { vehicles } = JSON.parse(String(init?.body)) as { vehicles: string[] };
-      asked.push({ url, vehicles });
+      requests.push({ url, vehicles });
       const results = vehicles.map((vehicle) => ({ vehicle, held: vehicle !== '7', problem: vehicle === '7' ? { code: 'no_reply' } : null }));
       return Promise.resolve(new Response(JSON.stringify({ results }), { status: 200 }));
     });
     const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
-    expect(asked).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((one) => one.id) }]);
+    expect(requests).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((one) => one.id) }]);
     expect(list.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: 7 Quad.', refused: true });
     expect(list.holding).toBe(false);
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
@@ -70,9 +70,9 @@ describe('list of vehicles', () => {
   });
 
   it('removes a lost vehicle, and shows why a removal failed', async () => {
-    const asked: [string, string | undefined][] = [];
+    const requests: [string, string | undefined][] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
-      asked.push([url, init?.method]);
+      requests.push([url, init?.method]);
       const refusal = { title: 'Not sent', code: 'refused', detail: 'Vehicle 7 is connected on udp.', remedy: 'Switch it off.' };
       return Promise.resolve(url.endsWith('/7') ? new Response(JSON.stringify(refusal), { status: 409 }) : new Response(null, { status: 204 }));
     });
@@ -81,7 +81,7 @@ describe('list of vehicles', () => {
     expect(list.result).toEqual({ text: '3~2 Quad was removed.', refused: false });
     await list.remove(api, { id: '7', name: '7 Quad' });
     expect(list.result).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
-    expect(asked.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
+    expect(requests.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
       ['3~2', 'DELETE'],
       ['7', 'DELETE'],
     ]);

@@ -14,8 +14,8 @@ export interface Row {
   facts: VehicleFacts;
   /** Index in the whole fleet, which selects its identity colour. */
   index: number;
-  /** Its state in one or two words. */
-  words: string;
+  /** Its state in one or two text. */
+  text: string;
   tone: 'danger' | 'caution' | 'dim';
   percent: number | null;
   low: boolean;
@@ -26,12 +26,12 @@ export interface Row {
 const LOW_PERCENT = 25;
 
 /** State of a vehicle. While the server itself is unreachable, the vehicle's own connection is unknown. */
-export function stateLabel(facts: VehicleFacts): { words: string; tone: Row['tone'] } {
-  if (facts.offline) return { words: 'no server', tone: 'danger' };
-  if (facts.lost) return { words: 'lost', tone: 'danger' };
+export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone'] } {
+  if (facts.offline) return { text: 'no server', tone: 'danger' };
+  if (facts.lost) return { text: 'lost', tone: 'danger' };
   const status = facts.status?.value;
-  if (status === undefined) return { words: '', tone: 'dim' };
-  return { words: status.armed ? status.mode_label : 'disarmed', tone: 'dim' };
+  if (status === undefined) return { text: '', tone: 'dim' };
+  return { text: status.armed ? status.mode_label : 'disarmed', tone: 'dim' };
 }
 
 export function rowOf(facts: VehicleFacts, index: number): Row {
@@ -51,7 +51,7 @@ export function filtered(rows: readonly Row[], text: string, filter: Filter): Ro
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;
     if (filter === 'attention' && !row.attention) return false;
-    const rowText = `${row.facts.name} ${row.words}`.toLowerCase().split(/\s+/);
+    const rowText = `${row.facts.name} ${row.text}`.toLowerCase().split(/\s+/);
     return words.every((word) => row.facts.id.includes(word) || rowText.some((one) => one.startsWith(word)));
   });
 }

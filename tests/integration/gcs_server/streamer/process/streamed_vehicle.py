@@ -36,7 +36,7 @@ class Vehicle:
         self.datagrams = True
         link = SimpleNamespace(datagrams=lambda: self.link_socket if self.datagrams else None)
         self.way = SimpleNamespace(
-            connection=SimpleNamespace(link=link, sent_elsewhere=self._record, signing=None),
+            connection=SimpleNamespace(link=link, count_sent_elsewhere=self._record, signing=None),
             peer=Peer("peer", self.receiver.getsockname()),
         )
         threading.Thread(target=self._listen, daemon=True).start()

@@ -49,7 +49,7 @@ describe('the group form', () => {
       valid_s: { move: '601', velocity: '5' },
     };
     expect(Object.keys(problemsOf(bad, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
-    expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s; leave empty to start at once.');
+    expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
     expect(Object.keys(problemsOf(bad, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
     expect(problemsOf({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });

@@ -59,7 +59,7 @@ export function problemsOf(draft: Draft, flying: boolean): Problems {
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
   add('apart', outside(draft.separation_m, RANGES.apart));
-  if (draft.startIn_s.trim() !== '') add('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start at once.') ?? null);
+  if (draft.startIn_s.trim() !== '') add('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
   return found;
 }
 
