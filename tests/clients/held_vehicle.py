@@ -21,9 +21,9 @@ def run(port: int, speed: float) -> None:
     """Runs the vehicle on the ground; it is turned when it reports a finished side."""
     fleet = VehicleSim(links=())
 
-    def turn(said: StatusText | Event) -> None:
+    def turn(message: StatusText | Event) -> None:
         for done, side in itertools.pairwise(ORDER):
-            if isinstance(said, StatusText) and f"{done.value} side done" in said.text:
+            if isinstance(message, StatusText) and f"{done.value} side done" in message.text:
                 fleet.simulation.turn_by_hand(0, quaternion_from_euler(*side.roll_pitch_rad, 0.0))
 
     fleet.autopilots[0].announcer.add_listener(turn)

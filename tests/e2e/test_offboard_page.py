@@ -208,7 +208,7 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
             "zero velocity requested",
             5,
         )
-        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
+        wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
         expect(page.get_by_label("Sent setpoints", exact=True)).to_contain_text("Gamepad · accepted")
 
         page.evaluate("testPad.held = true")
@@ -216,7 +216,7 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
         page.evaluate("testPad.there = false")
         expect(room.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
         expect(pill(page)).to_have_text("Holding")  # not renewed: position hold, then Hold
-        wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
+        wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
 
 
 @pytest.mark.realtime  # drags in the 3D view, rendered in software

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vehicle_sim.autopilot.land_detector import LIMIT_COUNT, new_state
-from vehicle_sim.autopilot.smoothing import SETTINGS, WAY_SIZE
+from vehicle_sim.autopilot.smoothing import SETTINGS, TRIPLET_SIZE
 from vehicle_sim.autopilot.trajectory import SIZE
 from vehicle_sim.kernels import Blocks, Rows
 
@@ -26,8 +26,8 @@ class FlightNumbers:
     """(N, 3, `trajectory.SIZE`) the axes of the trajectory."""
     settings: Rows
     """(N, `len(SETTINGS)`) parameters of the trajectory."""
-    way: Rows
-    """(N, `WAY_SIZE`) the waypoints of the trajectory (`smoothing.Way`)."""
+    triplet: Rows
+    """(N, `TRIPLET_SIZE`) the waypoints of the trajectory (`smoothing.Way`)."""
     before_turn_m_s: Rows
     """(N, 1) speed of the trajectory before a turn."""
     yaw: Rows
@@ -49,7 +49,7 @@ class FlightNumbers:
         return cls(
             axes=np.zeros((count, 3, SIZE)),
             settings=np.zeros((count, len(SETTINGS))),
-            way=np.zeros((count, WAY_SIZE)),
+            triplet=np.zeros((count, TRIPLET_SIZE)),
             before_turn_m_s=np.zeros((count, 1)),
             yaw=np.zeros((count, 3)),
             seen_heading_rad=np.zeros((count, 1)),

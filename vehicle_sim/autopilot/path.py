@@ -10,7 +10,7 @@ import math
 from vehicle_sim.autopilot.flight_numbers import FlightNumbers
 from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, Way
+from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, WaypointTriplet
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, fly
 from vehicle_sim.frames import wrap_angle
@@ -42,17 +42,17 @@ class Path:
         self._view = view
         self._row = row
         self._smoothing = Smoothing(
-            view, numbers.axes[index], numbers.settings[index], numbers.way[index],
+            view, numbers.axes[index], numbers.settings[index], numbers.triplet[index],
             numbers.before_turn_m_s[index],
         )  # fmt: skip
         self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
         self.yaw = YawRamp(numbers.yaw[index])
-        self._way: Way | None = None
+        self._triplet: WaypointTriplet | None = None
         """The waypoints to `target_ned_m`, starting at the vehicle's position when the target was set."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
         """None: not set yet; the vehicle stops first."""
         self.face_target = False
-        """The nose points to the target while the target is farther away than NAV_ACC_RAD."""
+        """The heading is towards the target while the target is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
         """NaN, here and below: the parameter's value."""
         self.climb_m_s = math.nan
@@ -87,7 +87,7 @@ class Path:
         estimate = self._view.estimate
         self._smoothing.begin()
         self._resets.forget()
-        self._way = None
+        self._triplet = None
         last = self._row.last_trajectory() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
             position, velocity, acceleration = (row[k] for row in last)
@@ -121,11 +121,11 @@ class Path:
 
     @property
     def starts_takeoff(self) -> bool:
-        """Whether the way to the target climbs fast enough to take off a vehicle on the ground."""
+        """Whether the trajectory to the target climbs fast enough to take off a vehicle on the ground."""
         north, east, down = self.target_ned_m
         if north is None or east is None or down is None:
             return False
-        climb = self._smoothing.velocity_towards(self._way_to((north, east, down)), self._limits)[2]
+        climb = self._smoothing.velocity_towards(self._triplet_to((north, east, down)), self._limits)[2]
         return climb < -TAKEOFF_CLIMB_M_S
 
     @property
@@ -156,44 +156,44 @@ class Path:
         self._face_target()
         north, east, down = self.target_ned_m
         if north is not None and east is not None and down is not None:
-            self.fly_way(self._way_to((north, east, down)))
+            self.fly_triplet(self._triplet_to((north, east, down)))
             return
         self.advance_vertical(self.advance_horizontal())
         self.write()
 
-    def fly_way(self, way: Way) -> None:
-        """Advances by one tick along a way.
+    def fly_triplet(self, triplet: WaypointTriplet) -> None:
+        """Advances by one tick along the waypoints.
 
         All axes also advance during the take-off ramp. After a go-to command on the ground the trajectory is
         therefore above the vehicle before lift-off, and this height error lifts the vehicle off.
         """
-        self._smoothing.fly(TICK_S, way, self._limits)
+        self._smoothing.fly(TICK_S, triplet, self._limits)
         self.write()
 
-    def _way_to(self, target_ned_m: Vector) -> Way:
-        if self._way is None or self._way.target_ned_m != target_ned_m:
+    def _triplet_to(self, target_ned_m: Vector) -> WaypointTriplet:
+        if self._triplet is None or self._triplet.target_ned_m != target_ned_m:
             here = self._view.estimate.position_ned_m
-            self._way = Way(here, target_ned_m, None, self._view.parameter("NAV_ACC_RAD"))
-        return self._way
+            self._triplet = WaypointTriplet(here, target_ned_m, None, self._view.parameter("NAV_ACC_RAD"))
+        return self._triplet
 
     def advance_horizontal(self) -> float:
         """Advances north and east by one tick. Returns the tick length of the trajectory [s], which also
         applies to height."""
         north, east, down = self.target_ned_m
-        way = None
+        triplet = None
         if north is not None and east is not None:
-            way = self._way_to((north, east, self.z.position_m if down is None else down))
+            triplet = self._triplet_to((north, east, self.z.position_m if down is None else down))
         elif math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
             self.target_ned_m = (self.x.position_m, self.y.position_m, down)
-        return self._smoothing.fly_level(TICK_S, way, self._limits)
+        return self._smoothing.fly_level(TICK_S, triplet, self._limits)
 
     def advance_vertical(self, tick_s: float = TICK_S) -> None:
         """Advances the vertical axis by one tick."""
         north, east, down = self.target_ned_m
         wanted = 0.0
         if down is not None:
-            to_go_m = down - self.z.position_m
-            wanted = math.copysign(self._smoothing.vertical_speed(to_go_m, self._limits), to_go_m)
+            distance_m = down - self.z.position_m
+            wanted = math.copysign(self._smoothing.vertical_speed(distance_m, self._limits), distance_m)
         elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
         self.advance_vertical_speed(wanted, tick_s)
@@ -216,31 +216,31 @@ class Path:
             if self.yaw_target_rad == self._locked_yaw_rad:
                 self.yaw_target_rad = self._locked_yaw_rad = yaw_rad
             return
-        fastest_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
-        self.yaw.advance(TICK_S, fastest_rad_s)
+        max_rate_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
+        self.yaw.advance(TICK_S, max_rate_rad_s)
 
     @property
     def _controls_heading(self) -> bool:
         return bool(self._view.simulation.fusion.heading_good_for_control[self._view.row])
 
     def steady_task(self, motion: Motion) -> SteadyTask | None:
-        """A motion along the way to the target; None: there is no way yet."""
+        """A motion along the waypoints to the target; None: there are none yet."""
         north, east, down = self.target_ned_m
-        way = self._way
-        if way is None or north is None or east is None or not self._smoothing.follows(way):
+        triplet = self._triplet
+        if triplet is None or north is None or east is None or not self._smoothing.follows(triplet):
             return None
-        if down is not None and way.target_ned_m != (north, east, down):
+        if down is not None and triplet.target_ned_m != (north, east, down):
             return None
         down_m = math.nan if down is None else down
         return SteadyTask(motion, self.cruise_m_s, self.climb_m_s, self.descent_m_s, down_m)
 
-    def follows(self, way: Way) -> bool:
-        """Whether the trajectory follows this way."""
-        return self._smoothing.follows(way)
+    def follows(self, triplet: WaypointTriplet) -> bool:
+        """Whether the trajectory follows these waypoints."""
+        return self._smoothing.follows(triplet)
 
     def situation(self) -> tuple[object, ...]:
         """State that commands can change between two ticks."""
-        return self.target_ned_m, self._way, self.cruise_m_s, self.climb_m_s, self.descent_m_s
+        return self.target_ned_m, self._triplet, self.cruise_m_s, self.climb_m_s, self.descent_m_s
 
     @property
     def reset_counts(self) -> list[int]:

@@ -38,8 +38,8 @@ SETTINGS = (
     _DOWN_ACCELERATION, _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
 ) = range(11)  # fmt: skip
 """Columns of the settings."""
-FROM, TO, ONWARD, ACCEPTANCE, WAY_SIZE = 0, 3, 6, 9, 10
-"""Offsets in the numbers of a way: three positions and the acceptance radius."""
+FROM, TO, ONWARD, ACCEPTANCE, TRIPLET_SIZE = 0, 3, 6, 9, 10
+"""Offsets in the numbers of a waypoint triplet: three positions and the acceptance radius."""
 _X, _Y, _Z = 0, 1, 2
 
 
@@ -52,7 +52,7 @@ class SpeedLimits(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class WaypointTriplet:
     """Previous, target and next waypoint; NED metres."""
 
     previous_ned_m: Vector
@@ -69,12 +69,12 @@ class Smoothing:
         view: the vehicle.
         axes: (3, `trajectory.SIZE`) the axes.
         settings: (`len(SETTINGS)`,) row that stores the parameters.
-        way: (`WAY_SIZE`,) row that stores the numbers of the way; NaN for a missing next waypoint.
+        triplet: (`TRIPLET_SIZE`,) row that stores the numbers of the way; NaN for a missing next waypoint.
         before_turn_m_s: (1,) the speed before a turn.
     """
 
     def __init__(
-        self, view: VehicleView, axes: Rows, settings: Column, way: Column, before_turn_m_s: Column
+        self, view: VehicleView, axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column
     ) -> None:
         self._view = view
         self._axes = axes
@@ -83,46 +83,53 @@ class Smoothing:
         self._settings = settings
         self._settings_version = -1
         """Value of `parameter_changes` at which the settings were read."""
-        self._way: Way | None = None
-        """The way whose numbers are in `_way_numbers`."""
-        self._way_numbers = way
+        self._triplet: WaypointTriplet | None = None
+        """The waypoints whose numbers are in `_triplet_numbers`."""
+        self._triplet_numbers = triplet
 
     def begin(self) -> None:
         """Sets the stored speed before a turn to 0, so that a vehicle that does not move towards the target
         brakes first."""
         self._before_turn_m_s[0] = 0.0
 
-    def fly(self, dt_s: float, way: Way, limits: SpeedLimits) -> None:
-        """Advances all axes by one tick along the way."""
+    def fly(self, dt_s: float, triplet: WaypointTriplet, limits: SpeedLimits) -> None:
+        """Advances all axes by one tick along the waypoints."""
         x, y, _ = self._view.estimate.position_ned_m
-        self._set_way(way)
-        fly_way(
-            self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits
+        self._set_triplet(triplet)
+        fly_triplet(
+            self._axes,
+            self._read_settings(),
+            self._triplet_numbers,
+            self._before_turn_m_s,
+            dt_s,
+            x,
+            y,
+            *limits,
         )
 
-    def follows(self, way: Way) -> bool:
-        """Whether the trajectory follows this way."""
-        return way is self._way
+    def follows(self, triplet: WaypointTriplet) -> bool:
+        """Whether the trajectory follows these waypoints."""
+        return triplet is self._triplet
 
-    def velocity_towards(self, way: Way, limits: SpeedLimits) -> Vector:
-        """Velocity setpoint along the way, NED; the trajectory changes to it within its limits."""
-        self._set_way(way)
+    def velocity_towards(self, triplet: WaypointTriplet, limits: SpeedLimits) -> Vector:
+        """Velocity setpoint along the waypoints, NED; the trajectory changes to it within its limits."""
+        self._set_triplet(triplet)
         return _velocity_towards(
-            self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, *limits
+            self._axes, self._read_settings(), self._triplet_numbers, self._before_turn_m_s, *limits
         )
 
-    def fly_level(self, dt_s: float, way: Way | None, limits: SpeedLimits) -> float:
+    def fly_level(self, dt_s: float, triplet: WaypointTriplet | None, limits: SpeedLimits) -> float:
         """Advances north and east by one tick; without waypoints the trajectory brakes to a stop.
 
         Returns:
             Tick length of the trajectory [s]; it is shorter while the vehicle lags.
         """
         x, y, _ = self._view.estimate.position_ned_m
-        if way is not None:
-            self._set_way(way)
+        if triplet is not None:
+            self._set_triplet(triplet)
         return fly_level(
-            self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s,
-            dt_s, x, y, way is not None, limits.cruise_m_s,
+            self._axes, self._read_settings(), self._triplet_numbers, self._before_turn_m_s,
+            dt_s, x, y, triplet is not None, limits.cruise_m_s,
         )  # fmt: skip
 
     def plan_vertical(self, velocity_m_s: float) -> None:
@@ -140,11 +147,16 @@ class Smoothing:
             self._settings[:] = [self._view.parameter(name) for name in SETTINGS]
         return self._settings
 
-    def _set_way(self, way: Way) -> None:
-        if way is not self._way:
-            self._way = way
-            onward = way.next_ned_m or (math.nan, math.nan, math.nan)
-            self._way_numbers[:] = *way.previous_ned_m, *way.target_ned_m, *onward, way.acceptance_m
+    def _set_triplet(self, triplet: WaypointTriplet) -> None:
+        if triplet is not self._triplet:
+            self._triplet = triplet
+            onward = triplet.next_ned_m or (math.nan, math.nan, math.nan)
+            self._triplet_numbers[:] = (
+                *triplet.previous_ned_m,
+                *triplet.target_ned_m,
+                *onward,
+                triplet.acceptance_m,
+            )
 
 
 @formula
@@ -171,50 +183,50 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
 
 
 @formula
-def _corner_speed(axes: Rows, settings: Column, way: Column) -> float:
-    an, ae = way[TO] - axes[_X, POSITION], way[TO + 1] - axes[_Y, POSITION]
-    bn, be = way[TO] - way[ONWARD], way[TO + 1] - way[ONWARD + 1]
+def _corner_speed(axes: Rows, settings: Column, triplet: Column) -> float:
+    an, ae = triplet[TO] - axes[_X, POSITION], triplet[TO + 1] - axes[_Y, POSITION]
+    bn, be = triplet[TO] - triplet[ONWARD], triplet[TO + 1] - triplet[ONWARD + 1]
     lengths = math.hypot(an, ae) * math.hypot(bn, be)
     cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
     half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
     sideways = settings[_TRAJECTORY_P] * settings[_HORIZONTAL_ACCELERATION]
-    return math.sqrt(sideways * way[ACCEPTANCE] * math.tan(half))
+    return math.sqrt(sideways * triplet[ACCEPTANCE] * math.tan(half))
 
 
 @formula
-def _level_speed(axes: Rows, settings: Column, way: Column, cruise_m_s: float) -> float:
+def _level_speed(axes: Rows, settings: Column, triplet: Column, cruise_m_s: float) -> float:
     cruise = min(cruise_m_s if math.isfinite(cruise_m_s) else settings[_CRUISE], settings[_SPEED_MAX])
     jerk, acceleration = settings[_JERK], settings[_HORIZONTAL_ACCELERATION]
-    tn, te, td = way[TO], way[TO + 1], way[TO + 2]
-    nn, ne, nd = way[ONWARD], way[ONWARD + 1], way[ONWARD + 2]
+    tn, te, td = triplet[TO], triplet[TO + 1], triplet[TO + 2]
+    nn, ne, nd = triplet[ONWARD], triplet[ONWARD + 1], triplet[ONWARD + 2]
     at_target = 0.0
     if not math.isnan(nn):
         onward_m = math.hypot(nn - tn, ne - te)
         same_height = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
-        if onward_m > 0.001 and onward_m >= way[ACCEPTANCE] and same_height:
+        if onward_m > 0.001 and onward_m >= triplet[ACCEPTANCE] and same_height:
             exit_speed = max_speed_for_distance(jerk, acceleration, onward_m, 0.0)
-            at_target = min(min(_corner_speed(axes, settings, way), exit_speed), cruise)
+            at_target = min(min(_corner_speed(axes, settings, triplet), exit_speed), cruise)
     left_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
     return min(cruise, max_speed_for_distance(jerk, acceleration, left_m, at_target))
 
 
 @formula
-def _turning(axes: Rows, way: Column) -> bool:
+def _turning(axes: Rows, triplet: Column) -> bool:
     vn, ve = axes[_X, VELOCITY], axes[_Y, VELOCITY]
-    dn, de = way[TO] - axes[_X, POSITION], way[TO + 1] - axes[_Y, POSITION]
+    dn, de = triplet[TO] - axes[_X, POSITION], triplet[TO + 1] - axes[_Y, POSITION]
     speed, left_m = math.hypot(vn, ve), math.hypot(dn, de)
-    if speed <= TURNING_SPEED_M_S or left_m <= way[ACCEPTANCE]:
+    if speed <= TURNING_SPEED_M_S or left_m <= triplet[ACCEPTANCE]:
         return False
     return (vn * dn + ve * de) / (speed * left_m) < ALIGNED
 
 
 @formula
-def _aim_point(axes: Rows, way: Column) -> tuple[float, float]:
+def _aim_point(axes: Rows, triplet: Column) -> tuple[float, float]:
     """Point to aim at while turning: on the line to the target, one radius ahead of the trajectory.
 
     Past the target, the point is the target itself.
     """
-    pn, pe, tn, te = way[FROM], way[FROM + 1], way[TO], way[TO + 1]
+    pn, pe, tn, te = triplet[FROM], triplet[FROM + 1], triplet[TO], triplet[TO + 1]
     length = math.hypot(tn - pn, te - pe)
     if length < 1e-6:
         return tn, te
@@ -225,21 +237,21 @@ def _aim_point(axes: Rows, way: Column) -> tuple[float, float]:
         return tn, te
     closest_n, closest_e = pn + un * along, pe + ue * along
     off_m = math.hypot(closest_n - x, closest_e - y)
-    radius = max(way[ACCEPTANCE], L1_MIN_M)
+    radius = max(triplet[ACCEPTANCE], L1_MIN_M)
     ahead = math.sqrt(radius * radius - off_m * off_m) if radius > off_m else 0.0
     return closest_n + un * ahead, closest_e + ue * ahead
 
 
 @formula
 def _level(
-    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float
+    axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, cruise_m_s: float
 ) -> tuple[float, float, float]:
     """The horizontal speed, and the distances north and east to the point to aim at."""
-    speed = _level_speed(axes, settings, way, cruise_m_s)
-    aim_n, aim_e = way[TO], way[TO + 1]
-    if _turning(axes, way):
+    speed = _level_speed(axes, settings, triplet, cruise_m_s)
+    aim_n, aim_e = triplet[TO], triplet[TO + 1]
+    if _turning(axes, triplet):
         speed = min(speed, before_turn_m_s[0])
-        aim_n, aim_e = _aim_point(axes, way)
+        aim_n, aim_e = _aim_point(axes, triplet)
     else:
         before_turn_m_s[0] = speed
     return speed, aim_n - axes[_X, POSITION], aim_e - axes[_Y, POSITION]
@@ -275,16 +287,16 @@ def plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
 
 @kernel
 def fly_level(
-    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
-    has_way: bool, cruise_m_s: float,
+    axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
+    has_triplet: bool, cruise_m_s: float,
 ) -> float:  # fmt: skip
     """Advances north and east of one vehicle by one tick; returns the tick length of the trajectory [s]."""
     stretched_s = dt_s * _stretch(axes, settings, x, y)
     fly(axes[_X], stretched_s)
     fly(axes[_Y], stretched_s)
     north = east = 0.0
-    if has_way:
-        speed, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
+    if has_triplet:
+        speed, dn, de = _level(axes, settings, triplet, before_turn_m_s, cruise_m_s)
         length = math.hypot(dn, de)
         if length > 1e-6:
             north, east = speed * dn / length, speed * de / length
@@ -295,12 +307,12 @@ def fly_level(
 
 @kernel
 def _velocity_towards(
-    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float, climb_m_s: float,
-    descent_m_s: float,
+    axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, cruise_m_s: float,
+    climb_m_s: float, descent_m_s: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Velocity setpoint along the way, NED."""
-    horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
-    dd = way[TO + 2] - axes[_Z, POSITION]
+    """Velocity setpoint along the waypoints, NED."""
+    horizontal, dn, de = _level(axes, settings, triplet, before_turn_m_s, cruise_m_s)
+    dd = triplet[TO + 2] - axes[_Z, POSITION]
     vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
     flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
     if length < 1e-6:
@@ -313,16 +325,16 @@ def _velocity_towards(
 
 
 @kernel
-def fly_way(
-    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
+def fly_triplet(
+    axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
     cruise_m_s: float, climb_m_s: float, descent_m_s: float,
 ) -> None:  # fmt: skip
-    """Advances all axes of one vehicle by one tick along its way."""
+    """Advances all axes of one vehicle by one tick along its waypoints."""
     stretched_s = dt_s * _stretch(axes, settings, x, y)
     for k in range(3):
         fly(axes[k], stretched_s)
     north, east, down = _velocity_towards(
-        axes, settings, way, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s
+        axes, settings, triplet, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s
     )
     _plan_level(axes, settings, north, east)
     plan_vertical(axes[_Z], settings, down)

@@ -18,7 +18,7 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.flight_numbers import DOWN, SETPOINT_DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.land_detector import CONTACT, LANDED, MAYBE, detect
 from vehicle_sim.autopilot.path import TICK_S
-from vehicle_sim.autopilot.smoothing import FROM, ONWARD, TO, fly_level, fly_way, plan_vertical
+from vehicle_sim.autopilot.smoothing import FROM, ONWARD, TO, fly_level, fly_triplet, plan_vertical
 from vehicle_sim.autopilot.steady_task import Motion, SteadyLimits
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S
 from vehicle_sim.autopilot.trajectory import (
@@ -129,7 +129,7 @@ class SteadyTicks:
         simulation, numbers = self._simulation, self._numbers
         estimate, setpoints = simulation.estimate, simulation.setpoints
         _fly(
-            self._indices(rows), self._tasks, self._limits, numbers.axes, numbers.settings, numbers.way,
+            self._indices(rows), self._tasks, self._limits, numbers.axes, numbers.settings, numbers.triplet,
             numbers.before_turn_m_s, numbers.yaw, numbers.seen_heading_rad, numbers.motion,
             estimate.position_ned_m, estimate.q_ned_frd, estimate.height_above_ground_m,
             setpoints.position_ned_m, setpoints.velocity_ned_m_s, setpoints.acceleration_ned_m_s2,
@@ -204,12 +204,12 @@ def _look(
 
 @formula
 def _climb(
-    task: Column, limits: Column, axes: Rows, settings: Column, way: Column, before_turn_m_s: Column,
+    task: Column, limits: Column, axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column,
     position: Column,
 ) -> None:  # fmt: skip
     """One tick of `Climb.run`."""
     tick_s = fly_level(
-        axes, settings, way, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
+        axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
     axis = axes[2]
     low = task[_HOME_DOWN] - position[2] < limits[_LAND_ALT1]
@@ -245,16 +245,16 @@ def _land_speed(limits: Column, settings: Column, down_m: float, range_m: float)
 
 @formula
 def _descend(
-    task: Column, limits: Column, axes: Rows, settings: Column, way: Column, before_turn_m_s: Column,
+    task: Column, limits: Column, axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column,
     position: Column, range_m: float,
 ) -> None:  # fmt: skip
     """One tick of `Descent.run`; without a target height the way leads to the trajectory's height."""
-    if math.isnan(task[_TARGET_DOWN]) and way[TO + 2] != axes[2, POSITION]:
+    if math.isnan(task[_TARGET_DOWN]) and triplet[TO + 2] != axes[2, POSITION]:
         for k in range(3):
-            way[FROM + k], way[ONWARD + k] = position[k], math.nan
-        way[TO + 2] = axes[2, POSITION]
+            triplet[FROM + k], triplet[ONWARD + k] = position[k], math.nan
+        triplet[TO + 2] = axes[2, POSITION]
     tick_s = fly_level(
-        axes, settings, way, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
+        axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
     fly(axes[2], tick_s)
     plan_vertical(axes[2], settings, _land_speed(limits, settings, position[2], range_m))
@@ -271,10 +271,10 @@ def _face(task: Column, axes: Rows, yaw: Column) -> None:
 
 @kernel
 def _fly(
-    rows: Integers, tasks: Rows, limits: Rows, axes: Blocks, settings: Rows, way: Rows, before_turn_m_s: Rows,
-    yaw: Rows, seen_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows, range_m: Column,
-    setpoint_position: Rows, setpoint_velocity: Rows, setpoint_acceleration: Rows, setpoint_yaw: Column,
-    setpoint_yaw_rate: Column, tilt_limit: Column,
+    rows: Integers, tasks: Rows, limits: Rows, axes: Blocks, settings: Rows, triplet: Rows,
+    before_turn_m_s: Rows, yaw: Rows, seen_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows,
+    range_m: Column, setpoint_position: Rows, setpoint_velocity: Rows, setpoint_acceleration: Rows,
+    setpoint_yaw: Column, setpoint_yaw_rate: Column, tilt_limit: Column,
 ) -> None:  # fmt: skip
     """Advances the trajectories by one tick, and writes the setpoints; those of a stream are already
     written."""
@@ -287,15 +287,22 @@ def _fly(
             continue
         seen_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
         if kind == _IS_CLIMB:
-            _climb(tasks[r], limits[r], axes[r], settings[r], way[r], before_turn_m_s[r], position[r])
+            _climb(tasks[r], limits[r], axes[r], settings[r], triplet[r], before_turn_m_s[r], position[r])
         elif kind == _IS_DESCENT:
             _descend(
-                tasks[r], limits[r], axes[r], settings[r], way[r], before_turn_m_s[r], position[r], range_m[r]
+                tasks[r],
+                limits[r],
+                axes[r],
+                settings[r],
+                triplet[r],
+                before_turn_m_s[r],
+                position[r],
+                range_m[r],
             )
         else:
             _face(tasks[r], axes[r], yaw[r])
-            fly_way(
-                axes[r], settings[r], way[r], before_turn_m_s[r], TICK_S, position[r, 0], position[r, 1],
+            fly_triplet(
+                axes[r], settings[r], triplet[r], before_turn_m_s[r], TICK_S, position[r, 0], position[r, 1],
                 tasks[r, _CRUISE], tasks[r, _CLIMB], tasks[r, _DESCENT],
             )  # fmt: skip
         turn(yaw[r], TICK_S, limits[r, _YAW_RATE_MAX])

@@ -33,8 +33,8 @@ HOVER_EVERY_OUTER = 5
 # Plain numbers: NumPy compares with an enumeration member ten times slower.
 _DISARMED, _MOTORS, _THRUST_TORQUE, _RATES, _ATTITUDE, _TRAJECTORY = (int(level) for level in ControlLevel)
 
-_SHORTEST_QUATERNION = 1e-3
-_FASTEST_RAD_S = 100.0
+_MIN_QUATERNION_NORM = 1e-3
+_MAX_RATE_RAD_S = 100.0
 MOTOR_DISARMED_US = 900.0
 MOTOR_MIN_US = 1000.0
 MOTOR_SPAN_US = 1000.0
@@ -130,7 +130,7 @@ class Cascade:
         """Applies overriding body rates that arrived between two runs of the outer controllers."""
         rows = (setpoints.override_level == _RATES) & self._groups.trajectory
         if any_of(rows):
-            rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
+            rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_MAX_RATE_RAD_S, _MAX_RATE_RAD_S)
             np.copyto(self.target.rates_frd_rad_s, rates, where=rows[:, None])
             np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
             setpoints.override_level[rows] = _DISARMED
@@ -250,14 +250,14 @@ def _take_lower_levels(
         target_thrust[i] = 0.0 if math.isnan(thrust[i]) else constrain(thrust[i], 0.0, 1.0)
         if level[i] >= _ATTITUDE:
             size = math.sqrt(q[i, 0] ** 2 + q[i, 1] ** 2 + q[i, 2] ** 2 + q[i, 3] ** 2)
-            if math.isfinite(size) and size > _SHORTEST_QUATERNION:
+            if math.isfinite(size) and size > _MIN_QUATERNION_NORM:
                 for k in range(4):
                     target_q[i, k] = q[i, k] / size
         elif level[i] == _RATES:
             for k in range(3):
                 rate = rates[i, k]
                 target_rates[i, k] = (
-                    0.0 if math.isnan(rate) else constrain(rate, -_FASTEST_RAD_S, _FASTEST_RAD_S)
+                    0.0 if math.isnan(rate) else constrain(rate, -_MAX_RATE_RAD_S, _MAX_RATE_RAD_S)
                 )
 
 

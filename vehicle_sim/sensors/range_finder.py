@@ -14,17 +14,17 @@ class RangeFinder:
     """The range finders of N vehicles."""
 
     def __init__(self, count: int) -> None:
-        self._forced_m = np.full(count, -1.0)
+        self._override_m = np.full(count, -1.0)
         self._lowest_m = np.zeros(count)
         self._highest_m = np.full(count, np.inf)
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIH_DISTSNSR_OVR, _MIN and _MAX of vehicle `i`."""
-        self._forced_m[i] = parameters.usable("SIH_DISTSNSR_OVR")
+        self._override_m[i] = parameters.usable("SIH_DISTSNSR_OVR")
         self._lowest_m[i] = parameters.usable("SIH_DISTSNSR_MIN")
         self._highest_m[i] = parameters.usable("SIH_DISTSNSR_MAX")
 
     def measured_m(self, distance_m: FloatArray) -> FloatArray:
         """Measured distances (N,) from true distances (N,); NaN out of range."""
-        measured = np.where(self._forced_m >= 0.0, self._forced_m, distance_m)
+        measured = np.where(self._override_m >= 0.0, self._override_m, distance_m)
         return np.where((measured >= self._lowest_m) & (measured <= self._highest_m), measured, np.nan)

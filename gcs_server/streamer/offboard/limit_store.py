@@ -165,9 +165,9 @@ class LimitStore:
             key, record = _read(content, self._parse)
         except (ValueError, TypeError, KeyError) as error:
             first = (str(error).splitlines() or [type(error).__name__])[0]
-            return Unreadable(f"it does not hold limits ({first})")
+            return Unreadable(f"it does not contain limits ({first})")
         if key.name != name:
-            return Unreadable(f"it holds the limits of another vehicle ({key.name})")
+            return Unreadable(f"it contains the limits of another vehicle ({key.name})")
         self._system_ids[name] = key.system_id
         return record
 

@@ -122,7 +122,7 @@ class WorkerHandle:
         try:
             values = self._pipe.receive()
         except EOFError:
-            self._lost()
+            self._on_process_death()
             return
         for several in values:
             assert isinstance(several, tuple)
@@ -145,12 +145,12 @@ class WorkerHandle:
         return routes
 
     @property
-    def holds_sockets(self) -> bool:
+    def has_sockets(self) -> bool:
         """Whether the process has any socket."""
         return bool(self._numbers)
 
     @property
-    def holds_closed_sockets(self) -> bool:
+    def has_closed_sockets(self) -> bool:
         """Whether the process still has a socket that the server has closed. The port stays in use until the
         process closes the socket.
         """
@@ -200,7 +200,7 @@ class WorkerHandle:
         with contextlib.suppress(OSError):
             self._side_channel.shutdown(socket.SHUT_RDWR)  # wakes the report thread
 
-    def _lost(self) -> None:
+    def _on_process_death(self) -> None:
         if not self._closed:
             self._close()
             self._on_end()
@@ -215,7 +215,7 @@ class WorkerHandle:
         try:
             self._pipe.flush()
         except EOFError:
-            self._lost()
+            self._on_process_death()
             return
         if not self._pipe.has_unsent_data:
             self._writing = False

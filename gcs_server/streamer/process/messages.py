@@ -1,6 +1,6 @@
 """Messages between the server and the stream process, one frozen class each; `mode_messages.py` has those
 about modes in PX4. The server sends a `Post` (no answer) or a `Request` (a coroutine awaits the answer). Each
-message itself calls a method of the process, so that a type checker checks every call. Messages are handled
+message calls its method of the process itself, so that a type checker checks every call. Messages are handled
 in the order in which they were sent. The process sends tuples of `WorkerStarted`, `Update` and `Answer`.
 """
 
@@ -138,7 +138,7 @@ class SnapshotUpdate(Post):
             try:
                 packed[vehicle_id] = pickle.dumps(snapshot, pickle.HIGHEST_PROTOCOL)
             except Exception:
-                log.exception("the snapshot of vehicle %s cannot be handed over", vehicle_id)
+                log.exception("the snapshot of vehicle %s cannot be sent", vehicle_id)
         return SnapshotUpdate(packed)
 
     def apply(self, worker: WorkerInterface) -> None:

@@ -124,7 +124,7 @@ class StreamProcess(Streams):
     def links_changed(self) -> None:
         worker = self._calls.worker
         idle = not self._begun and not self._beginning
-        if worker is not None and (worker.holds_closed_sockets or (idle and worker.holds_sockets)):
+        if worker is not None and (worker.has_closed_sockets or (idle and worker.has_sockets)):
             self._post_routes()
 
     # --- one vehicle's stream ---------------------------------------------------------------------

@@ -397,4 +397,4 @@ class Mission:
 
     def situation(self) -> tuple[object, ...]:
         """State that commands can change between two ticks."""
-        return self.current, self._work, self._arrived_at_s, self._leg.way, self.heading.item_yaw_rad
+        return self.current, self._work, self._arrived_at_s, self._leg.triplet, self.heading.item_yaw_rad

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot.mission.heading import Heading
 from vehicle_sim.autopilot.path import Path
-from vehicle_sim.autopilot.smoothing import Way
+from vehicle_sim.autopilot.smoothing import WaypointTriplet
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.vehicle_view import Vector
 
@@ -14,39 +14,39 @@ class Leg:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._way = Way((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), None, 0.0)
+        self._triplet = WaypointTriplet((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), None, 0.0)
 
     @property
-    def way(self) -> Way:
-        """The way of the leg."""
-        return self._way
+    def triplet(self) -> WaypointTriplet:
+        """Previous, target and next waypoint of the leg."""
+        return self._triplet
 
     @property
     def target_ned_m(self) -> Vector:
         """The target of the leg."""
-        return self._way.target_ned_m
+        return self._triplet.target_ned_m
 
     @property
     def acceptance_m(self) -> float:
         """Distance to the target within which it is reached."""
-        return self._way.acceptance_m
+        return self._triplet.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
         """Starts a leg from the last target to a new one; without a next target the vehicle stops there."""
-        self._way = Way(self._way.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
+        self._triplet = WaypointTriplet(self._triplet.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
         self._path.target_ned_m = target_ned_m
 
     def restart(self) -> None:
         """Starts the leg at the current position of the trajectory."""
         here = self._path.position_ned_m
-        self._way = Way(here, here, None, self._way.acceptance_m)
+        self._triplet = WaypointTriplet(here, here, None, self._triplet.acceptance_m)
 
     def steady_task(self, heading: Heading, arrived_at_s: float | None, waits_s: float) -> SteadyTask | None:
         """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
         motion."""
         path, (north_m, east_m, _) = self._path, self.target_ned_m
         point = heading.steady_point(self.target_ned_m, self.acceptance_m)
-        if point is None or not path.follows(self._way):
+        if point is None or not path.follows(self._triplet):
             return None
         task = SteadyTask(
             Motion.LEG, path.cruise_m_s, path.climb_m_s, path.descent_m_s,
@@ -60,4 +60,4 @@ class Leg:
 
     def fly(self) -> None:
         """One tick along the leg."""
-        self._path.fly_way(self._way)
+        self._path.fly_triplet(self._triplet)

@@ -16,13 +16,13 @@ export interface PressedKey<T> {
 export class KeyGuard<T = EventTarget> {
   private readonly pressedOn = new Map<string, T | null>();
 
-  /** @param quiet whether a confirmation has just closed by itself: a late key press meant for it must press nothing. */
-  constructor(private readonly quiet: () => boolean = () => false) {}
+  /** @param hasJustClosed whether a confirmation has just closed without a key press: a late press must have no effect. */
+  constructor(private readonly hasJustClosed: () => boolean = () => false) {}
 
   /** A key was pressed. @returns true: it must be ignored. */
   down(event: PressedKey<T>): boolean {
     if (!PRESSING.has(event.key)) return false;
-    if (event.repeat !== true && this.quiet()) {
+    if (event.repeat !== true && this.hasJustClosed()) {
       this.pressedOn.delete(event.key);
       return true;
     }
