@@ -190,7 +190,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--data-dir", type=Path, default=None, metavar="DIR",
         help="keep changed parameters and files here over restarts (default: not kept)")  # fmt: skip
     add("--no-log", action="store_true",
-        help="no onboard logs (default: as SDLOG_MODE says; 0.4 GB an hour and vehicle)")  # fmt: skip
+        help="no onboard logs (default: by SDLOG_MODE; 0.4 GB per hour and vehicle)")  # fmt: skip
     add("--world", type=_world, default=None, metavar="FILE",
         help=f"terrain, obstacles, lidars: a YAML file or one of {', '.join(shipped())}")  # fmt: skip
     add("--wind", type=_wind, default=None, metavar="N,E[,GUSTS]",

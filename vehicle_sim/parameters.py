@@ -279,7 +279,9 @@ class Parameters:
                 f"the parameter file {storage} cannot be read ({error}); repair or remove it"
             ) from error
         if not isinstance(stored, dict):
-            raise ValueError(f"the parameter file {storage} holds no object of names and values; remove it")
+            raise ValueError(
+                f"the parameter file {storage} does not contain an object of names and values; remove it"
+            )
         for slot in range(EXTERNAL_MODES):
             self.mode_hashes[slot] = int(coerce(_hash_name(slot), "INT32", stored.get(_hash_name(slot), 0)))
         for name, value in stored.items():

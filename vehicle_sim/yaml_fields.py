@@ -198,7 +198,9 @@ class Fields:
         try:
             return loader.construct_object(node, deep=True)
         except yaml.YAMLError:
-            raise self._problem(node, self._path, "holds what is neither text nor number") from None
+            raise self._problem(
+                node, self._path, "contains a value that is neither text nor number"
+            ) from None
         finally:
             loader.dispose()
 

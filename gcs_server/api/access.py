@@ -1,4 +1,4 @@
-"""Access control: decides on every request and WebSocket before any other code sees it.
+"""Access control: accepts or refuses every request and WebSocket before any other code handles it.
 
 Three checks, in this order. The Host must be one of this server's names (on loopback: against DNS rebinding).
 The Origin must be this server's own page (against other web sites). If a token is required (always, if other

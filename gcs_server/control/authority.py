@@ -130,7 +130,7 @@ class Authority:
         finally:
             self.renew(client)
             self._connected[client.key] -= 1
-            self._connected += Counter()  # forgets clients without open sockets
+            self._connected += Counter()  # removes clients without open sockets
 
     def renew(self, client: Principal) -> None:
         """Called with each request of a client: renews its leases."""

@@ -68,7 +68,7 @@ class JournalEntry:
     """Text of the error."""
     duration_s: float
     repeated: int = 1
-    """Number of equal refusals of this client that this line stands for."""
+    """Number of equal refusals of this client that this line counts."""
 
 
 class _FileLines:

@@ -1,4 +1,4 @@
-"""Detects TCP connections that do not speak MAVLink: web pages and browsers, by their first bytes.
+"""Detects TCP connections that do not use MAVLink: web pages and browsers, by their first bytes.
 
 Any web page can make a browser send a request with any body to a TCP port of this computer, and the body
 could be read as MAVLink. However, a page cannot choose the first bytes, which are a method and a blank (RFC
@@ -63,7 +63,7 @@ class FirstBytes:
 
 
 class ForeignProtocol(Exception):
-    """A connection speaks HTTP or TLS."""
+    """A connection uses HTTP or TLS."""
 
     def __init__(self, protocol: str) -> None:
         super().__init__(protocol)

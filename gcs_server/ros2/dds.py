@@ -265,7 +265,7 @@ class _Reader:
     """Participant of each writer, by the writer's handle."""
 
     def participant_of(self, sample: Any) -> str:
-        """The participant that sent a sample; empty if DDS has already forgotten it."""
+        """The participant that sent a sample; empty if DDS has already removed it."""
         handle = sample.sample_info.publication_handle
         known = self.participants.get(handle)
         if known is None:

@@ -1,9 +1,9 @@
 """One flight mode of this server in PX4: registration, arming checks, completion, removal.
 
 PX4 v1.16 gives a registered mode one of eight navigation states, shows its name to every ground station, and
-asks its component about three times a second whether the mode can run. A mode whose component does not answer
-is removed; in flight PX4 then returns (RTL). The times here follow from recordings of PX4 and from its own
-interface library. No I/O and no clock: the caller passes the time and sends the messages.
+sends its component a request about three times a second: can the mode run? A mode whose component does not
+answer is removed; in flight PX4 then returns (RTL). The times here follow from recordings of PX4 and from its
+own interface library. No I/O and no clock: the caller passes the time and sends the messages.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ CHECKS: Final = 2
 """Number of check requests after which the mode counts as registered. PX4 can select a mode only after it has
 evaluated the first answer, which it does before the second request."""
 LOST_S: Final = 1.5
-"""PX4 asks every 0.31 s and removes a mode 1.25 s after its last answer at the latest."""
+"""PX4 sends a request every 0.31 s, and removes a mode at most 1.25 s after its last answer."""
 ANSWERS_ENDED: Final = "the process of the server that answers PX4 ended"
 IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more answers for its mode."
 """The vehicle's action in one of these modes when its component ends, as text."""
@@ -132,7 +132,7 @@ class ExternalMode:
     def step(self, now_s: float) -> list[Message]:
         """The requests that are due now; call this at `due_s`."""
         if self._state == "registered" and now_s - self._checked_s > LOST_S:
-            self._lost("PX4 no longer asks whether the mode can run (it restarted, or ROS 2 was interrupted)")
+            self._lost("PX4 no longer sends requests for the mode (PX4 restarted, or ROS 2 was interrupted)")
         if self._state != "registering":
             self.due_s = self._checked_s + LOST_S + 0.01 if self._state == "registered" else float("inf")
             return []

@@ -175,7 +175,7 @@ class MavlinkConverter:
         yield message
 
     def _assume_home(self, values: Values) -> Messages:
-        """Uses the position of a vehicle that stands disarmed on the ground as its home until PX4 sends it.
+        """Uses the position of a vehicle that is disarmed on the ground as its home until PX4 sends it.
 
         PX4 sends its home only when it changes, so a server that connects later does not receive it. PX4 sets
         home to the vehicle's position when it arms, and sends it then.

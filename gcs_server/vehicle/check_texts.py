@@ -179,7 +179,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     31421834: Check("check_flight_time_limit", "the maximum flight time has been reached", "Land."),
     27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Insert one."),
     21225307: Check(
-        "check_hardfault_present", "the SD card holds a crash log of the flight software", "Download it."
+        "check_hardfault_present", "the SD card contains a crash log of the flight software", "Download it."
     ),
     17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Close unused functions."),
     31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),

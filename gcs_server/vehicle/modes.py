@@ -1,6 +1,6 @@
 """PX4's flight modes: names in the API, labels for people, and numbers in MAVLink.
 
-`custom_mode` holds the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16 and v1.17,
+`custom_mode` contains the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16 and v1.17,
 px4_custom_mode.h); `nav_state` is the bit that arming checks use for the mode.
 """
 

@@ -113,7 +113,7 @@ class GimbalReading:
     yaw_ned_rad: float | None
     """Relative to north."""
     q: Quaternion
-    """Quaternion from the device; `yaw_in_earth_frame` says the frame of its yaw."""
+    """Quaternion from the device; `yaw_in_earth_frame` states the frame of its yaw."""
     yaw_in_earth_frame: bool
     yaw_lock: bool
     primary_control: tuple[int, int] | None

@@ -20,7 +20,7 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A plan that was read; `notes` tell the user how the file was interpreted."""
+    """A plan that was read; `notes` describe how the file was interpreted."""
 
     plan: Document
     areas: tuple[Area, ...] = ()
@@ -29,7 +29,7 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A file that was written; `notes` tell the user what the format cannot store."""
+    """A file that was written; `notes` describe what the format cannot store."""
 
     data: bytes
     notes: tuple[str, ...] = ()

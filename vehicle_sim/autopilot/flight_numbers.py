@@ -43,7 +43,7 @@ class FlightNumbers:
 
     @classmethod
     def of(cls, count: int) -> FlightNumbers:
-        """Numbers of vehicles that stand on the ground."""
+        """Numbers of vehicles on the ground."""
         motion = np.zeros((count, 3))
         motion[:, SETPOINT_DOWN] = np.nan
         return cls(

@@ -99,7 +99,7 @@ LIMIT_COUNT = 6
 
 
 def new_state() -> NDArray[np.float64]:
-    """(9,) conditions of a vehicle that stands on the ground."""
+    """(9,) conditions of a vehicle on the ground."""
     return np.array([1.0, -math.inf] * 4 + [0.0])
 
 

@@ -1,4 +1,4 @@
-"""Contact of vehicles with the world: surfaces they can stand on, and collisions."""
+"""Contact of vehicles with the world: surfaces that support them, and collisions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 BODY_RADIUS_M = 0.3
 """Distance from the centre to the tips of the propellers: arm length SIH_L_ROLL plus propeller radius."""
 ROOF_TOLERANCE_M = 0.15
-"""A vehicle no deeper in a roof than this stands on it."""
+"""A roof supports a vehicle that is at most this deep in it."""
 SLOPE_CRASH_M_S = 1.5
 """Speed relative to rising ground above which a vehicle crashes; PX4's own flat ground causes no crash."""
 REBOUND = 0.2

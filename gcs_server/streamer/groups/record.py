@@ -36,7 +36,7 @@ class Group:
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while new setpoints are checked and applied."""
     ending: str | None = None
-    """Reason for the end, set before the group has ended; None: the guard's state tells the reason."""
+    """Reason for the end, set before the group has ended; None: the guard's state contains the reason."""
     ended: str | None = None
     """Reason for the end; None while the group exists."""
 

@@ -152,8 +152,7 @@ class Streamer:
             await self._clock.sleep(SNAPSHOT_PERIOD_S)
 
     def update_once(self) -> None:
-        """Signals that the event loop is alive, updates the snapshots, restores limits and publishes
-        reports."""
+        """Signals that the event loop runs, updates the snapshots, restores limits and publishes reports."""
         for vehicle_id, control in self._controls.items():
             self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator.recognise)
         first_requests = self._streams.watched()

@@ -26,7 +26,7 @@ from gcs_server.streamer.transport.sender import PayloadSender
 log = logging.getLogger(__name__)
 
 MAX_WAITING_BYTES = 8_000_000
-"""Number of unread bytes above which the process counts as dead."""
+"""Number of unread bytes above which the process is considered dead and is killed."""
 END_TIMEOUT_S = 1.0
 MAX_REPORT_BYTES = 1 << 20
 LATE_REPORT_SOCKETS = 20

@@ -1,7 +1,7 @@
 """The modes that this server has registered with PX4, in the process that sends the setpoints.
 
-PX4 asks three times a second whether a mode can run, and returns (RTL) 1.1 s after the answers have stopped.
-So a stalled event loop must not stop the answers. If the event loop is silent for too long, the answers say
+PX4 requests three times a second whether a mode can run, and returns (RTL) 1.1 s after the last answer. So a
+stalled event loop must not stop the answers. If the event loop is silent for too long, the answers say
 that the mode cannot run: then PX4 does not start the mode, or leaves it.
 
 Without new setpoints PX4 keeps the last one, which may be a velocity. Therefore the vehicle is stopped by a
@@ -215,7 +215,7 @@ class ExternalModes:
             try:
                 vehicle.port.send(topic, with_time(data, int(self._clock.unix_s() * 1e6)))
             except OSError:
-                return  # not connected yet: registrations are repeated, and PX4 asks again
+                return  # not connected yet: registrations and PX4's requests are repeated
 
 
 def _received(

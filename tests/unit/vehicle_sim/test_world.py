@@ -161,7 +161,7 @@ def test_every_shipped_world_loads():
         ("name: x\nterrain: {grid: {north_m: 0, east_m: 0, spacing_m: 5, heights_m: [[1, 2], [3]]}}",
          "terrain.grid.heights_m must be at least two lists"),
         ("name: x\nterrain: {hills: 5}", "terrain.hills must be a list"),
-        ("name: !!python/name:os.system x", "holds what is neither text nor number"),
+        ("name: !!python/name:os.system x", "contains a value that is neither text nor number"),
     ],
 )  # fmt: skip
 def test_the_error_about_an_invalid_file_names_field_and_line(text, says):
