@@ -22,12 +22,12 @@ STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 8, 10, 15))
 """Manual, Altitude, Position, Position slow, Acro, Stabilized: modes that need an RC transmitter (as recorded
 reports show; the finding itself names all modes)."""
 MAX_FINDINGS = 64
-"""Largest number of findings of one report."""
+"""Maximum number of findings of one report."""
 MAX_CAUSES = 6
-"""Largest number of causes per mode."""
+"""Maximum number of causes per mode."""
 MAX_CAUSE_LENGTH, MAX_REMEDY_LENGTH = 240, 480
 """Characters."""
-TO_ARM_IN = ("hold", "position")
+SUGGESTED_MODES = ("hold", "position")
 """Modes that are suggested if the vehicle cannot be armed in its current mode, best first."""
 NOT_SHOWN = frozenset({"ready", "termination", "vtol_takeoff"})
 EXTERNAL = "external_"
@@ -252,7 +252,7 @@ NOTHING_KNOWN = Readiness(False, None, "own", (), (), (), ())
 
 
 def readiness_of(
-    report: HealthReport, reported_unix_s: float, words: str, words_left_out: str | None = None
+    report: HealthReport, reported_unix_s: float, words: str, texts_left_out: str | None = None
 ) -> Readiness:
     """The report for the API.
 
@@ -260,7 +260,7 @@ def readiness_of(
         report: the newest complete report.
         reported_unix_s: time of the report.
         words: source of the texts, `vehicle` or `own`.
-        words_left_out: which of the vehicle's texts could not be used.
+        texts_left_out: which of the vehicle's texts could not be used.
     """
     shown = [mode for mode in MODES if _is_shown(mode, report)]
     causes = {finding: _cause(finding, shown) for finding in report.findings}
@@ -284,18 +284,18 @@ def readiness_of(
         findings,
         _components(report.errors),
         _components(report.warnings),
-        _left_out(report, words_left_out),
+        _left_out(report, texts_left_out),
     )
 
 
-def _left_out(report: HealthReport, words_left_out: str | None) -> str | None:
+def _left_out(report: HealthReport, texts_left_out: str | None) -> str | None:
     findings = None
     if report.left_out:
         findings = (
             f"The vehicle reported {report.left_out + len(report.findings):,} findings; "
             f"{len(report.findings)} of them are shown."
         )
-    return " ".join(text for text in (findings, words_left_out) if text) or None
+    return " ".join(text for text in (findings, texts_left_out) if text) or None
 
 
 def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -> tuple[Offer, ...]:
@@ -311,7 +311,7 @@ def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -
     """
     if report is None or mode is None or armed is not False or report.can_arm >> mode.nav_state & 1:
         return ()
-    for name in TO_ARM_IN:
+    for name in SUGGESTED_MODES:
         other = BY_NAME[name]
         if report.can_arm >> other.nav_state & 1:
             text = f"The vehicle is in {mode.label} and cannot be armed in it. Choose {other.label}."

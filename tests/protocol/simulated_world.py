@@ -36,12 +36,12 @@ class SimulatedWorld(OffboardWorld):
         super().__init__()
         links = (("gcs", "gcs"),)
         self.sim = sim or VehicleSim(count, links=links, parameters=parameters, seed=seed, camera=camera)
-        self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feeder(row)) for row in range(count)]
+        self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feed_function(row)) for row in range(count)]
         for link in self._links:
             self.router.add(link)
         self.supervisor.start("simulator", self._simulate)
 
-    def _feeder(self, row: int) -> Any:
+    def _feed_function(self, row: int) -> Any:
         return lambda data, _peer: self.sim.feed(row, "gcs", data)
 
     async def _run_scheduler(self) -> None:
@@ -82,4 +82,4 @@ async def until(condition: Any, timeout_s: float) -> None:
         if condition():
             return
         await asyncio.sleep(0.1)
-    raise AssertionError(f"it did not happen within {timeout_s:g} s")
+    raise AssertionError(f"the condition was not true within {timeout_s:g} s")

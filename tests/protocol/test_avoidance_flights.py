@@ -21,7 +21,7 @@ BOX_NORTH_M = (4.25, 5.75)
 INTERVALS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
 
 
-def to(place, valid_for_s=120.0):
+def request_to(place, valid_for_s=120.0):
     return StreamRequest(Position(place, 0.0), valid_for_s, client="test")
 
 
@@ -32,19 +32,19 @@ class Flight:
         self.world, self.vehicle, self.offboard = world, vehicle, vehicle.offboard
         self.truth = world.sim.simulation.truth
         self.track = []
-        self.streamed = None
+        self.recorder = None
 
     async def begin(self):
-        await self.offboard.start(to((0.0, 0.0, -2.0)))
+        await self.offboard.start(request_to((0.0, 0.0, -2.0)))
         await until(lambda: abs(self.at[2] + 2.0) < 0.2 and abs(self.at[0]) < 0.3, 20)
-        self.streamed = asyncio.ensure_future(self.record())
+        self.recorder = asyncio.ensure_future(self.record())
 
     async def record(self):
         while True:
-            self.track.append((*self.at, self.broken()))
+            self.track.append((*self.at, self.has_collided()))
             await asyncio.sleep(0.1)
 
-    def broken(self):
+    def has_collided(self):
         return any("Collision" in event.text for event in self.vehicle.events.since())
 
     @property
@@ -61,8 +61,8 @@ class Flight:
     def highest_over_the_box(self):
         return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
 
-    def whole(self):
-        return not any(broken for *_, broken in self.track)
+    def is_undamaged(self):
+        return not any(has_collided for *_, has_collided in self.track)
 
     def silence_sensors(self, interval_us=-1.0):
         for msg_id in INTERVALS:
@@ -82,7 +82,7 @@ def fly(jump, scenario):
             try:
                 await scenario(flight)
             finally:
-                flight.streamed.cancel()
+                flight.recorder.cancel()
         finally:
             await world.close()
 
@@ -93,18 +93,18 @@ def fly(jump, scenario):
 def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
     async def scenario(flight):
         await flight.offboard.operator.set(OperatorLimits(obstacle_brake=False), by="test")
-        await flight.offboard.setpoint(to(GOAL))
-        await until(lambda: not flight.whole(), 30)
+        await flight.offboard.setpoint(request_to(GOAL))
+        await until(lambda: not flight.is_undamaged(), 30)
         assert flight.at[0] < BOX_NORTH_M[0]
 
     fly(jump, scenario)
 
 
 @pytest.mark.story
-def test_the_brake_stops_it_before_the_box_and_avoidance_enabled_in_flight_leads_it_over(jump):
+def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_over_it(jump):
     async def scenario(flight):
         offboard = flight.offboard
-        await offboard.setpoint(to(GOAL))
+        await offboard.setpoint(request_to(GOAL))
         await asyncio.sleep(10)
         status = offboard.status()
         assert status.limited == ("position limited to stop before an obstacle",)
@@ -114,7 +114,7 @@ def test_the_brake_stops_it_before_the_box_and_avoidance_enabled_in_flight_leads
         await until(lambda: flight.avoidance.state == "over", 5)
         assert "climbing over" in flight.avoidance.text
         await until(lambda: flight.avoidance.state == "clear" and flight.near(GOAL), 60)
-        assert flight.whole()
+        assert flight.is_undamaged()
         assert 4.4 < flight.highest_over_the_box() < 7.0
         assert codes(flight.vehicle).count("avoidance") >= 2
         offboard.avoidance.switch_off()
@@ -131,7 +131,7 @@ def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
         await flight.offboard.setpoint(StreamRequest(Path(points), 60.0, client="test"))
         await until(lambda: flight.avoidance.state == "around", 20)
         await until(lambda: flight.avoidance.state == "clear" and flight.near((18.0, 0.0, -2.0)), 60)
-        assert flight.whole()
+        assert flight.is_undamaged()
         assert max(-down for _, _, down, _ in flight.track) < 3.0
         assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
 
@@ -142,7 +142,7 @@ def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
 def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(jump):
     async def scenario(flight):
         await flight.offboard.avoidance.switch_on("over")
-        await flight.offboard.setpoint(to(GOAL))
+        await flight.offboard.setpoint(request_to(GOAL))
         await until(lambda: flight.avoidance.state == "over", 20)
         flight.offboard.avoidance.request_rates = lambda: None
         flight.silence_sensors()
@@ -156,7 +156,7 @@ def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(
         assert "avoidance_stopped" in codes(flight.vehicle)
         flight.silence_sensors(2e5)
         await until(lambda: flight.near(GOAL), 60)
-        assert flight.whole()
+        assert flight.is_undamaged()
 
     fly(jump, scenario)
 
@@ -172,7 +172,7 @@ def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(jump):
             assert not vehicle.offboard.status().avoidance.on
             vehicle.offboard.avoidance.way = "over"  # as if its sensor had been lost since
             with pytest.raises(Refused, match="no obstacle sensor"):
-                await vehicle.offboard.start(to((0.0, 0.0, -10.0)))
+                await vehicle.offboard.start(request_to((0.0, 0.0, -10.0)))
             assert vehicle.status.mode == "hold"
         finally:
             await world.close()

@@ -26,7 +26,7 @@ async def read_inline(kind, packed, crc):
     return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
 
 
-def scenario(kit, jump, work, *, loss=0.0, seed=0, cache=None):
+def run_with_vehicle(kit, jump, work, *, loss=0.0, seed=0, cache=None):
     async def run():
         world = kit.World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed)
@@ -66,7 +66,7 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
                 2,
             )  # the list, and the checksum twice
 
-    scenario(kit, jump, work, loss=loss, seed=seed)
+    run_with_vehicle(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
@@ -93,8 +93,8 @@ def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
         await vehicle.params.refresh(ignore_cache=True)
         assert autopilot.count(LIST) == 2
 
-    scenario(kit, jump, first, cache=cache)
-    scenario(kit, jump, second, cache=cache)
+    run_with_vehicle(kit, jump, first, cache=cache)
+    run_with_vehicle(kit, jump, second, cache=cache)
 
 
 def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
@@ -113,7 +113,7 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
         assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
         assert (await params.set("COM_RC_OVERRIDE", 3)).value == 3
 
-    scenario(kit, jump, work)
+    run_with_vehicle(kit, jump, work)
 
 
 def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, jump):
@@ -139,7 +139,7 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, 
         await world.clock.sleep(2)
         assert vehicle.params.list.state == "outdated"
 
-    scenario(kit, jump, work)
+    run_with_vehicle(kit, jump, work)
 
 
 def test_a_vehicle_without_parameters_is_reported(kit, jump):
@@ -167,11 +167,11 @@ def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
         vehicle.health.apply_definitions(await vehicle.metadata.events())
         after = vehicle.health.readiness
         assert (after.words, len(after.findings)) == ("vehicle", len(before))
-        words = {f.name: f.cause for f in after.findings}
-        assert words["check_modes_offboard_signal"] == "No offboard setpoints arrive."
+        texts = {f.name: f.cause for f in after.findings}
+        assert texts["check_modes_offboard_signal"] == "No offboard setpoints arrive."
         fetched = autopilot.count(FTP)
         await vehicle.metadata.events()
         assert autopilot.count(FTP) == fetched  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
-    scenario(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)
+    run_with_vehicle(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from bisect import bisect_right
 
 MAX_HOLES = 2048
-"""A piece that would leave more missing parts is dropped, as if the link had lost it. Half a megabyte that is
-sent in order and loses every second packet leaves fewer."""
+"""A piece that would leave more missing parts is dropped, as if the link had lost it. A file of
+half a megabyte that loses every second packet leaves fewer."""
 
 
 class Pieces:

@@ -28,7 +28,7 @@ BEARER = f"Bearer {TOKEN}"
 OUT = "gcs.field:8080"
 
 
-def asked(method="GET", path="/", query="", *, host="localhost:8080", secure=False, **headers):
+def request_head(method="GET", path="/", query="", *, host="localhost:8080", secure=False, **headers):
     pairs = [("host", host)] if host is not None else []
     pairs += [(name.replace("_", "-"), value) for name, value in headers.items()]
     raw = [(name.encode(), value.encode("latin-1")) for name, value in pairs]
@@ -49,7 +49,7 @@ ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
 
 @pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize(
-    ("headers", "says"),
+    ("headers", "expected"),
     [
         ({}, None),  # curl
         ({"origin": "http://localhost:8080"}, None),
@@ -82,17 +82,17 @@ ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
         ({"host": "[::1"}, "bad_host"),
     ],
 )
-def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, headers, says):
-    assert code(ALONE, asked(method, **headers)) == says
+def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, headers, expected):
+    assert code(ALONE, request_head(method, **headers)) == expected
 
 
 @pytest.mark.parametrize(
-    ("method", "dest", "says"),
+    ("method", "dest", "expected"),
     [("GET", "document", None), ("GET", "iframe", "foreign_origin"), ("POST", "document", "foreign_origin")],
 )
-def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, says):
+def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, expected):
     headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": dest}
-    assert code(ALONE, asked(method, **headers)) == says
+    assert code(ALONE, request_head(method, **headers)) == expected
 
 
 @pytest.mark.parametrize("access", [OPEN, LOCKED], ids=["bound to all", "on loopback"])
@@ -100,18 +100,21 @@ def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, says
 @pytest.mark.parametrize("path", ["/", "/docs", "/api/v1/health", "/scene/", "/assets/a.js", "/nothing"])
 def test_with_a_token_every_request_needs_it(access, method, path):
     own = {"origin": "http://localhost:8080"}
-    assert code(access, asked(method, path)) == "token_missing"
-    assert code(access, asked(method, path, authorization="Bearer wrong")) == "token_wrong"
-    assert code(access, asked(method, path, authorization=BEARER)) is None
-    assert code(access, asked(method, path, cookie=COOKIE, **own)) is None
-    assert code(access, asked(method, path, cookie=f"{OPEN.cookie_name}={TOKEN}")) == "token_missing"
-    assert code(access, asked(method, path, cookie=COOKIE, origin="http://evil.example")) == "foreign_origin"
-    foreign_bearer = asked(method, path, authorization=BEARER, origin="http://evil.example")
+    assert code(access, request_head(method, path)) == "token_missing"
+    assert code(access, request_head(method, path, authorization="Bearer wrong")) == "token_wrong"
+    assert code(access, request_head(method, path, authorization=BEARER)) is None
+    assert code(access, request_head(method, path, cookie=COOKIE, **own)) is None
+    assert code(access, request_head(method, path, cookie=f"{OPEN.cookie_name}={TOKEN}")) == "token_missing"
+    assert (
+        code(access, request_head(method, path, cookie=COOKIE, origin="http://evil.example"))
+        == "foreign_origin"
+    )
+    foreign_bearer = request_head(method, path, authorization=BEARER, origin="http://evil.example")
     assert code(access, foreign_bearer) == "foreign_origin"
 
 
 @pytest.mark.parametrize(
-    ("method", "headers", "says"),
+    ("method", "headers", "expected"),
     [
         ("GET", {"cookie": COOKIE}, None),
         ("POST", {"cookie": COOKIE}, "origin_missing"),
@@ -136,13 +139,13 @@ def test_with_a_token_every_request_needs_it(access, method, path):
     ],
 )
 def test_from_other_machines_a_cookie_needs_the_pages_origin_and_a_bearer_token_does_not(
-    method, headers, says
+    method, headers, expected
 ):
-    assert code(OPEN, asked(method, **{"host": OUT, **headers})) == says
+    assert code(OPEN, request_head(method, **{"host": OUT, **headers})) == expected
 
 
 def test_on_loopback_a_token_does_not_allow_foreign_host_names():
-    assert code(LOCKED, asked(host="rebound.example", authorization=BEARER)) == "foreign_host"
+    assert code(LOCKED, request_head(host="rebound.example", authorization=BEARER)) == "foreign_host"
 
 
 @pytest.mark.parametrize(
@@ -156,23 +159,25 @@ def test_on_loopback_a_token_does_not_allow_foreign_host_names():
     ],
 )
 def test_the_link_signs_in_and_leaves_no_token_in_the_address(path, query, location):
-    assert OPEN.decide(asked(path=path, query=query.format(TOKEN))) == SignedIn(location)
-    refusal = OPEN.decide(asked(path=path, query=query.format("wrong")))
+    assert OPEN.decide(request_head(path=path, query=query.format(TOKEN))) == SignedIn(location)
+    refusal = OPEN.decide(request_head(path=path, query=query.format("wrong")))
     assert isinstance(refusal, Refusal)
     assert (refusal.status, refusal.guessed) == (401, True)
-    assert OPEN.decide(asked(path=path, query=query.format("old"), cookie=COOKIE)) == SignedIn(location)
+    assert OPEN.decide(request_head(path=path, query=query.format("old"), cookie=COOKIE)) == SignedIn(
+        location
+    )
 
 
 def test_only_navigation_to_the_link_signs_in():
     for method in ("POST", "PUT", "DELETE", "WEBSOCKET"):
-        assert code(OPEN, asked(method, query=f"token={TOKEN}")) == "token_missing"
-    assert code(OPEN, asked(query=f"token={TOKEN}", origin="http://evil.example")) == "foreign_origin"
+        assert code(OPEN, request_head(method, query=f"token={TOKEN}")) == "token_missing"
+    assert code(OPEN, request_head(query=f"token={TOKEN}", origin="http://evil.example")) == "foreign_origin"
 
 
 def test_the_form_is_read_only_from_our_own_page_and_only_where_there_is_a_token():
-    assert OPEN.decide(asked("POST", SIGN_IN_PATH, origin="http://localhost:8080")) == FormSent()
-    assert code(OPEN, asked("POST", SIGN_IN_PATH, origin="http://evil.example")) == "foreign_origin"
-    assert ALONE.decide(asked("POST", SIGN_IN_PATH)) is None
+    assert OPEN.decide(request_head("POST", SIGN_IN_PATH, origin="http://localhost:8080")) == FormSent()
+    assert code(OPEN, request_head("POST", SIGN_IN_PATH, origin="http://evil.example")) == "foreign_origin"
+    assert ALONE.decide(request_head("POST", SIGN_IN_PATH)) is None
     assert form_fields(f"token=+{TOKEN}%0A&next=%2Fdocs%3Fa%3D1".encode()) == (TOKEN, "/docs?a=1")
     assert form_fields(b"next=//evil.example") == ("", "/evil.example")
 

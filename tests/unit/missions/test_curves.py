@@ -33,7 +33,7 @@ def test_the_curve_passes_its_points_at_their_times(steps):
 
 
 @given(steps)
-def test_it_starts_and_ends_at_rest_and_holds_the_last_point(steps):
+def test_a_path_starts_and_ends_at_rest_and_keeps_the_last_point(steps):
     curve = PathCurve(path_of(steps), 0.5)
     for t_s in (-1.0, 0.0, curve.duration_s, curve.duration_s + 100.0):
         assert curve.at(t_s).velocity_ned_m_s == (0.0, 0.0, 0.0)

@@ -89,7 +89,7 @@ def test_an_exact_curve_passes_each_point_at_the_stated_time() -> None:
     assert curve.point_times_s == tuple(sorted(curve.point_times_s))
 
 
-def test_it_stops_only_at_requested_stops() -> None:
+def test_a_trajectory_stops_only_at_requested_stops() -> None:
     route = points((0, 0, 0), (20, 0, 0), (20, 20, 0), (40, 20, 0))
     route[2] = PassPoint((20, 20, 0), stop=True)
     curve = through(route)
@@ -117,7 +117,7 @@ def test_yaws_are_reached_at_their_points_by_the_shorter_rotation() -> None:
     assert curve.at(curve.duration_s).yaw_rate_ned_rad_s == 0.0
 
 
-def test_it_turns_on_the_spot() -> None:
+def test_a_trajectory_turns_on_the_spot() -> None:
     curve = through([PassPoint((1, 2, -3), 0.0), PassPoint((1, 2, -3), EAST)])
     assert curve.duration_s > EAST / LIMITS.yaw_rate_rad_s
     assert curve.at(curve.duration_s / 2).position_ned_m == pytest.approx((1, 2, -3))

@@ -44,8 +44,8 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
   add('identity', vehicle['identity'], null);
   const topics = vehicle['topics'];
   if (typeof topics === 'object' && topics !== null) {
-    for (const [topic, held] of Object.entries(topics as Record<string, Raw | null>)) {
-      if (held !== null && 'value' in held) add(topic, held['value'], held['received_unix_s']);
+    for (const [topic, sample] of Object.entries(topics as Record<string, Raw | null>)) {
+      if (sample !== null && 'value' in sample) add(topic, sample['value'], sample['received_unix_s']);
     }
   }
   return samples;

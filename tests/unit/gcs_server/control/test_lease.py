@@ -158,7 +158,7 @@ def test_a_request_is_listed_with_its_reason_and_can_be_granted(setup):
         setup.lease.command(ANNA)
 
 
-def test_requesting_free_control_takes_it(setup):
+def test_a_request_for_free_control_takes_control(setup):
     setup.lease.request(BOB)
     assert setup.lease.holder.key == BOB.key
 

@@ -80,7 +80,7 @@ def test_a_command_without_an_answer_is_sent_three_times() -> None:
 @pytest.mark.parametrize(
     "not_allowed", [{"in_charge": 0}, {"in_charge": 2}, {"armed": False}, {"nav_state": 5, "in_charge": 0}]
 )
-def test_it_sends_nothing_while_it_is_not_in_charge_or_the_vehicle_is_disarmed(
+def test_the_executor_sends_nothing_while_it_is_not_in_charge_or_the_vehicle_is_disarmed(
     not_allowed: dict[str, Any],
 ) -> None:
     made = executor(**not_allowed)
@@ -103,7 +103,7 @@ def test_a_new_command_replaces_one_without_an_answer() -> None:
     assert made.state.outcome == "accepted"
 
 
-def test_it_is_in_charge_as_px4_reports_also_while_disarmed() -> None:
+def test_the_executor_is_in_charge_as_px4_reports_also_while_disarmed() -> None:
     made = ModeExecutor(1)
     assert not made.state.in_charge
     made.on_status(status(armed=False))

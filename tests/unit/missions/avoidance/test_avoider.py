@@ -18,7 +18,7 @@ START = (0.0, 0.0, -1.0)
 
 
 @pytest.mark.parametrize("around", [True, False])
-def test_it_climbs_over_the_box_and_descends_behind(around: bool):
+def test_the_vehicle_climbs_over_the_box_and_descends_behind(around: bool):
     course = Course([BOX], start=START, around=around)
     course.fly(GOAL)
     assert course.states == ["over", "back", "clear"]
@@ -28,7 +28,7 @@ def test_it_climbs_over_the_box_and_descends_behind(around: bool):
 
 
 @pytest.mark.parametrize("drift_m_s", [-0.4, 0.4])
-def test_it_stays_on_its_track_while_its_velocity_estimate_is_wrong(drift_m_s: float):
+def test_the_vehicle_stays_on_its_track_while_its_velocity_estimate_is_wrong(drift_m_s: float):
     course = Course([BOX], start=START, drift_ned_m_s=(0.0, drift_m_s, 0.0))
     farthest_m = 0.0
     for _ in range(int(60 / STEP_S)):
@@ -38,14 +38,14 @@ def test_it_stays_on_its_track_while_its_velocity_estimate_is_wrong(drift_m_s: f
     assert farthest_m < 0.7
 
 
-def test_it_keeps_its_distance_from_an_obstacle_between_it_and_its_track():
+def test_the_vehicle_keeps_its_distance_from_an_obstacle_between_it_and_its_track():
     beside = BoxObstacle((3.0, 9.0), (2.2, 4.0), 12.0)
     course = Course([BOX, beside], start=START, drift_ned_m_s=(0.0, 0.3, 0.0))
     course.fly(GOAL)
     assert course.nearest_m > 0.5
 
 
-def test_it_descends_behind_the_box_and_not_only_at_the_goal():
+def test_the_vehicle_descends_behind_the_box_and_not_only_at_the_goal():
     course = Course([BOX], start=START)
     goal = (40.0, 0.0, -1.0)
     while course.adjusted.state != "back" or course.at[2] < -1.5:
@@ -107,7 +107,7 @@ def test_without_a_downward_sensor_it_stays_above_the_path():
     assert course.at[0] == pytest.approx(10.0, abs=0.5)
 
 
-def test_it_yaws_into_the_direction_of_travel_if_the_sensor_measures_only_ahead():
+def test_the_vehicle_yaws_into_the_direction_of_travel_if_the_sensor_measures_only_ahead():
     course = Course([BOX], start=(12.0, 0.0, -1.0), around=False)  # the box is behind it
     course.step(WantedMotion(START, yaw_ned_rad=0.0))
     assert course.adjusted.state == "turning"
@@ -150,7 +150,7 @@ def test_a_lower_goal_is_reached_by_descending_first():
     assert course.nearest_m > 0.5
 
 
-def test_it_does_not_descend_into_an_obstacle_under_the_goal():
+def test_the_vehicle_does_not_descend_into_an_obstacle_under_the_goal():
     course = Course([BOX], start=START)
     course.fly((5.0, 0.0, -1.0), seconds=30.0)  # inside the box
     assert course.nearest_m > 0.5

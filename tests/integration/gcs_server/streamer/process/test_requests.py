@@ -30,7 +30,9 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 
 @flown
-async def test_it_streams_during_a_short_stall_of_the_loop_and_stops_after_a_long_one(streams, vehicle):
+async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_after_a_long_one(
+    streams, vehicle
+):
     await begin(streams, "1", vehicle)
     streams.update_snapshots({"1": snapshot()})
     stall(0.8)

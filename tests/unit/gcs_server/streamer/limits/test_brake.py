@@ -188,7 +188,7 @@ def test_flight_along_a_near_wall_is_allowed():
 
 @settings(max_examples=25, deadline=None, phases=[Phase.generate])
 @given(st.floats(3.0, 18.0), st.floats(1.0, 12.0), st.floats(-0.6, 0.6), st.booleans())
-def test_it_always_stops_before_a_wall(wall_m, speed, course, by_position):
+def test_the_braked_vehicle_always_stops_before_a_wall(wall_m, speed, course, by_position):
     """The setpoints are followed with PX4's lag; measurements come at 5 Hz."""
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in (math.radians(5.0 * k) for k in range(72)))
     n, e, vn, ve = 0.0, 0.0, 0.0, 0.0

@@ -99,17 +99,17 @@ export function validLeft_s({ group, receivedAt_s }: ReceivedGroup, now_s: numbe
 }
 
 /** Newest first, without a finding that only repeats why the group ended. */
-export function findingsShown(group: Group, most: number): Group['findings'] {
+export function findingsShown(group: Group, max: number): Group['findings'] {
   return group.findings
-    .slice(-most)
+    .slice(-max)
     .reverse()
     .filter((finding) => finding.text !== group.ended);
 }
 
 /** The minimum separation that the server monitors, and its margin for uncertain positions. */
 export function separationText(group: Group): string {
-  const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
-  return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m margin`;
+  const minimum = `at least ${fixed(group.minimum_separation_m, 1)} m`;
+  return group.margin_m === null ? minimum : `${minimum} + ${fixed(group.margin_m, 1)} m margin`;
 }
 
 /** Caution below 1.25 times the minimum. */
