@@ -141,5 +141,5 @@ def test_a_key_in_a_links_name_never_appears_in_answers_journal_log_or_files(cli
     assert (answer.status_code, answer.json()["field"]) == (422, "key")
     entries = client.get("/api/v1/journal?limit=1").json()["entries"]
     assert entries[0]["arguments"]["url"] == "udpin://127.0.0.1:0?key=(not shown)"
-    said = answer.text + json.dumps(entries) + caplog.text + client.get("/api/v1/warnings").text
-    assert secret not in said
+    published_texts = answer.text + json.dumps(entries) + caplog.text + client.get("/api/v1/warnings").text
+    assert secret not in published_texts

@@ -28,8 +28,8 @@ def write_mbtiles(path, *, metadata=None, tiles=((1, 0, 1, PICTURE),)):
     with closing(sqlite3.connect(path)) as base:
         base.execute("CREATE TABLE metadata (name text, value text)")
         base.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
-        said = {"format": "png", "bounds": "8.5,47.3,8.6,47.4", **(metadata or {})}
-        base.executemany("INSERT INTO metadata VALUES (?, ?)", said.items())
+        rows = {"format": "png", "bounds": "8.5,47.3,8.6,47.4", **(metadata or {})}
+        base.executemany("INSERT INTO metadata VALUES (?, ?)", rows.items())
         base.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", tiles)
         base.commit()
 

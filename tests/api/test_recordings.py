@@ -173,11 +173,11 @@ def test_indexing_is_one_operation_with_events(client, folder):
 def test_cancelled_indexing_is_reported_and_can_be_repeated(client, folder):
     (folder / "long.tlog").write_bytes(log_bytes(flight(seconds=60)))
     with ThreadPoolExecutor(1) as other:
-        asked = other.submit(client.get, f"{API}/recordings/long.tlog/index")
+        index_request = other.submit(client.get, f"{API}/recordings/long.tlog/index")
         while not (running := [o for o in operations(client) if o["subject"] == "long.tlog"]):
-            assert not asked.done()
+            assert not index_request.done()
         assert client.delete(f"{API}/operations/{running[0]['id']}").json()["state"] == "cancelled"
-        answer = asked.result()
+        answer = index_request.result()
     assert (answer.status_code, answer.json()["code"]) == (409, "recording_unusable")
     assert "cancelled" in answer.json()["detail"]
     assert client.get(f"{API}/recordings/long.tlog/index").json()["records"] > 500

@@ -103,10 +103,10 @@ def _weighs(url: str) -> int:
     return min(len(body), len(gzip.compress(body, 6)))
 
 
-def _sizes(url: str, asked: set[str]) -> dict[str, int]:
+def _sizes(url: str, requested_urls: set[str]) -> dict[str, int]:
     """Bytes of the loaded files, by part of the page."""
     sizes = dict.fromkeys(PARTS, 0)
-    for file in asked:
+    for file in requested_urls:
         part = _part(urlsplit(file).path)
         if part is not None and file.startswith(f"{url}/"):
             sizes[part] += _weighs(file)
@@ -179,9 +179,9 @@ def _row(one: Measured) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _open(browser: Browser, url: str, asked: set[str]) -> Page:
+def _open(browser: Browser, url: str, requested_urls: set[str]) -> Page:
     page = browser.new_page(viewport={"width": 1440, "height": 900})
-    page.on("request", lambda request: asked.add(request.url) if request.method == "GET" else None)
+    page.on("request", lambda request: requested_urls.add(request.url) if request.method == "GET" else None)
     page.goto(url)
     page.locator("canvas").first.wait_for(state="visible", timeout=30_000)
     page.wait_for_timeout(5000)
@@ -197,9 +197,9 @@ def table() -> Iterator[str]:
             print(f"page: {title}, {window_s:.0f} s", file=sys.stderr, flush=True)
             browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(FLAGS))
             with flying(scene=scene) as (url, server_pid):
-                asked: set[str] = set()
-                page = _open(browser, url, asked)
-                sizes = _sizes(url, asked) if scene else sizes
+                requested_urls: set[str] = set()
+                page = _open(browser, url, requested_urls)
+                sizes = _sizes(url, requested_urls) if scene else sizes
                 rows.append(_measure(f"{title}, {window_s:.0f} s", browser, page, server_pid, window_s))
                 browser.close()
     yield "| loaded | gzipped kB |"

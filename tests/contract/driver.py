@@ -112,8 +112,8 @@ class Player:
             vehicle.run(2.5)
             vehicle.stream(False)
         kept = {name: value for name, value in kept.items() if not name.startswith("SIM_BAT_")}
-        said = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
-        kept |= {name: float(text) for name, text in said}
+        matches = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
+        kept |= {name: float(text) for name, text in matches}
         try:
             answer = self._exchange(vehicle, dialogue, at_once=at_once)
             now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}

@@ -54,8 +54,8 @@ def completed(dialogue: Dialogue) -> Dialogue:
     ]
     requests = [e for e in dialogue["received"] if e["msg"] == "MISSION_REQUEST_INT"]
     others = [e for e in dialogue["received"] if e["msg"] != "MISSION_REQUEST_INT"]
-    asked = [{**requests[0], "fields": {**requests[0]["fields"], "seq": n}} for n in range(200)]
-    return {**dialogue, "send": send, "received": asked + others}
+    repeated_requests = [{**requests[0], "fields": {**requests[0]["fields"], "seq": n}} for n in range(200)]
+    return {**dialogue, "send": send, "received": repeated_requests + others}
 
 
 def grid_200() -> list[dict[str, Any]]:
@@ -158,9 +158,9 @@ def script(
         source = entry.get("src", (255, 190))
         link = entry.get("link", dialogue["link"])
         hz, duration_s = entry.get("streamed_hz", 0), entry.get("duration_s", 0)
-        said = re.search(rf"{entry['msg']} .* at (\d+) Hz for (\d+) s", dialogue.get("note", ""))
-        if said and entry is dialogue["send"][-1]:
-            hz, duration_s = float(said.group(1)), float(said.group(2)) - entry["dt_s"]
+        match = re.search(rf"{entry['msg']} .* at (\d+) Hz for (\d+) s", dialogue.get("note", ""))
+        if match and entry is dialogue["send"][-1]:
+            hz, duration_s = float(match.group(1)), float(match.group(2)) - entry["dt_s"]
         count = max(1, round(hz * duration_s))
         if hz and dialogue["id"] in STREAMED_ON:
             count = int(hz * (dialogue["window_s"] - entry["dt_s"])) + 1

@@ -42,7 +42,7 @@ def read(path: Path) -> tuple[Received, Sent, float]:
     """The vehicle's messages, the messages sent to it, and the vehicle's time since boot when the log began
     [s]."""
     raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-    said: Received = []
+    messages: Received = []
     sent: Sent = []
     at, began_us, boot_s = 0, 0, None
     while at + TIME_BYTES < len(raw):
@@ -56,12 +56,12 @@ def read(path: Path) -> tuple[Received, Sent, float]:
             if message.component_id != AUTOPILOT:
                 sent.append((time_s, message.sender, message.name, fields))
                 continue
-            said.append((time_s, message.name, fields))
+            messages.append((time_s, message.name, fields))
             if boot_s is None and message.name == "ATTITUDE":
                 boot_s = fields["time_boot_ms"] / 1e3 - time_s
         at += size
     assert boot_s is not None
-    return said, sent, boot_s
+    return messages, sent, boot_s
 
 
 def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Received:

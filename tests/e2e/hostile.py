@@ -83,11 +83,11 @@ def frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
 def answer(made: socket.socket, timeout_s: float = 5.0) -> bytes:
     """Everything that the server sends until it closes the connection or stops sending."""
     made.settimeout(timeout_s)
-    said = b""
+    response = b""
     with contextlib.suppress(OSError):
         while piece := made.recv(65536):
-            said += piece
-    return said
+            response += piece
+    return response
 
 
 # --- the attacks ------------------------------------------------------------------------------------
@@ -288,11 +288,11 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
                 socket.create_connection((HOST, target.port), timeout=20) as made,
             ):
                 made.sendall(request + b"Connection: close\r\n\r\n")
-                said = answer(made, 20)
-                if said.startswith(b"HTTP/1.1 200"):
+                response = answer(made, 20)
+                if response.startswith(b"HTTP/1.1 200"):
                     noticed.served += 1
                 else:
-                    noticed.failures.append(said[:60].decode(errors="replace"))
+                    noticed.failures.append(response[:60].decode(errors="replace"))
                 made.close()
             noticed.longest_s = max(noticed.longest_s, time.monotonic() - began_s)
             over.wait(0.02)

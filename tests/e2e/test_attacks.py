@@ -171,15 +171,15 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
     command = server_command(port, [f"udpin://127.0.0.1:{mavlink}"], folder)
     command += ["--host", "0.0.0.0"] if exposed else []
     environment = {name: value for name, value in os.environ.items() if not name.startswith("GCS_")}
-    said = folder / "said.txt"
+    output_file = folder / "said.txt"
     with (
-        said.open("wb") as out,
+        output_file.open("wb") as out,
         running(
             command, stdout=out, stderr=subprocess.STDOUT, env=environment | {"TMPDIR": str(folder)}
         ) as process,
         vehicle(mavlink, more=FAST),
     ):
-        wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
+        wait_until(lambda: "Ready: " in output_file.read_text(), "the server's start")
         token = (folder / "token").read_text().strip() if exposed else None
         site = Site(port, token, process, folder)
         with SyncGcs(site.url, token=token or "") as gcs:
@@ -367,12 +367,12 @@ def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_STREAM)
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     cookies: list[dict[str, str]] = []
-    said = tmp_path / "said.txt"
+    output_file = tmp_path / "said.txt"
     for _ in range(2):
-        with said.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
-            wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
+        with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
+            wait_until(lambda: "Ready: " in output_file.read_text(), "the server's start")
             site = Site(port, (tmp_path / "token").read_text().strip(), process, tmp_path)
-            assert f"http://localhost:{port}/?token={site.token}" in said.read_text()
+            assert f"http://localhost:{port}/?token={site.token}" in output_file.read_text()
             cookies.append(site.cookie)
             assert httpx.get(f"{site.url}/api/v1/health", headers=cookies[0]).status_code == 200
             assert site.token not in Path(f"/proc/{process.pid}/cmdline").read_text()

@@ -44,8 +44,8 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
 
             # an operator without control sees why and what to do; some commands need no control
             bob.get_by_role("button", name="Arm", exact=True).click()
-            said = bob.get_by_role("alert").filter(has_text="Not in control")
-            expect(said).to_contain_text("Anna has control of this vehicle. Request control")
+            alert = bob.get_by_role("alert").filter(has_text="Not in control")
+            expect(alert).to_contain_text("Anna has control of this vehicle. Request control")
             bob.keyboard.press("h")
             notice = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
             expect(notice).to_be_visible()

@@ -49,13 +49,13 @@ def test_the_example_flies_and_ends_disarmed_on_the_ground(
     ],
 )
 def test_the_example_flies_its_plan_and_lands(
-    station: Any, example: str, flags: list[str], said: str
+    station: Any, example: str, flags: list[str], expected_text: str
 ) -> None:
     module = f"missions.examples.{example}"
     command = [sys.executable, "-m", module, "--server", station.url, "--vehicle", "101", *flags]
     done = subprocess.run(command, capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stderr
-    assert said in done.stdout
+    assert expected_text in done.stdout
     assert done.stdout.rstrip().endswith("Landed and disarmed.")
     assert not station.drone.show()["status"]["armed"]
 

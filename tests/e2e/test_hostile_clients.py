@@ -74,7 +74,7 @@ def test_a_refusal_is_received_although_the_client_continues_to_send(site):
     head = b"POST /api/v1/vehicles/1/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000000\r\n\r\n"
     target.send(made, head)
     target.send(made, b"x" * 100_000, 30)
-    said = answer(made)
-    assert said.startswith(b"HTTP/1.1 413 ")
-    assert b'"code":"body_too_large"' in said
+    response = answer(made)
+    assert response.startswith(b"HTTP/1.1 413 ")
+    assert b'"code":"body_too_large"' in response
     target.release()

@@ -70,8 +70,8 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         page.keyboard.press("Enter")
         expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Hold all flying (1)").click()
-        said = page.get_by_label("Vehicle list").get_by_role("status")
-        expect(said).to_have_text("The vehicle switched to Hold.")
+        status_text = page.get_by_label("Vehicle list").get_by_role("status")
+        expect(status_text).to_have_text("The vehicle switched to Hold.")
         wait_until(lambda: two.status()["mode"] == "hold", "Hold of all flying vehicles")
         assert in_both_themes(page) == []
         page.keyboard.press("Escape")

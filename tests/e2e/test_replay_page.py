@@ -45,7 +45,7 @@ class Log:
 
     def __init__(self, path: Path) -> None:
         wire: Any = sim.MAVLink(None)
-        self._said: dict[str, tuple[list[int], list[Any]]] = {}
+        self._recorded: dict[str, tuple[list[int], list[Any]]] = {}
         self.begin_us = self.end_us = 0
         with open_log(path) as file:
             batch = Batch([], Cursor(), at_end=False, bytes_skipped=0)
@@ -56,18 +56,18 @@ class Log:
                 for record in batch.records:
                     if record.raw[5] == 1 and message_id(record.key) in {33, 30, 436, 285}:
                         said = wire.decode(bytearray(record.raw))
-                        times, all_of_it = self._said.setdefault(said.get_type(), ([], []))
+                        times, all_of_it = self._recorded.setdefault(said.get_type(), ([], []))
                         times.append(record.time_us)
                         all_of_it.append(said)
 
     def at(self, name: str, time_us: int) -> Any:
         """The newest message with this name."""
-        times, said = self._said[name]
+        times, said = self._recorded[name]
         return said[bisect.bisect_right(times, time_us) - 1]
 
     def first_in(self, mode: tuple[int, int]) -> int:
         """Time of its first message in a mode [us]."""
-        times, said = self._said["CURRENT_MODE"]
+        times, said = self._recorded["CURRENT_MODE"]
         return next(t for t, m in zip(times, said, strict=True) if _mode(m) == mode)
 
 

@@ -29,11 +29,11 @@ GREETING = """
 @pytest.fixture
 def link(tmp_path: Path) -> Iterator[str]:
     """A server that listens to other machines: returns the link that it printed."""
-    port, said = free_port(socket.SOCK_STREAM), tmp_path / "said.txt"
+    port, output_file = free_port(socket.SOCK_STREAM), tmp_path / "said.txt"
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
-    with said.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT):
-        wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
-        yield said.read_text().partition("Ready: ")[2].split()[0]
+    with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT):
+        wait_until(lambda: "Ready: " in output_file.read_text(), "the server's start")
+        yield output_file.read_text().partition("Ready: ")[2].split()[0]
 
 
 def visit(browser: Browser, link: str) -> tuple[Page, Watched]:

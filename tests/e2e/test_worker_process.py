@@ -25,7 +25,7 @@ def ended(pid):
 
 
 def test_progress_and_result_are_received():
-    said = []
+    reports = []
     body = """
     def work(report):
         for n in range(3):
@@ -33,9 +33,9 @@ def test_progress_and_result_are_received():
         return {"flights": 3}
     serve(work)
     """
-    result = asyncio.run(run_process(program(body), lambda text, progress: said.append((text, progress))))
+    result = asyncio.run(run_process(program(body), lambda text, progress: reports.append((text, progress))))
     assert result == {"flights": 3}
-    assert said == [("flight 0", 0.0), ("flight 1", 1 / 3), ("flight 2", 2 / 3)]
+    assert reports == [("flight 0", 0.0), ("flight 1", 1 / 3), ("flight 2", 2 / 3)]
 
 
 @pytest.mark.parametrize(

@@ -39,20 +39,22 @@ def test_a_vehicle_with_hostile_messages_affects_no_other_vehicle(
 
 def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(flight: AttackedFlight) -> None:
     """The test requests its readiness, its parameters and their metadata."""
-    asked: set[int] = set()
+    answer_statuses: set[int] = set()
 
     def request_everything() -> None:
         with httpx.Client(base_url=f"{flight.url}/api/v1/vehicles/66", timeout=60) as client:
             for path in ("", "/readiness", "/params", "/params", "/offboard", "/history?topics=attitude"):
-                asked.add(client.get(path).status_code)
-            asked.add(client.post("/params/refresh").status_code)
+                answer_statuses.add(client.get(path).status_code)
+            answer_statuses.add(client.post("/params/refresh").status_code)
 
     with flight.under_attack():
         requester = threading.Timer(2.0, request_everything)
         requester.start()
         attack("vehicles", "files", flight.hostile_port, 1, 25)
         requester.join()
-    assert not {status for status in asked if status >= 500 and status not in (503, 504)}, asked
+    assert not {status for status in answer_statuses if status >= 500 and status not in (503, 504)}, (
+        answer_statuses
+    )
 
 
 @pytest.mark.parametrize("name", ["bodies", "headers", "idle", "unread", "requests", "nonsense"])

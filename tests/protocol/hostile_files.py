@@ -26,7 +26,7 @@ class HostileFiles:
         every_s: float = 0.0,
     ) -> None:
         self.autopilot, self.size, self.read, self.burst, self.every_s = autopilot, size, read, burst, every_s
-        self.asked: dict[int, int] = {}
+        self.requests: dict[int, int] = {}
         autopilot.handlers.append(self.handle)
 
     def handle(self, message) -> bool:
@@ -34,7 +34,7 @@ class HostileFiles:
             return False
         raw = bytes(message.payload)
         sequence, _, opcode, size, _, _, _, offset = HEAD.unpack_from(raw)
-        self.asked[opcode] = self.asked.get(opcode, 0) + 1
+        self.requests[opcode] = self.requests.get(opcode, 0) + 1
         if opcode == OPEN:
             self.answer(sequence + 1, opcode, 0, struct.pack("<I", self.size))
         elif opcode == BURST and self.burst is None:

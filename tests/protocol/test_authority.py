@@ -59,11 +59,11 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
         if what == "hold":
             await vehicle_routes.hold("1", at.station, BOB)
         elif what == "land_now":
-            said = control_models.LandNowRequest(confirm="vehicle 1 lands now")
-            await vehicle_routes.land_now("1", said, at.station, BOB)
+            body = control_models.LandNowRequest(confirm="vehicle 1 lands now")
+            await vehicle_routes.land_now("1", body, at.station, BOB)
         else:
-            said = models.KillRequest(confirm="motors stop, vehicle 1 falls")
-            await vehicle_routes.kill("1", said, at.station, BOB)
+            body = models.KillRequest(confirm="motors stop, vehicle 1 falls")
+            await vehicle_routes.kill("1", body, at.station, BOB)
         await silent(at.autopilot, None, settle_s=0.2)
         assert at.autopilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[what]
         assert at.autopilot.armed == (what != "kill")
@@ -80,10 +80,10 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
 
 def test_land_now_without_confirmation_sends_nothing(jump):
     async def scenario(at):
-        for said in ("yes", "vehicle 2 lands now", ""):
+        for body in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="does not name this vehicle"):
                 await vehicle_routes.land_now(
-                    "1", control_models.LandNowRequest(confirm=said), at.station, BOB
+                    "1", control_models.LandNowRequest(confirm=body), at.station, BOB
                 )
         assert not mode_requests(at.autopilot, LAND)
         assert control_changes(at.vehicle) == []

@@ -19,7 +19,7 @@ def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **be
         began_s = world.loop.time()
         with pytest.raises(error, match=words):
             await FtpService(vehicle).read("etc/file")
-        seen.update(files.asked)
+        seen.update(files.requests)
         limit_s = TIME_SPARE_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 

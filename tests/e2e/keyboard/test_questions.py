@@ -22,7 +22,7 @@ NOT_PRESSED = ("Reload", "Hold")
 def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
     browser: Browser, flying: Station
 ) -> None:
-    asked: dict[str, str] = {}
+    questions: dict[str, str] = {}
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         # Before the link's rate is known its button has another name, and would not be found again.
@@ -44,10 +44,10 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
                 for where, ask in press_new_buttons(page, pressed, room, reopen):
                     question = Question(page, commands)
                     commands.clear()  # of the previous buttons, which have no confirmation
-                    if asked.setdefault(question.title, where) == where:
+                    if questions.setdefault(question.title, where) == where:
                         question.check(ask)
                     else:
                         page.keyboard.press("Escape")
     for wanted in ("Disarm", "Arm", "Take off", "Land", "Return", "Offboard", "Send", "Stop motors"):
-        assert any(title.startswith(wanted) for title in asked), (wanted, asked)
+        assert any(title.startswith(wanted) for title in questions), (wanted, questions)
     assert flying.drone.status()["armed"]

@@ -33,10 +33,10 @@ describe('problems', () => {
 describe('file calls', () => {
   it('send a file unchanged and return its problem', async () => {
     const file = new Blob(['QGC WPL 110']);
-    const asked: RequestInit[] = [];
+    const requests: RequestInit[] = [];
     const answers = [new Response(JSON.stringify({ notes: [] })), new Response(JSON.stringify({ detail: 'line 2: no number.' }), { status: 422 })];
     const client = new ApiClient('page-7', undefined, (_, init) => {
-      asked.push(init);
+      requests.push(init);
       return Promise.resolve(answers.shift() ?? new Response(null, { status: 500 }));
     });
     const read = () =>
@@ -47,8 +47,8 @@ describe('file calls', () => {
         headers: { 'Content-Type': 'application/octet-stream' },
       });
     expect(await read()).toEqual({ ok: true, value: { notes: [] } });
-    expect(asked[0]?.body).toBe(file);
-    expect(headersOf(asked[0])).toMatchObject({ 'content-type': 'application/octet-stream', 'x-client': 'page-7' });
+    expect(requests[0]?.body).toBe(file);
+    expect(headersOf(requests[0])).toMatchObject({ 'content-type': 'application/octet-stream', 'x-client': 'page-7' });
     expect(await read()).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
   });
 

@@ -29,7 +29,7 @@ export interface Services {
     lock: (facts: VehicleFacts) => boolean;
     roiOf: (facts: VehicleFacts) => Roi | null;
     /** Reads from the server who controls the gimbal, and its ROI. */
-    askHolder: (facts: VehicleFacts) => Promise<void>;
+    fetchHolder: (facts: VehicleFacts) => Promise<void>;
   };
   stage: {
     readonly sceneAvailable: boolean;

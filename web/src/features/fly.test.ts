@@ -209,7 +209,7 @@ describe('a confirmation', () => {
     const actions = new ActionController(
       api,
       () => 0,
-      () => Promise.reject(new Error('not asked')),
+      () => Promise.reject(new Error('not requested')),
       () => facts,
     );
     actions.request('hold', facts);
@@ -237,7 +237,7 @@ describe('a confirmation', () => {
     const actions = new ActionController(
       new ApiClient('p'),
       () => 0,
-      () => Promise.reject(new Error('not asked')),
+      () => Promise.reject(new Error('not requested')),
       () => facts,
     );
     actions.request('takeoff', { ...facts, inAir: false });
@@ -271,7 +271,7 @@ describe('the gimbal', () => {
       new ActionController(
         api,
         () => 0,
-        () => Promise.reject(new Error('not asked')),
+        () => Promise.reject(new Error('not requested')),
         () => facts,
       ),
     );

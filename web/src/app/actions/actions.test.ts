@@ -26,13 +26,13 @@ describe('actions', () => {
   it('state that the vehicle falls, and confirm with the server’s words', () => {
     expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
     expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
-    const asked: unknown[] = [];
+    const requests: unknown[] = [];
     const api = new ApiClient('p', undefined, (path, init) => {
-      asked.push([path, init.body]);
+      requests.push([path, init.body]);
       return Promise.resolve(Response.json({}));
     });
     void send(api, 'kill', { ...facts, vehicleId: '1~2' });
-    expect(asked).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
+    expect(requests).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
   });
   it('send Hold without confirmation, and never disable Hold and Stop motors for a vehicle', () => {
     expect(question('hold', facts)).toBeNull();

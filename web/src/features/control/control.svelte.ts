@@ -32,7 +32,7 @@ export class ControlController {
     void this.attempt('Take control', facts, () => this.api.post('/vehicles/{v}/control/take', ofVehicle(facts.id)));
   }
 
-  ask(facts: VehicleFacts): void {
+  requestControl(facts: VehicleFacts): void {
     const reason = this.reason.trim().slice(0, REASON_MAX);
     this.denials[facts.id] = false;
     const body = reason === '' ? {} : { reason };

@@ -56,7 +56,7 @@ export class GimbalControl {
   }
 
   /** Reads from the server whether it controls the gimbal, and the gimbal's ROI; called when the reported holder of control changes. */
-  async askHolder(facts: VehicleFacts): Promise<void> {
+  async fetchHolder(facts: VehicleFacts): Promise<void> {
     const [key, holder] = [gimbalKey(facts), holderKey(facts)];
     const answer = await this.api.get('/vehicles/{v}/gimbal', ofGimbal(facts));
     if (!answer.ok) return;
@@ -74,7 +74,7 @@ export class GimbalControl {
     this.busy = true;
     await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', ofGimbal(facts)));
     this.busy = false;
-    await this.askHolder(facts);
+    await this.fetchHolder(facts);
   }
 
   lock(facts: VehicleFacts): boolean {

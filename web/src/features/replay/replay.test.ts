@@ -140,29 +140,29 @@ describe('a replay’s time', () => {
 
 describe('replay control', () => {
   function control(replays: Replay[]) {
-    const asked: { method: string; path: string; body: unknown }[] = [];
+    const requests: { method: string; path: string; body: unknown }[] = [];
     let release: (() => void) | null = null;
     const api = new ApiClient('test', undefined, async (path, init) => {
-      asked.push({ method: init.method ?? '', path, body: init.body === undefined ? null : JSON.parse(init.body as string) });
+      requests.push({ method: init.method ?? '', path, body: init.body === undefined ? null : JSON.parse(init.body as string) });
       if (release === null && init.method === 'POST') await new Promise<void>((done) => (release = done));
       return new Response(JSON.stringify(path.endsWith('/index') ? index : replays[0]), { status: 200 });
     });
     const select = vi.fn();
     const made = new ReplayControl({ api, replays: () => replays, selectedId: () => '1', select });
-    return { made, asked, select, go: () => release?.() };
+    return { made, requests, select, go: () => release?.() };
   }
 
   it('sends one request at a time, and only the newest of later ones', async () => {
     const replays = [replay()];
-    const { made, asked, go } = control(replays);
+    const { made, requests, go } = control(replays);
     made.seek(110);
     made.seek(120);
     made.seek(130);
     made.speed(4);
     expect(made.requested_unix_s).toBe(130);
-    await vi.waitFor(() => expect(asked).toHaveLength(1));
+    await vi.waitFor(() => expect(requests).toHaveLength(1));
     go();
-    await vi.waitFor(() => expect(asked).toHaveLength(2));
+    await vi.waitFor(() => expect(requests).toHaveLength(2));
     await new Promise((done) => setTimeout(done, 0));
     replays[0] = replay({ position_unix_s: 50, playing: false });
     made.follow();
@@ -170,15 +170,15 @@ describe('replay control', () => {
     replays[0] = replay({ position_unix_s: 130, playing: false });
     made.follow();
     expect(made.requested_unix_s).toBeNull();
-    expect(asked.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
-    expect(asked[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
+    expect(requests.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
+    expect(requests[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
   });
   it('keeps the requested time while earlier frames arrive, until a timeout', async () => {
     const replays = [replay({ position_unix_s: 50, playing: false })];
-    const { made, asked, go } = control(replays);
+    const { made, requests, go } = control(replays);
     const now = vi.spyOn(performance, 'now').mockReturnValue(0);
     made.seek(130);
-    await vi.waitFor(() => expect(asked).toHaveLength(1));
+    await vi.waitFor(() => expect(requests).toHaveLength(1));
     go();
     await new Promise((done) => setTimeout(done, 0));
     now.mockReturnValue(60_000); // the browser was busy for a minute
@@ -190,9 +190,9 @@ describe('replay control', () => {
   });
   it('loads the marks once and selects the vehicle of the opened replay', async () => {
     const other = replay({ name: 'replay-b', vehicles: ['7'] });
-    const { made, asked, select, go } = control([other]);
+    const { made, requests, select, go } = control([other]);
     const opening = made.open('b.tlog');
-    await vi.waitFor(() => expect(asked).toHaveLength(1));
+    await vi.waitFor(() => expect(requests).toHaveLength(1));
     go();
     await opening;
     expect(select).toHaveBeenCalledWith('7');

@@ -124,7 +124,7 @@ export class MapPointMenu {
     this.busy = true;
     const accepted = await this.actions.attempt(what, facts, 'stage', send);
     this.busy = false;
-    await service('gimbal').askHolder(facts);
+    await service('gimbal').fetchHolder(facts);
     if (accepted) this.close();
   }
 

@@ -41,7 +41,7 @@ class GroupDraft {
   }
 
   /** Shows all errors of the form, or opens the confirmation if there are none. */
-  askStart(selected: VehicleFacts): void {
+  requestStart(selected: VehicleFacts): void {
     const draft = this.now;
     this.tried = true;
     if (Object.keys(problemsOf(draft, false)).length > 0) return;

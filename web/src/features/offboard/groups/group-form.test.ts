@@ -58,9 +58,9 @@ describe('the group form', () => {
     expect(groupText(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
     expect(groupText(FLY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
     expect(groupText(PAIR)).toBe('hold their positions');
-    const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersContinue: true });
-    expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
-    expect(asked.effect).toBe(
+    const question = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersContinue: true });
+    expect(question.title).toBe('Group: 1 Quad and 2 Quad');
+    expect(question.effect).toBe(
       'Each switches to Offboard at its current position; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Separation at least 5.0 m; only a vehicle that comes closer holds. After 5.0 s all switch to Hold. “Hold group” stops all vehicles at any time.',
     );
     expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is visible');

@@ -289,22 +289,22 @@ describe('the group controller', () => {
 
   it('polls once a second while there is a group and the page is visible, and after each new connection', async () => {
     const { controller, calls, at, settle } = setup();
-    const asked = (): number => calls.filter((c) => c.call === 'GET /groups').length;
+    const getCount = (): number => calls.filter((c) => c.call === 'GET /groups').length;
     for (; at.now_s < 2.95; at.now_s += 0.1) {
       controller.tick('open');
       await settle();
     }
-    expect(asked()).toBe(3);
+    expect(getCount()).toBe(3);
     at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
     controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
     expect([controller.live.length, controller.lastEnded?.ended, controller.own]).toEqual([0, 'me commanded Hold.', null]);
     at.now_s = 60;
     controller.tick('open');
     await settle();
-    expect(asked()).toBe(3);
+    expect(getCount()).toBe(3);
     controller.tick('another connection');
     await settle();
-    expect(asked()).toBe(4);
+    expect(getCount()).toBe(4);
     controller.dismissEnded();
     expect(controller.lastEnded).toBeNull();
   });

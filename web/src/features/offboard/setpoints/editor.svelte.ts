@@ -119,7 +119,7 @@ class SetpointEditor {
 
   // --- server state ---
 
-  async ask(id: string): Promise<void> {
+  async fetchView(id: string): Promise<void> {
     const answer = await page.api.get('/vehicles/{v}/offboard', ofVehicle(id));
     if (answer.ok && id === this.vehicle) this.view = answer.value;
   }
