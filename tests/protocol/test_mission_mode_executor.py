@@ -50,10 +50,10 @@ async def arm(at: Modes) -> None:
 
 async def selected(at: Modes, mission: dict[str, Any] = CLIMBS) -> None:
     """The mission's mode is registered, and another station has selected it on the ground."""
-    mode = (await at.register(mission=mission))["mode"]
-    assert mode == OWN
-    at.other.choose(mode)
-    await at.mode(mode)
+    mode = await at.register(mission=mission)
+    assert (mode["mode"], mode["takes_off"]) == (OWN, True)
+    at.other.choose(OWN)
+    await at.mode(OWN)
 
 
 def height_m(at: Modes) -> float:
@@ -73,6 +73,7 @@ def test_selected_on_the_ground_and_armed_the_mission_takes_off_flies_and_lands(
         await at.mode("takeoff")
         assert at.mission == "taking_off"
         assert at.station.missions.status("1").mode == OWN
+        assert at.station.missions.status("1").executor_in_charge is True
         assert "holds after a take-off" in at.station.missions.status("1").if_stream_stops
         await at.mode(OWN, 30)
         assert height_m(at) - ground_m == pytest.approx(6, abs=1)
@@ -138,6 +139,7 @@ def test_after_a_takeover_the_executor_sends_nothing_more(jump: Any, when: str) 
         at.other.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, HOLD)
         await at.mode("hold")
         await until(lambda: at.mission == "suspended", 2)
+        assert at.station.missions.status("1").executor_in_charge is False
         before = len(at.world.topics[0].sent)
         await seconds(8)
         sent = at.world.topics[0].sent[before:]

@@ -42,6 +42,8 @@ def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> No
         mode = await at.flying()
         assert at.vehicle.status.mode_label == NAME
         assert at.station.missions.status("1").mode == mode
+        assert at.station.missions.status("1").executor_in_charge is None
+        assert (await at.shown())["modes"][0]["takes_off"] is False
         assert "RTL" in at.station.missions.status("1").if_stream_stops
         await until(lambda: at.mission == "done", 20)
         await at.mode("hold")

@@ -183,7 +183,8 @@ class MissionFlight:
 
     def status(self) -> OffboardMissionStatus:
         """Status of the mission."""
-        result = self.runner.status(self.reading())
+        reading = self.reading()
+        result = self.runner.status(reading)
         mission = self._start.mission
         return OffboardMissionStatus(
             state=result.state,  # type: ignore[arg-type]
@@ -202,6 +203,7 @@ class MissionFlight:
             outside_corridor_m=_centimetres(result.outside_corridor_m),
             dry_run=self._start.dry_run,
             mode=self.mode,
+            executor_in_charge=reading.executor_in_charge,
             question=result.question,
             reason=result.reason,
             if_stream_stops=self._if_stream_stops(),

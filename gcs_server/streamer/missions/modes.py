@@ -94,6 +94,9 @@ class MissionModeStatus:
     """How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never."""
     failsafe_deferred: bool
     """Whether PX4 defers a failsafe now, because the vehicle flies in the mode."""
+    takes_off: bool
+    """Whether the mission begins with a take-off: true: it starts on the ground, when the vehicle is armed in
+    the mode; false: in flight, when the mode is selected."""
 
 
 @dataclass(slots=True)
@@ -379,6 +382,7 @@ class MissionModes:
             client=mode.client,
             defer_failsafes_s=mode.defer_failsafes_s,
             failsafe_deferred=registration.failsafe_deferred,
+            takes_off=mode.takes_off,
         )
 
     def _add_event(self, vehicle: Vehicle, name: str, code: str, text: str, severity: int) -> None:

@@ -7655,6 +7655,12 @@ export interface components {
              * @description Whether PX4 defers a failsafe now, because the vehicle flies in the mode.
              */
             readonly failsafe_deferred: boolean;
+            /**
+             * Takes Off
+             * @description Whether the mission begins with a take-off: true: it starts on the ground, when the vehicle is armed in
+             *     the mode; false: in flight, when the mode is selected.
+             */
+            readonly takes_off: boolean;
         };
         /**
          * MissionModesView
@@ -8464,6 +8470,13 @@ export interface components {
              * @description Mode in which it is flown: offboard, or the mode as which it is registered (`external_1` …).
              */
             readonly mode: string;
+            /**
+             * Executor In Charge
+             * @description Whether PX4 has put the executor of this mode in charge of the vehicle. While it is false, PX4 rejects
+             *     the mission's take-off, landing and mode changes, because somebody else commands the vehicle. null: the
+             *     mode has no executor, or is not registered.
+             */
+            readonly executor_in_charge: boolean | null;
             /**
              * Question
              * @description Question to the operator; answered by `go_on`.

@@ -2,6 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run.svelte';
 import {
+  chargeText,
   corridorFor,
   corridorForRoles,
   corridorText,
@@ -35,6 +36,7 @@ const FLOWN: Flown = {
   outside_corridor_m: null,
   dry_run: null,
   mode: 'offboard',
+  executor_in_charge: null,
   question: null,
   reason: null,
   if_stream_stops: 'it lands.',
@@ -52,6 +54,15 @@ const error = (text: string): Finding => ({
   text,
   place: { row: null, zone: null, rally_point: null, step: 'step 2' },
   fix: null,
+});
+
+describe('who commands the vehicle', () => {
+  it('is stated while a flight mode with an executor is flown', () => {
+    expect(chargeText(FLOWN)).toBeNull();
+    expect(chargeText(as({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
+    expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain('Somebody else commands the vehicle');
+    expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'done' }))).toBeNull();
+  });
 });
 
 describe('the corridor of a dry run', () => {

@@ -42,6 +42,14 @@ export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' 
   return { text, tone: flown.state === 'paused' ? 'dim' : 'target' };
 }
 
+/** Who commands the vehicle during a mission whose flight mode has an executor; null: its mode has none, or it is over. */
+export function chargeText(flown: Flown): string | null {
+  if (isOver(flown) || flown.executor_in_charge === null) return null;
+  return flown.executor_in_charge
+    ? 'The mission commands the vehicle. Any other mode ends this.'
+    : 'Somebody else commands the vehicle: PX4 accepts no command of the mission.';
+}
+
 /** The commands that are possible in the present state. */
 export function availableCommands(flown: Flown): readonly FlightCommand[] {
   if (isOver(flown)) return [];

@@ -14,6 +14,7 @@ const MODE: MissionMode = {
   client: 'Anna',
   defer_failsafes_s: 0,
   failsafe_deferred: false,
+  takes_off: false,
 };
 const as = (more: Partial<MissionMode>): MissionMode => ({ ...MODE, ...more });
 const FLIES = { steps: [{ step: 'fly' }] } as unknown as Mission;
@@ -75,7 +76,8 @@ describe('registering', () => {
 
 describe('a mode', () => {
   it('has its state as a text', () => {
-    expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected', tone: 'ok' });
+    expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected: select it in flight; the mission then starts at once', tone: 'ok' });
+    expect(modeText(as({ takes_off: true }), 'hold').text).toContain('select it on the ground and arm; the vehicle then takes off by itself');
     expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
     expect(modeText(as({ defer_failsafes_s: 20, failsafe_deferred: true }), 'external_1')).toEqual({
       text: 'selected. PX4 defers a failsafe for up to 20 s',
@@ -111,6 +113,12 @@ describe('a mode', () => {
   it('is selected on the ground after a question that states what arming does', () => {
     const asks = selectQuestion(MODE, 'Quad 1', false);
     expect(asks.title).toBe('Select “Short line” for Quad 1');
-    expect(asks.effect).toContain('takes off as soon as somebody arms it');
+    expect(asks.effect).toContain('PX4 does not arm in this mode');
+    expect(selectQuestion(as({ takes_off: true }), 'Quad 1', false).effect).toContain('as soon as somebody arms it in this mode');
+  });
+
+  it('with a take-off only continues in the air', () => {
+    const asks = selectQuestion(as({ takes_off: true }), 'Quad 1', true);
+    expect(asks.effect).toContain('continues the mission “Line” (version 3) if it was suspended');
   });
 });

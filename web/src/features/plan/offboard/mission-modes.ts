@@ -47,6 +47,11 @@ export function registerProblem(name: string, mission: Mission, open: readonly F
   return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to fix or accept below: ${errors[0]?.text ?? ''}`;
 }
 
+/** How somebody starts the mission of a mode. */
+function startText(mode: MissionMode): string {
+  return mode.takes_off ? 'select it on the ground and arm; the vehicle then takes off by itself' : 'select it in flight; the mission then starts at once';
+}
+
 /** State of a mode. @param present the vehicle's mode. */
 export function modeText(mode: MissionMode, present: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'target' } {
   switch (mode.state) {
@@ -54,7 +59,7 @@ export function modeText(mode: MissionMode, present: string | null): { text: str
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
       if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
-      return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: 'ready to be selected', tone: 'ok' };
+      return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
   }
@@ -70,8 +75,26 @@ export function canRemove(mode: MissionMode, present: string | null, inAir: bool
   return mode.state !== 'registering' && !(inAir && mode.mode !== null && mode.mode === present);
 }
 
+/** What arming does after the mode was selected on the ground. */
+function armingText(mode: MissionMode): string {
+  return mode.takes_off
+    ? `The vehicle takes off and flies the mission “${mode.mission}”${versionText(mode)} as soon as somebody arms it in this mode.`
+    : `PX4 does not arm in this mode, because the mission “${mode.mission}”${versionText(mode)} does not begin with a take-off. Take off first, then select it.`;
+}
+
+/** What selecting the mode does in flight. */
+function flightText(mode: MissionMode): string {
+  const begins = mode.takes_off
+    ? `continues the mission “${mode.mission}”${versionText(mode)} if it was suspended. Otherwise the vehicle holds, because the mission begins with a take-off.`
+    : `flies the mission “${mode.mission}”${versionText(mode)} from its current position.`;
+  return `Switches to the flight mode “${mode.name}”, and ${begins} If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.`;
+}
+
+function versionText(mode: MissionMode): string {
+  return mode.version === null ? '' : ` (version ${mode.version})`;
+}
+
 export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): Question {
-  const version = mode.version === null ? '' : ` (version ${mode.version})`;
   const deferral =
     mode.defer_failsafes_s > 0
       ? ` While it flies, PX4 defers failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
@@ -79,19 +102,13 @@ export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: bo
   if (!inAir)
     return {
       title: `Select “${mode.name}” for ${vehicleName}`,
-      effect:
-        `Switches to the flight mode “${mode.name}”. If the mission “${mode.mission}”${version} begins with a take-off, the vehicle takes off ` +
-        'as soon as somebody arms it in this mode. Otherwise PX4 does not arm in this mode.' +
-        deferral,
+      effect: `Switches to the flight mode “${mode.name}”. ${armingText(mode)}${deferral}`,
       verb: 'Select',
       danger: false,
     };
   return {
     title: `Start “${mode.name}” with ${vehicleName}`,
-    effect:
-      `Switches to the flight mode “${mode.name}”, and flies the mission “${mode.mission}”${version} from its current position. ` +
-      'If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.' +
-      deferral,
+    effect: `${flightText(mode)}${deferral}`,
     verb: 'Start',
     danger: false,
   };
