@@ -271,6 +271,8 @@ class Authority:
         commanded_here = status.mode != "offboard" or vehicle.streaming
         flies_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
         moves_by_itself = (status.mode in MOVING_MODES and commanded_here) or flies_mission_mode
+        mission = vehicle.offboard_mission
+        moves_by_itself = moves_by_itself and not (mission is not None and mission.flown_by_pilot)
         holds_position = status.mode == "hold" and action != "hold"
         if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or holds_position):
             return

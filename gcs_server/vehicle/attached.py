@@ -36,6 +36,11 @@ class AttachedMission(Protocol):
         """Status of the newest mission; None before the first."""
         ...
 
+    @property
+    def flown_by_pilot(self) -> bool:
+        """Whether a pilot or another station has started the mission that is flown now."""
+        ...
+
 
 class HolderStatus(Protocol):
     """State of control of a vehicle."""

@@ -105,13 +105,13 @@ class Runner(Ending):
         """
         self.require_resumable(reading)
         part = self._part
+        self._watch.set_owner(reading, by_mode=self._suspended)
         if not self._suspended and isinstance(part, SetpointPart):
             part.resume()
         else:
             self._suspended, self._paused_in_hold, self._reason = False, False, None
             self.flight.paused = False
             self._begin_part(now_s, reading)
-        self._watch.set_owner(reading)
         self._notify("resumed", f"{by} resumed the mission.")
         return self._take_requests()
 

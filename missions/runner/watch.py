@@ -13,6 +13,10 @@ ESTIMATE_LOST_S = 1.0
 IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
 """Estimates that are needed during the whole flight; global positions are already converted to local ones."""
 
+GOES_BACK = ("vehicle", "failsafe")
+"""Sources of a mode that do not change who started the mission: on the ground the source is always the vehicle,
+and in flight PX4 goes back to the mode after its failsafe."""
+
 
 def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimate, ...]) -> str | None:
     """The first of these estimates that the mission needs and the vehicle does not have."""
@@ -49,9 +53,21 @@ class FlightWatch:
         self._control_lost_reported = self._low_battery_reported = False
         self._estimate_lost_s: float | None = None
 
-    def set_owner(self, reading: Reading) -> None:
-        """Records the client in control, which has started or resumed the mission."""
+    def set_owner(self, reading: Reading, *, by_mode: bool = True) -> None:
+        """Records who has started or resumed the mission: the client in control, or the pilot or other ground
+        station that selected its flight mode.
+
+        Args:
+            reading: the vehicle's state.
+            by_mode: whether a selected mode can be the reason, and not only a client's request.
+        """
         self._owner, self._control_lost_reported = reading.holder, False
+        flight = self._flight
+        selected = by_mode and flight.mode != "offboard" and reading.mode == flight.mode
+        if not selected or reading.mode_source == "command":
+            flight.by_pilot = False
+        elif reading.mode_source not in GOES_BACK:
+            flight.by_pilot = True
 
     def begin_part(self) -> None:
         """Resets the checks for a new part of the flight."""
@@ -73,6 +89,11 @@ class FlightWatch:
     def _control(self, reading: Reading) -> Iterator[Failure]:
         holder = reading.holder
         if holder == self._owner:
+            return
+        if self._flight.by_pilot:
+            self._owner = holder
+            who = "No client" if holder is None else reading.holder_name or "Another client"
+            yield Failure("continue", f"{who} has control now, but somebody else selected this flight mode")
             return
         if holder is None:
             self._owner = None

@@ -90,7 +90,9 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(jump:
 
 def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump: Any) -> None:
     async def story(at: Modes) -> None:
-        await at.flying()
+        mode = (await at.register())["mode"]
+        await at.vehicle.command.set_mode(mode)
+        await until(lambda: at.mission == "flying", 5)
         flight = at.station.missions.flight("1")
         assert flight.runner.flight.actions.control_lost == "hold"
         at.station.authority.control("1").lease.release(ANNA)
@@ -98,6 +100,30 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump
         assert at.mission == "suspended"
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in at.sent(COMPLETED)]
         assert [each["result"] for each in completed] == [100]
+
+    fly(jump, story)
+
+
+def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        mode = (await at.register(mission=LOITER))["mode"]
+        at.other.choose(mode)
+        await until(lambda: at.mission == "flying", 5)
+        lease = at.station.authority.control("1").lease
+        lease.take(ANNA, on_expiry="land")
+        await until(lambda: lease.holder is None, 40)
+        assert (at.mission, at.vehicle.status.mode) == ("flying", mode)
+        assert any("No client has control now" in text for text in at.warnings())
+        lease.take(BOB)
+        await seconds(2)
+        assert (at.mission, at.vehicle.status.mode) == ("flying", mode)
+        await mission_routes.pause("1", at.station, BOB)
+        await until(lambda: at.mission == "paused", 10)
+        await mission_routes.resume("1", at.station, BOB)
+        await until(lambda: at.mission == "flying", 5)
+        lease.release(BOB)
+        await at.mode("hold")
+        assert at.mission == "suspended"
 
     fly(jump, story)
 

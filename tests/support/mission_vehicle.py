@@ -160,7 +160,7 @@ class FlownMission:
                 self.set_reading(armed=True)
             elif isinstance(request, Play):
                 self.player = Player(request.script, self.now_s)
-                self._own_mode("offboard")
+                self._own_mode(self.runner.flight.mode)
                 self.set_reading(stream="flying", played=self.player.played)
             elif isinstance(request, ChangeScript) and self.player is not None:
                 self.player.change_script(request.change)

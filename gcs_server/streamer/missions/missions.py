@@ -125,6 +125,10 @@ class OffboardMissions:
             )
         return flight
 
+    def newest(self, vehicle_id: str) -> MissionFlight | None:
+        """The newest mission of a vehicle; None if there was none."""
+        return self._flights.get(vehicle_id)
+
     def flown_in(self, vehicle_id: str, mode: str) -> MissionFlight | None:
         """The vehicle's mission that is flown in this mode and has not ended; None if there is none."""
         flight = self._flights.get(vehicle_id)
@@ -181,3 +185,9 @@ class VehicleMission:
     def status(self) -> OffboardMissionStatus | None:
         """Current status; None before the first mission."""
         return self.missions.status(self.vehicle_id)
+
+    @property
+    def flown_by_pilot(self) -> bool:
+        """Whether a pilot or another station has started the mission that is flown now."""
+        flight = self.missions.newest(self.vehicle_id)
+        return flight is not None and flight.runner.in_charge and flight.runner.flight.by_pilot

@@ -157,6 +157,34 @@ def test_expired_control_triggers_the_documents_action(kind, action, modes):
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
 
+@pytest.mark.parametrize(
+    ("started", "resumed", "action"),
+    [
+        (("external_1", "unknown"), None, []),
+        (("external_1", "vehicle"), None, []),
+        (("external_1", "command"), None, ["hold"]),
+        (("external_1", "command"), "pilot", []),
+        (("external_1", "unknown"), "failsafe", []),
+        (("external_1", "unknown"), "command", ["hold"]),
+        (("offboard", "unknown"), None, ["hold"]),
+    ],
+)
+def test_expired_control_interrupts_only_what_an_operator_of_this_server_started(started, resumed, action):
+    mode, source = started
+    fake = FlownMission(mission(flown(FLY, "step: hold, duration_s: 60")), mode=mode)
+    fake.set_reading(mode=mode, mode_source=source, armed=True, landed="in_air", position_ned_m=(0, 0, -10))
+    fake.start().in_state("flying")
+    if resumed is not None:
+        fake.mode("position", "pilot")
+        fake.in_state("suspended").mode(mode, resumed)
+        fake.resume()
+        fake.in_state("flying")
+    fake.asked.clear()
+    fake.set_reading(holder=None)
+    fake.fly(1.0)
+    assert fake.modes() == action
+
+
 def test_without_control_a_mission_may_continue_until_another_client_takes_control():
     fake = flight("orbit", control_lost="continue")
     fake.set_reading(holder=None)
