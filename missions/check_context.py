@@ -52,6 +52,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "too_many_items": ("error", "more fence or rally items than PX4 has room for"),
     "endurance_exceeded": ("warning", "more energy than the battery provides"),
     "endurance_endless": ("warning", "endless: no battery is large enough"),
+    "parameters_unknown": ("warning", "vehicle parameters that are not known; PX4's defaults are used"),
     "check_failed": ("warning", "a check that could not be carried out"),
 }
 """Severity and meaning of each code."""
@@ -91,6 +92,17 @@ class CheckLimits:
     leg_max_m: float | None = 2000.0
     vehicle: VehicleModel = field(default_factory=VehicleModel)
     power: PowerModel | None = None
+    unknown_parameters: tuple[str, ...] = ()
+    """PX4 names of the parameters that the checks need and that are not known for this vehicle."""
+
+
+UNKNOWN_PARAMETERS_FIX = "Connect the vehicle and read its parameters, then check again."
+
+
+def unknown_parameters_text(names: tuple[str, ...]) -> str:
+    """The message of the finding `parameters_unknown`, which names the parameters."""
+    are = "parameter is" if len(names) == 1 else "parameters are"
+    return f"The vehicle's {are} not known, and PX4's defaults are used: {', '.join(sorted(names))}."
 
 
 @dataclass(frozen=True, slots=True)

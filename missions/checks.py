@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from missions import check_items, check_space
-from missions.check_context import CODES, CheckLimits, Context, Finding
+from missions.check_context import (
+    CODES,
+    UNKNOWN_PARAMETERS_FIX,
+    CheckLimits,
+    Context,
+    Finding,
+    unknown_parameters_text,
+)
 from missions.estimates import estimate
 from missions.plan import Plan
 
@@ -22,7 +29,7 @@ Rule = Callable[[Context], Iterator[Finding]]
 def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
     """All findings about a plan, in the order of the rules."""
     limits = limits or CheckLimits()
-    rules: tuple[Rule, ...] = (*check_items.RULES, *check_space.RULES, _totals)
+    rules: tuple[Rule, ...] = (*check_items.RULES, *check_space.RULES, _totals, _parameters)
     findings: list[Finding] = []
     try:
         context = Context.of(plan, limits)
@@ -36,6 +43,13 @@ def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
             message = f"The check of {name} could not be carried out: {error!r:.200}."
             findings.append(Finding("check_failed", message))
     return tuple(findings)
+
+
+def _parameters(context: Context) -> Iterator[Finding]:
+    """Parameters of the vehicle that the other checks would need."""
+    names = context.limits.unknown_parameters
+    if names:
+        yield Finding("parameters_unknown", unknown_parameters_text(names), fix=UNKNOWN_PARAMETERS_FIX)
 
 
 def _totals(context: Context) -> Iterator[Finding]:

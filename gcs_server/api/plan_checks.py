@@ -30,6 +30,8 @@ class PlanContext:
 
     parameters: dict[str, float] = field(default_factory=dict[str, float])
     """Parameters by PX4 name."""
+    unknown_parameters: tuple[str, ...] = ()
+    """PX4 names of the other parameters that the checks of an offboard mission need."""
     home: dict[str, float] | None = None
     """Home position: `lat_deg`, `lon_deg`, `alt_amsl_m`."""
     origin: dict[str, float] | None = None
@@ -47,9 +49,13 @@ async def check_document(
 ) -> dict[str, Any]:
     """Findings and estimates of a plan for a vehicle; as `PlanCheck`."""
     known = plan_context_of(station, vehicle)
+    needed = known.unknown_parameters
+    if not isinstance(document, OffboardMission):
+        needed = tuple(name for name in needed if name in PARAMETERS.values())
     arguments = {
         "plan": text_of(document),
         "parameters": known.parameters,
+        "unknown_parameters": needed,
         "home": known.home,
         "origin": known.origin,
         "reported": known.reported,
@@ -85,25 +91,25 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
         name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}
     }
     parameters = {name: float(param.value) for name, param in result.items() if param is not None}
-    if not parameters:
-        not_known.append(
-            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults are used."
-        )
-    elif missing := sorted(name for name in result if name not in parameters):
-        not_known.append(f"Unknown parameters, PX4's defaults are used: {', '.join(missing)}.")
+    unknown = tuple(sorted(name for name in result if name not in parameters))
     limits = station.offboard(vehicle.id).operator.limits
     operator = OperatorArea(limits.height_max_m, limits.distance_max_m, limits.fence)
     sample = vehicle.topic("home")
     if sample is None:
         not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's home is used.")
         return PlanContext(
-            parameters, not_known=tuple(not_known), reported=reported_values(vehicle), operator=operator
+            parameters,
+            unknown,
+            not_known=tuple(not_known),
+            reported=reported_values(vehicle),
+            operator=operator,
         )
     assert isinstance(sample.value, Home)
     home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
     origin = VehicleEstimates(vehicle).origin()
     return PlanContext(
         parameters,
+        unknown,
         home,
         None if origin is None else asdict(origin),
         tuple(not_known),

@@ -63,9 +63,9 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
 async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     """Checks a plan: findings and estimates of its flight. Changes nothing.
 
-    With `vehicle`, the vehicle's parameters and home are used if the server has them. For the values listed
-    in `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start
-    on the ground at home; `flight` contains its path and the duration of each step.
+    With `vehicle`, the vehicle's parameters and home are used if the server has them. Otherwise PX4's
+    defaults are used (finding `parameters_unknown`), and the plan's home (`not_known`). An offboard mission
+    is compiled for a start on the ground at home; `flight` contains its path and the duration of each step.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()

@@ -45,18 +45,19 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
-    """Checks a plan. Arguments: `plan` (JSON text); `parameters`; `home`, `origin` and `reported` of the
-    vehicle, and `power`, each may be null; `operator` (as `OperatorArea`); `elevation`: paths of elevation
-    files."""
+    """Checks a plan. Arguments: `plan` (JSON text); `parameters`, `unknown_parameters`, `home`, `origin` and
+    `reported` of the vehicle, and `power`, each may be null; `operator` (as `OperatorArea`); `elevation`:
+    paths of elevation files."""
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
+    limits = CheckLimits(power=power, unknown_parameters=tuple(arguments["unknown_parameters"]))
     if isinstance(document, OffboardMission):
-        return _check_mission(document, arguments, power)
+        return _check_mission(document, arguments, limits)
     plan = document
     if arguments["home"] is not None:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
-    findings = check(plan, CheckLimits(vehicle=vehicle, power=power))
+    findings = check(plan, dataclasses.replace(limits, vehicle=vehicle))
     ground = PlanGround()
     if arguments["elevation"]:
         from gcs_server.plans import terrain_tasks  # GDAL, 0.3 s to import
@@ -87,9 +88,7 @@ def _finding(finding: Finding) -> Values:
     }  # fmt: skip
 
 
-def _check_mission(
-    mission: OffboardMission, arguments: Mapping[str, Any], power: PowerModel | None
-) -> Values:
+def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limits: CheckLimits) -> Values:
     """Compiles an offboard mission for a start on the ground at home, and checks it."""
     from missions.offboard import compiler, mission_checks, samples  # half a second to import
     from missions.offboard.positions import Start
@@ -105,7 +104,7 @@ def _check_mission(
         frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
         start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
     vehicle = MissionVehicle.from_parameters(
-        arguments["parameters"], CheckLimits(power=power), arguments["reported"], _area_of(arguments)
+        arguments["parameters"], limits, arguments["reported"], _area_of(arguments)
     )
     if mission.roles:
         return _check_roles(mission, vehicle, arguments["elevation"])

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from missions.check_context import UNKNOWN_PARAMETERS_FIX, unknown_parameters_text
 from missions.check_space import allowed_area
 from missions.offboard import samples
 from missions.offboard.findings import MissionFinding
@@ -143,6 +144,9 @@ def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFindi
 
 def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
     limits = work.vehicle.limits
+    if limits.unknown_parameters:
+        message = unknown_parameters_text(limits.unknown_parameters)
+        yield MissionFinding("parameters_unknown", message, None, UNKNOWN_PARAMETERS_FIX)
     power, needed_wh = limits.power, energy_wh(timeline, work)
     if power is not None and needed_wh is not None and needed_wh > power.usable_wh:
         message = (

@@ -54,8 +54,8 @@ class Flight:
         """Mission time since the start of the segment."""
         self.paused = False
         self.by_pilot = True
-        """Whether somebody else than an operator of this server started it, by selecting its flight mode; known
-        once the mission has started."""
+        """Whether a pilot or another station started it, by selecting its flight mode; known once the mission
+        has started."""
         self.photo_index = 0
         """Index of the first segment with pictures that are still to be taken."""
         self.photos_taken = 0

@@ -14,8 +14,8 @@ IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
 """Estimates that are needed during the whole flight; global positions are already converted to local ones."""
 
 GOES_BACK = ("vehicle", "failsafe")
-"""Sources of a mode that do not change who started the mission: on the ground the source is always the vehicle,
-and in flight PX4 goes back to the mode after its failsafe."""
+"""Sources of a mode that do not change who started the mission: a disarmed vehicle is always named as the
+source itself, and in flight PX4 goes back to the mode after its failsafe."""
 
 
 def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimate, ...]) -> str | None:

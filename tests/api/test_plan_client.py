@@ -64,7 +64,7 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
         assert (await plans.get(kept["id"], 1))["name"] == "Tower"
         assert (await plans.all())[0]["name"] == saved["name"] == "Old tower"
         found = await plans.check(kept["plan"], vehicle_id="1")
-        assert any("parameters of vehicle 1" in text for text in found["not_known"])
+        assert "parameters_unknown" in {each["code"] for each in found["findings"]}
         file = await plans.write_file(PLAN, "kml")
         read = await plans.read_file(file, "a.kml")
         assert len(read["plan"]["items"]) == 3

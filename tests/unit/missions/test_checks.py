@@ -128,6 +128,7 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("rally_terrain", a_plan(TAKEOFF, rally_points=(RallyPoint(**at(5), altitude=TERRAIN),)), DEFAULTS, None),
     ("too_many_items", a_plan(TAKEOFF, fence=(square(300),) * 17), DEFAULTS, None),
     ("endurance_exceeded", a_plan(TAKEOFF, to(100), to(0), to(100)), ENDURANCE, None),
+    ("parameters_unknown", GOOD, CheckLimits(unknown_parameters=("MPC_XY_VEL_MAX",)), None),
     ("endurance_endless", a_plan(TAKEOFF, to(9), Jump(target_index=1, repeat=-1)), ENDURANCE, None),
 ]  # fmt: skip
 

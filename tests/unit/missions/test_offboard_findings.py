@@ -15,9 +15,11 @@ from missions.offboard.compiler import compile_mission
 from missions.offboard.findings import CODES
 from missions.offboard.positions import Start
 from missions.offboard.reader import read
+from missions.offboard.roles import compile_roles, planned_starts
 from missions.offboard.state import MissionVehicle, OperatorArea
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import PowerModel, VehicleModel
+from tests.support.mission_steps import STEPS, for_two
 from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, mission
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -95,6 +97,16 @@ def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, word
     assert words in finding.message
     wide = OperatorArea(11.0, 61.0, CircleFence(*HERE, 70.0))
     assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=wide), start))
+
+
+def test_unknown_parameters_are_one_finding_that_names_them_also_for_several_vehicles() -> None:
+    vehicle = MissionVehicle(limits=CheckLimits(unknown_parameters=("MPC_XY_VEL_MAX", "MPC_ACC_HOR")))
+    (finding,) = compile_mission(mission(flown("step: hold, duration_s: 1")), vehicle).findings
+    assert (finding.code, finding.severity, finding.step) == ("parameters_unknown", "warning", None)
+    assert finding.message.endswith("PX4's defaults are used: MPC_ACC_HOR, MPC_XY_VEL_MAX.")
+    both = for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
+    found = compile_roles(both, dict.fromkeys(both.roles, vehicle), planned_starts(both)).findings
+    assert [each.code for each in found].count("parameters_unknown") == 1
 
 
 def test_a_reported_and_satisfiable_condition_gives_no_finding() -> None:

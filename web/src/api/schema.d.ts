@@ -1451,9 +1451,9 @@ export interface paths {
          * Check Plan
          * @description Checks a plan: findings and estimates of its flight. Changes nothing.
          *
-         *     With `vehicle`, the vehicle's parameters and home are used if the server has them. For the values listed
-         *     in `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start
-         *     on the ground at home; `flight` contains its path and the duration of each step.
+         *     With `vehicle`, the vehicle's parameters and home are used if the server has them. Otherwise PX4's
+         *     defaults are used (finding `parameters_unknown`), and the plan's home (`not_known`). An offboard mission
+         *     is compiled for a start on the ground at home; `flight` contains its path and the duration of each step.
          */
         readonly post: operations["check_plan_api_v1_plans_check_post"];
         readonly delete?: never;

@@ -31,6 +31,7 @@ def test_process_and_thread_give_the_same_result():
     arguments = {
         "plan": plan_text(400),
         "parameters": {"MPC_XY_CRUISE": 3.0},
+        "unknown_parameters": [],
         "home": None,
         "origin": None,
         "reported": None,
@@ -90,6 +91,7 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
                 {
                     "plan": "[]",
                     "parameters": {},
+                    "unknown_parameters": [],
                     "home": None,
                     "origin": None,
                     "reported": None,
