@@ -75,6 +75,8 @@ class Finding:
     """How to correct it."""
     is_error_here: bool = False
     """Whether this vehicle's parameters make this warning an error."""
+    limit: float | None = None
+    """The number that it was checked against: height above home [m] or speed [m/s]; None: it has none."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:

@@ -102,7 +102,9 @@ def _takeoff(context: Context) -> Iterator[Finding]:
                 message = (
                     f"{name(row, item)} climbs to {height_m:.1f} m above home; PX4 needs {least_m:.1f} m."
                 )
-                yield Finding("takeoff_too_low", message, row, fix=f"Raise it to {least_m:.1f} m.")
+                yield Finding(
+                    "takeoff_too_low", message, row, fix=f"Raise it to {least_m:.1f} m.", limit=least_m
+                )
             if earlier is not None:
                 message = f"PX4 requires the take-off before {earlier}."
                 yield Finding("takeoff_not_first", message, row, fix="Move the take-off to the start.")
@@ -170,11 +172,11 @@ def _speeds(context: Context) -> Iterator[Finding]:
             )
         elif item.speed_type in GROUND_SPEED_TYPES and speed > most:
             message = f"{name(row, item)} requests {speed:g} m/s; the vehicle's maximum is {most:g} m/s."
-            yield Finding("speed_too_high", message, row, fix=f"Set {most:g} m/s or less.")
+            yield Finding("speed_too_high", message, row, fix=f"Set {most:g} m/s or less.", limit=most)
     planned = context.plan.hover_speed_m_s
     if planned is not None and planned > most:
         message = f"The planned speed is {planned:g} m/s; the vehicle flies {most:g} m/s at most."
-        yield Finding("speed_too_high", message, fix=f"Plan {most:g} m/s or less.")
+        yield Finding("speed_too_high", message, fix=f"Plan {most:g} m/s or less.", limit=most)
 
 
 def _altitudes(context: Context) -> Iterator[Finding]:
@@ -190,10 +192,12 @@ def _altitudes(context: Context) -> Iterator[Finding]:
             continue
         if fence_m > 0.0 and height_m > fence_m:
             message = f"{name(row, item)} is {height_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
-            yield Finding("altitude_fence", message, row, fix=f"Lower it to {fence_m:.0f} m or less.")
+            fix = f"Lower it to {fence_m:.0f} m or less."
+            yield Finding("altitude_fence", message, row, fix=fix, limit=fence_m)
         elif most is not None and height_m > most:
             message = f"{name(row, item)} is {height_m:.0f} m above home; the limit is {most:.0f} m."
-            yield Finding("altitude_too_high", message, row, fix=f"Lower it to {most:.0f} m or less.")
+            fix = f"Lower it to {most:.0f} m or less."
+            yield Finding("altitude_too_high", message, row, fix=fix, limit=most)
         elif height_m <= 0.0 and not isinstance(item, Land):
             message = f"{name(row, item)} is at or below the altitude of home ({height_m:.1f} m)."
             yield Finding("altitude_below_home", message, row, fix="Check the ground there, or raise it.")

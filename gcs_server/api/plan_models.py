@@ -178,6 +178,10 @@ class FindingModel(AnswerBody):
     text: str = Field(description="Message for the pilot.")
     place: FindingPlace = Field(description="The part of the plan that the finding is about.")
     fix: str | None = Field(description="How to correct it.")
+    limit: float | None = Field(
+        description="The number that it was checked against: height above home [m], speed [m/s], tilt [rad] "
+        "or least time [s]; null: it has none. The page's fixes use it."
+    )
 
 
 LegModel = model_of(Leg, "PlanLeg")

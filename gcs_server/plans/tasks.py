@@ -85,6 +85,7 @@ def _finding(finding: Finding) -> Values:
             "row": finding.row, "zone": finding.zone, "rally_point": finding.rally_point, "step": None
         },
         "fix": finding.fix,
+        "limit": finding.limit,
     }  # fmt: skip
 
 
@@ -189,6 +190,7 @@ def _mission_finding(finding: MissionFinding) -> Values:
         "text": finding.message,
         "place": {"row": None, "zone": None, "rally_point": None, "step": finding.step},
         "fix": finding.fix,
+        "limit": finding.limit,
     }
 
 

@@ -244,7 +244,7 @@ def velocity(state: State, step: VelocityStep) -> None:
         ramp_s = float(ramps.durations(np.array(speed), np.array(acceleration), np.array(motion.jerk_m_s3)))
         if step.duration_s < 2.0 * ramp_s:
             message = f"The velocity is not reached in {step.duration_s:g} s; it takes {2.0 * ramp_s:.1f} s."
-            state.report("duration_too_short", message, "Give more time, or a lower velocity.")
+            state.report("duration_too_short", message, "Give more time, or a lower velocity.", 2.0 * ramp_s)
             return
         scale = step.duration_s - ramp_s
         end = _vector(
@@ -273,7 +273,7 @@ def attitude(state: State, step: AttitudeStep) -> None:
     if tilt_rad > state.work.motion.tilt_rad:
         limit_deg = math.degrees(state.work.motion.tilt_rad)
         message = f"The attitude tilts by {math.degrees(tilt_rad):.0f}°, the limit is {limit_deg:.0f}°."
-        state.report("tilt_exceeded", message, "Lower roll or pitch.")
+        state.report("tilt_exceeded", message, "Lower roll or pitch.", state.work.motion.tilt_rad)
         return
     state.needs.add("heading")
     state.report(

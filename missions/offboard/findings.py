@@ -53,6 +53,9 @@ class MissionFinding:
     step: str | None = None
     """The step: "step 3", "step 4.2"; None: the whole mission."""
     fix: str | None = None
+    limit: float | None = None
+    """The number that it was checked against: height above home [m], speed [m/s], tilt [rad] or least time
+    [s]; None: it has none."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:

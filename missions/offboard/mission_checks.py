@@ -63,12 +63,12 @@ def _positions(segment: Segment, path: Array, work: Work) -> Iterator[MissionFin
     most_m, fence_m = limits.altitude_home_max_m, limits.vehicle.fence_height_m
     if most_m is not None and highest_m > most_m + 0.01:
         message = f"{segment.title} climbs to {highest_m:.0f} m above home, the limit is {most_m:.0f} m."
-        yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.")
+        yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.", most_m)
     if 0.0 < fence_m < highest_m:
         message = (
             f"{segment.title} climbs to {highest_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
         )
-        yield MissionFinding("altitude_fence", message, segment.place, "Lower it.")
+        yield MissionFinding("altitude_fence", message, segment.place, "Lower it.", fence_m)
     if isinstance(segment, CurveSegment | TableSegment | VelocitySegment) and height_m.min() < GROUND_M:
         message = f"{segment.title} descends to {height_m.min():.1f} m above home."
         yield MissionFinding(
@@ -82,22 +82,30 @@ def _positions(segment: Segment, path: Array, work: Work) -> Iterator[MissionFin
             f"{segment.title} is up to {away_m:.0f} m from the start; the fence limit is {radius_m:.0f} m."
         )
         yield MissionFinding("radius_exceeded", message, segment.place, "Move it nearer to the start.")
-    for beyond in _beyond_operator_limits(path, highest_m, away_m, work):
+    for beyond, limit_m in _beyond_operator_limits(path, highest_m, away_m, work):
         message = f"{segment.title} {beyond}. The server would hold the vehicle back there."
-        yield MissionFinding("limit_exceeded", message, segment.place, "Change the step, or your limits.")
+        fix = "Change the step, or your limits."
+        yield MissionFinding("limit_exceeded", message, segment.place, fix, limit_m)
 
 
-def _beyond_operator_limits(path: Array, highest_m: float, away_m: float, work: Work) -> Iterator[str]:
+def _beyond_operator_limits(
+    path: Array, highest_m: float, away_m: float, work: Work
+) -> Iterator[tuple[str, float | None]]:
+    """Each limit that a path exceeds: a text, and the limit if it is one of the height."""
     operator, start = work.vehicle.operator, work.start
     if operator.height_max_m is not None and highest_m > operator.height_max_m + 0.01:
-        yield f"climbs to {highest_m:.0f} m above home, your limit is {operator.height_max_m:g} m"
+        text = f"climbs to {highest_m:.0f} m above home, your limit is {operator.height_max_m:g} m"
+        yield text, operator.height_max_m
     if operator.distance_max_m is not None and away_m > operator.distance_max_m + 0.01:
-        yield f"is up to {away_m:.0f} m from the start, your limit is {operator.distance_max_m:g} m from home"
+        text = (
+            f"is up to {away_m:.0f} m from the start, your limit is {operator.distance_max_m:g} m from home"
+        )
+        yield text, None
     if operator.fence is not None and start.origin is not None:
         outside = operator.fence.region(start.origin, "your fence").are_outside(path[:, :2])
         if outside.any():
             north, east, _ = path[int(outside.argmax())]
-            yield f"leaves your fence near north {north:.0f} m, east {east:.0f} m"
+            yield f"leaves your fence near north {north:.0f} m, east {east:.0f} m", None
 
 
 def _fence(

@@ -161,9 +161,9 @@ class State:
         self.segments.append(replace(segment, avoidance=self.avoidance, visit=self.visit))
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
-    def report(self, code: str, message: str, fix: str | None = None) -> None:
-        """Adds a finding about the current step."""
-        self.work.findings[MissionFinding(code, message, self.place, fix)] = None
+    def report(self, code: str, message: str, fix: str | None = None, limit: float | None = None) -> None:
+        """Adds a finding about the current step; its fields as in `MissionFinding`."""
+        self.work.findings[MissionFinding(code, message, self.place, fix, limit)] = None
 
     def locate(self, place: MissionPosition) -> Vector3:
         """Converts a position to the local frame.
@@ -186,5 +186,5 @@ class State:
         limit_m_s = min(motion.speed_m_s, mission_limit_m_s or math.inf)
         if requested_m_s > limit_m_s:
             message = f"A speed of {requested_m_s:g} m/s is requested; the limit is {limit_m_s:g} m/s."
-            self.report("speed_too_high", message, "Lower the speed, or raise the limit.")
+            self.report("speed_too_high", message, "Lower the speed, or raise the limit.", limit_m_s)
         return replace(motion, speed_m_s=min(requested_m_s, limit_m_s))

@@ -4741,6 +4741,11 @@ export interface components {
              * @description How to correct it.
              */
             readonly fix: string | null;
+            /**
+             * Limit
+             * @description The number that it was checked against: height above home [m], speed [m/s], tilt [rad] or least time [s]; null: it has none. The page's fixes use it.
+             */
+            readonly limit: number | null;
         };
         /**
          * FindingPlace

@@ -13,8 +13,8 @@ export interface Fix<D = Plan> {
   readonly plan: D;
 }
 
-/** The operator's altitude limit, as in the server's check [m above home]. */
-const HIGHEST_M = 120;
+/** The speed in a speed change that means the vehicle's own. */
+const OWN_SPEED = -2;
 
 /** @param home home of the vehicle; null if it is not known. */
 export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): Fix | null {
@@ -30,21 +30,29 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
       return first <= 0 ? null : { text: 'Move the take-off to the beginning', plan: reorder(plan, [first], 0).plan };
     }
     case 'landing_missing':
+      return landing(plan);
     case 'takeoff_landing_mismatch':
-      return plan.items.some((one) => one.kind === 'takeoff')
-        ? { text: 'Return at the end', plan: insertItem(plan, plan.items.length, newItem('return_home', null, DEFAULT_ALTITUDE)) }
-        : takeoff(plan);
+      return plan.items.some((one) => one.kind === 'takeoff') ? landing(plan) : takeoff(plan);
+    case 'takeoff_too_low':
+      return height(plan, finding, 'Climb');
     case 'altitude_too_high':
-      return item === undefined || row === null || !isPlaced(item)
-        ? null
-        : { text: `Lower to ${HIGHEST_M} m above home`, plan: setItem(plan, row, { altitude: { value_m: HIGHEST_M, reference: 'home' } }) };
+    case 'altitude_fence':
+      return height(plan, finding, 'Lower');
+    case 'speed_too_high':
+      return speed(plan, finding);
+    case 'speed_invalid':
+      return row === null ? null : { text: 'Fly at the vehicle’s own speed', plan: setItem(plan, row, { speed_m_s: OWN_SPEED }) };
+    case 'endurance_endless': {
+      const endless = plan.items.findIndex((one) => one.kind === 'jump' && Number(one['repeat']) < 0);
+      return endless < 0 ? null : { text: `Repeat step ${endless + 1} once`, plan: setItem(plan, endless, { repeat: 1 }) };
+    }
     case 'jump_endless':
       return item?.kind === 'jump' && row !== null ? { text: 'Repeat once', plan: setItem(plan, row, { repeat: 1 }) } : null;
     case 'items_never_reached': {
-      const end = plan.items.findIndex((one) => one.kind === 'return_home' || one.kind === 'land' || one.kind === 'loiter_unlimited');
-      const after = plan.items.flatMap((_, i) => (i > end ? [`item:${i}`] : []));
-      return end < 0 || after.length === 0 ? null : { text: `Delete the steps after step ${end + 1}`, plan: remove(plan, after) };
+      const after = row === null ? [] : plan.items.flatMap((_, i) => (i > row ? [`item:${i}`] : []));
+      return row === null || after.length === 0 ? null : { text: `Delete the steps after step ${row + 1}`, plan: remove(plan, after) };
     }
+    case 'complex_without_items':
     case 'command_refused':
     case 'vtol_item':
     case 'jump_target_missing':
@@ -63,4 +71,32 @@ function takeoff(plan: Plan): Fix | null {
   const at = plan.planned_home ?? first;
   if (at === undefined || at === null) return null;
   return { text: 'Take off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
+}
+
+/** Adds a landing at home, else at the last point; null if the plan already ends by a return or an unlimited loiter. */
+function landing(plan: Plan): Fix | null {
+  const last = plan.items.at(-1);
+  const at = plan.planned_home ?? path(plan).at(-1)?.item;
+  if (at === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
+  const text = plan.planned_home == null ? 'Land at the last point' : 'Land at home at the end';
+  return { text, plan: insertItem(plan, plan.items.length, newItem('land', at, DEFAULT_ALTITUDE)) };
+}
+
+/** Sets an item's altitude to the number that it was checked against. */
+function height(plan: Plan, { limit, place: { row } }: Finding, verb: string): Fix | null {
+  const item = row === null ? undefined : plan.items[row];
+  if (item === undefined || row === null || limit === null || !isPlaced(item)) return null;
+  return { text: `${verb} to ${numberText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
+}
+
+/** Sets a speed to the vehicle's maximum: that of an item, or the plan's. */
+function speed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
+  if (limit === null) return null;
+  const text = `Fly at ${numberText(limit)} m/s`;
+  return { text, plan: row === null ? { ...plan, hover_speed_m_s: limit } : setItem(plan, row, { speed_m_s: limit }) };
+}
+
+/** A limit with at most one decimal. */
+export function numberText(value: number): string {
+  return String(Number(value.toFixed(1)));
 }

@@ -122,12 +122,14 @@ describe('number fields', () => {
 });
 
 describe('fixes', () => {
+  const LIMIT = 120;
   const finding = (code: string, row: number | null = null): Finding => ({
     code,
     severity: 'error',
     text: '',
     place: { row, zone: null, rally_point: null, step: null },
     fix: null,
+    limit: LIMIT,
   });
   it('add a take-off at the plan’s start', () => {
     const fix = fixOf(planOf(waypoint(10, 25)), finding('takeoff_missing'), null);

@@ -120,6 +120,7 @@ describe('flying the plan on the vehicle', () => {
     text: 'It leaves the fence.',
     place: { row: 1, zone: null, rally_point: null, step: null },
     fix: null,
+    limit: null,
     ...over,
   });
 

@@ -54,6 +54,7 @@ const error = (text: string): Finding => ({
   text,
   place: { row: null, zone: null, rally_point: null, step: 'step 2' },
   fix: null,
+  limit: null,
 });
 
 describe('who commands the vehicle', () => {

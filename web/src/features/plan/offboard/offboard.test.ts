@@ -299,12 +299,14 @@ describe('the map of a mission', () => {
 });
 
 describe('fixes of a mission', () => {
+  const LIMIT = 120.5;
   const finding = (code: string, step: string | null = null): Finding => ({
     code,
     severity: 'error',
     text: '',
     place: { row: null, zone: null, rally_point: null, step },
     fix: null,
+    limit: LIMIT,
   });
   it('add missing steps and lower points that are too high', () => {
     expect(fixOf(missionOf(FLY), finding('takeoff_missing', 'step 1'), FRAME)?.plan.steps[0]?.step).toBe('take_off');

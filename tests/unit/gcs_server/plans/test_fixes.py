@@ -1,0 +1,165 @@
+"""Each fix of the page: its finding is gone afterwards, and no new error has come.
+
+The plans and their findings are made here; `web/src/features/plan/fixes.test.ts` fixes them. Both files in
+`tests/data/plan_fixes` are compared with what the two sides make. After a change:
+`python -m tests.unit.gcs_server.plans.test_fixes`, then `npx vitest run -u src/features/plan/fixes.test.ts`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_server.plans import tasks
+from missions import documents
+from missions.offboard.document import OffboardMission
+from missions.offboard.reader import read
+from missions.offboard.state import OperatorArea
+from missions.plan import Plan
+
+FOLDER = Path(__file__).resolve().parents[3] / "data" / "plan_fixes"
+HOME = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0}
+HERE = {"lat_deg": 47.4, "lon_deg": 8.5}
+
+
+def up(value_m: float, reference: str = "home") -> dict[str, Any]:
+    return {"altitude": {"value_m": value_m, "reference": reference}}
+
+
+def to(value_m: float, lat_deg: float = 47.401) -> dict[str, Any]:
+    return {"kind": "waypoint", "lat_deg": lat_deg, "lon_deg": 8.5, **up(value_m)}
+
+
+TAKEOFF = {"kind": "takeoff", **HERE, **up(20)}
+LAND = {"kind": "land", **HERE, **up(0)}
+ENDLESS = {"kind": "jump", "target_index": 1, "repeat": -1}
+CROSSED = {
+    "shape": "polygon",
+    "inclusion": False,
+    "polygon": [
+        {"lat_deg": 47.5 + n, "lon_deg": 8.5 + e} for n, e in ((0, 0), (1e-3, 1e-3), (1e-3, 0), (0, 1e-3))
+    ],
+}
+PLANS: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
+    "home_missing": ([TAKEOFF, to(20)], {"planned_home": None}),
+    "takeoff_missing": ([to(20), LAND], {}),
+    "takeoff_not_first": ([to(20), TAKEOFF], {}),
+    "takeoff_too_low": ([{**TAKEOFF, **up(481.0, "amsl")}, to(20)], {}),
+    "landing_missing": ([TAKEOFF, to(20)], {"MIS_TKO_LAND_REQ": 3.0}),
+    "takeoff_landing_mismatch": ([TAKEOFF, to(20)], {"MIS_TKO_LAND_REQ": 4.0}),
+    "command_refused": ([TAKEOFF, {"kind": "set_servo", "servo": 1, "pulse_us": 1500}, to(20)], {}),
+    "complex_without_items": ([TAKEOFF, {"kind": "complex", "complex_type": "x", "original": "{}"}], {}),
+    "jump_target_missing": ([TAKEOFF, to(20), {**ENDLESS, "target_index": 7, "repeat": 1}], {}),
+    "jump_stalls": ([TAKEOFF, {**ENDLESS, "repeat": 60_000}], {}),
+    "jump_endless": ([TAKEOFF, to(20), ENDLESS], {}),
+    "endurance_endless": ([TAKEOFF, to(20), ENDLESS], {}),
+    "items_never_reached": ([TAKEOFF, {"kind": "return_home"}, to(20), to(30)], {}),
+    "speed_invalid": ([TAKEOFF, {"kind": "change_speed", "speed_m_s": 0}, to(20)], {}),
+    "speed_too_high": ([TAKEOFF, {"kind": "change_speed", "speed_m_s": 9}, to(20)], {"MPC_XY_VEL_MAX": 8.0}),
+    "speed_too_high of the plan": ([TAKEOFF, to(20)], {"hover_speed_m_s": 14.0}),
+    "altitude_too_high": ([TAKEOFF, to(150)], {}),
+    "altitude_fence": ([TAKEOFF, to(70)], {"GF_MAX_VER_DIST": 60.0}),
+    "fence_invalid": ([TAKEOFF, to(20)], {"fence": [CROSSED]}),
+}
+"""For each code: items, and other fields of the plan or PX4's parameters."""
+FLY = "{step: fly, points: [{offset_ned_m: [20, 0, -10]}]"
+HIGH = "{step: fly, points: [{offset_ned_m: [20, 0, -150]}, {offset_ned_m: [40, 0, -50]}]}"
+AWAY = "{step: fly, points: [{lat_deg: 47.4002, lon_deg: 8.5, alt_amsl_m: 500}]}"
+MISSIONS: dict[str, tuple[list[str], dict[str, Any]]] = {
+    "takeoff_missing": ([FLY + "}", "{step: land}"], {}),
+    "takeoff_in_air": (["UP", "{step: take_off, height_m: 8}", "{step: land}"], {}),
+    "landing_missing": (["UP", FLY + "}"], {}),
+    "estimate_missing": (["UP", AWAY, "{step: land}"], {}),
+    "speed_too_high": (["UP", FLY + ", speed_m_s: 9}", "{step: land}"], {"MPC_XY_VEL_MAX": 8.0}),
+    "speed_too_high of the mission": (["UP", FLY + "}", "{step: land}"], {"limits": {"speed_m_s": 14.0}}),
+    "tilt_exceeded": (
+        ["UP", "{step: attitude, roll_rad: 1.2, pitch_rad: 1.2, thrust: 0.5, duration_s: 1}"],
+        {},
+    ),
+    "duration_too_short": (["UP", "{step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1}"], {}),
+    "altitude_too_high": (["UP", HIGH], {}),
+    "altitude_too_high of the take-off": (["{step: take_off, height_m: 130}", "{step: land}"], {}),
+    "altitude_fence": (["UP", HIGH], {"GF_MAX_VER_DIST": 80.0}),
+    "limit_exceeded": (["UP", HIGH], {"height_max_m": 40.0}),
+    "altitude_below_home": (["UP", "{step: fly, points: [{offset_ned_m: [20, 0, 3]}]}"], {}),
+    "gimbal_steep": (["UP", "{step: gimbal, track: fixed, pitch_rad: 2}", FLY + "}"], {}),
+    "gimbal_steep of a sweep": (
+        ["UP", "{step: gimbal, track: sweep, pitch_rad: -1.2, sweep_pitch_rad: 0.6}"],
+        {},
+    ),
+}
+OTHER_FIELDS = {"planned_home", "hover_speed_m_s", "fence", "limits"}
+
+
+def a_plan(items: list[dict[str, Any]], more: dict[str, Any]) -> Plan:
+    fields = {name: value for name, value in more.items() if name in OTHER_FIELDS}
+    text = json.dumps({"planned_home": HOME, "items": items, **fields})
+    return Plan.model_validate_json(text)
+
+
+def a_mission(steps: list[str], more: dict[str, Any]) -> OffboardMission:
+    lines = "".join(f"- {step.replace('UP', '{step: take_off, height_m: 10}')}\n" for step in steps)
+    extra = f"limits: {json.dumps(more['limits'])}\n" if "limits" in more else ""
+    return read(f"name: Test\n{extra}steps:\n{lines}")
+
+
+def check(
+    document: dict[str, Any], more: dict[str, Any], home: dict[str, float] | None
+) -> list[dict[str, Any]]:
+    """Findings as the API answers them."""
+    arguments = {
+        "plan": json.dumps(document),
+        "parameters": {name: value for name, value in more.items() if name.isupper()},
+        "unknown_parameters": [],
+        "home": home,
+        "origin": None,
+        "reported": None,
+        "operator": OperatorArea(height_max_m=more.get("height_max_m")).to_json(),
+        "power": {"hover_power_w": 200.0, "battery_wh": 5000.0, "mass_kg": 2.0},
+        "elevation": [],
+    }
+    return tasks.run("check", arguments)["findings"]
+
+
+def cases() -> dict[str, dict[str, Any]]:
+    """The plans and the finding that is to be fixed, by name."""
+    made: dict[str, dict[str, Any]] = {}
+    for kind, table, make in (("plan", PLANS, a_plan), ("mission", MISSIONS, a_mission)):
+        for name, (parts, more) in table.items():
+            document = json.loads(documents.write(make(parts, more)))  # type: ignore[operator]
+            findings = check(document, more, None)
+            found = next(each for each in findings if each["code"] == name.split()[0])
+            made[f"{kind}: {name}"] = {"more": more, "document": document, "finding": found}
+    return made
+
+
+def stored(name: str) -> dict[str, Any]:
+    return json.loads((FOLDER / name).read_text(encoding="utf-8"))
+
+
+NAMES = [f"{kind}: {name}" for kind, table in (("plan", PLANS), ("mission", MISSIONS)) for name in table]
+
+
+def test_the_page_fixes_these_plans() -> None:
+    assert cases() == stored("cases.json")
+    assert list(stored("fixed.json")) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_after_the_fix_its_finding_is_gone_and_no_error_is_new(name: str) -> None:
+    case, fixed = stored("cases.json")[name], stored("fixed.json")[name]
+    before = check(case["document"], case["more"], None)
+    after = check(fixed, case["more"], None)
+    where = (case["finding"]["code"], json.dumps(case["finding"]["place"]))
+    assert where not in {(each["code"], json.dumps(each["place"])) for each in after}
+    errors = {each["code"] for each in before if each["severity"] == "error"}
+    assert {each["code"] for each in after if each["severity"] == "error"} <= errors
+
+
+if __name__ == "__main__":
+    lines = [f"{json.dumps(name)}: {json.dumps(case)}" for name, case in cases().items()]
+    FOLDER.mkdir(exist_ok=True)
+    (FOLDER / "cases.json").write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
