@@ -47,6 +47,9 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "fence_crossed": ("error", "the straight path between two items leaves the geofence"),
     "fence_home_outside": ("error", "home is outside the geofence"),
     "fence_invalid": ("error", "a fence polygon whose sides cross or that has no area"),
+    "obstacle_hit": ("error", "the straight path between two items passes through an obstacle"),
+    "obstacle_near": ("warning", "the straight path between two items comes within 2 m of an obstacle"),
+    "obstacle_invalid": ("error", "an obstacle whose sides cross or that has no area"),
     "rally_outside_fence": ("warning", "a rally point outside the geofence"),
     "rally_terrain": ("error", "a rally point with a terrain altitude that is not resolved"),
     "too_many_items": ("error", "more fence or rally items than PX4 has room for"),
@@ -71,6 +74,8 @@ class Finding:
     """Index in `Plan.fence`."""
     rally_point: int | None = None
     """Index in `Plan.rally_points`."""
+    obstacle: int | None = None
+    """Index in `Plan.obstacles`."""
     fix: str | None = None
     """How to correct it."""
     is_error_here: bool = False

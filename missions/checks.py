@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from missions import check_items, check_space
+from missions import check_items, check_obstacles, check_space
 from missions.check_context import (
     CODES,
     UNKNOWN_PARAMETERS_FIX,
@@ -29,7 +29,9 @@ Rule = Callable[[Context], Iterator[Finding]]
 def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
     """All findings about a plan, in the order of the rules."""
     limits = limits or CheckLimits()
-    rules: tuple[Rule, ...] = (*check_items.RULES, *check_space.RULES, _totals, _parameters)
+    rules: tuple[Rule, ...] = (
+        *check_items.RULES, *check_space.RULES, *check_obstacles.RULES, _totals, _parameters
+    )  # fmt: skip
     findings: list[Finding] = []
     try:
         context = Context.of(plan, limits)

@@ -23,14 +23,16 @@ class PlanError(Exception):
         self.fix = fix
 
 
+_NOUNS = {"items": "item", "fence": "fence zone", "rally_points": "rally point", "obstacles": "obstacle"}
+
+
 def place_of(location: tuple[int | str, ...]) -> str:
     """The name of a value in messages, from its path of keys and indexes; items are numbered from 1."""
     parts = list(location)
-    if len(parts) >= 2 and parts[0] in ("items", "fence", "rally_points") and isinstance(parts[1], int):
-        nouns = {"items": "item", "fence": "fence zone", "rally_points": "rally point"}
-        text = f"{nouns[str(parts[0])]} {parts[1] + 1}"
+    if len(parts) >= 2 and parts[0] in _NOUNS and isinstance(parts[1], int):
+        text = f"{_NOUNS[str(parts[0])]} {parts[1] + 1}"
         rest = parts[2:]
-        if rest and parts[0] != "rally_points" and isinstance(rest[0], str) and len(rest) > 1:
+        if rest and parts[0] in ("items", "fence") and isinstance(rest[0], str) and len(rest) > 1:
             text, rest = f"{text} ({rest[0]})", rest[1:]
         return f"{text}, field {field_path(rest)}" if rest else text
     return f"field {field_path(parts)}" if parts else "the plan"

@@ -1,4 +1,4 @@
-"""The document of a waypoint plan: items, geofence, rally points, home and speeds.
+"""The document of a waypoint plan: items, geofence, rally points, obstacles, home and speeds.
 
 Plans are immutable. Unknown parts of other programs' files are kept as JSON text (`original`), so that these
 files can be written back without loss.
@@ -15,7 +15,7 @@ from missions import camera_items as c
 from missions import items as i
 from missions.bounded_json import decode, load
 from missions.errors import PlanError, from_validation
-from missions.values import FenceZone, HomePosition, Model, RallyPoint
+from missions.values import FenceZone, HomePosition, Model, Obstacles, RallyPoint
 
 MAX_ITEMS = 10_000
 """Maximum number of items of a mission, including those inside complex items. PX4 has the same limit."""
@@ -77,6 +77,8 @@ class Plan(Model):
     items: Annotated[tuple[PlanItem, ...], Field(max_length=MAX_ITEMS)] = ()
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=MAX_FENCE_ZONES)] = ()
     rally_points: Annotated[tuple[RallyPoint, ...], Field(max_length=MAX_RALLY_POINTS)] = ()
+    obstacles: Obstacles = ()
+    """For checks and dry runs; not uploaded, because PX4 does not store obstacles."""
     original: str | None = None
     """JSON text of the .plan file it was read from, without the data of the fields above."""
 

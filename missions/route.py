@@ -3,6 +3,7 @@ positions."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from missions.geodesy import distance_m
@@ -118,3 +119,54 @@ def climb_m(start: Altitude | None, end: Altitude, home_alt_amsl_m: float | None
         return end.value_m - start.value_m
     low, high = start.amsl_m(home_alt_amsl_m), end.amsl_m(home_alt_amsl_m)
     return None if low is None or high is None else high - low
+
+
+GeoPlace = tuple[float, float, float]
+"""Latitude, longitude [deg], altitude AMSL [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlownLine:
+    """The straight path that is flown for one item; for a first item without a planned home, its position."""
+
+    step: Step
+    start: GeoPlace
+    end: GeoPlace
+    from_home: bool = False
+    """Whether it begins at home, where the vehicle has climbed to the altitude of its end."""
+
+
+def flown_lines(plan: Plan, return_alt_m: float) -> Iterator[FlownLine]:
+    """The straight paths of a plan's flight, at most one for each item, and one for each return.
+
+    The first one is flown at the altitude of its end, because the vehicle climbs first. A landing is
+    approached at the altitude of the item before it. A return is flown at RTL_RETURN_ALT above home or
+    higher. Paths with an unknown altitude are left out.
+
+    Args:
+        plan: with resolved altitudes above the ground.
+        return_alt_m: the vehicle's RTL_RETURN_ALT, above home.
+    """
+    home = plan.planned_home
+    home_amsl_m = None if home is None else home.alt_amsl_m
+    seen: set[int] = set()
+    here: GeoPlace | None = None
+    for step in follow(plan).steps:
+        item = step.item
+        if isinstance(item, ReturnHome) and home is not None and here is not None:
+            height_m = max(here[2], home.alt_amsl_m + return_alt_m)
+            yield FlownLine(step, (*here[:2], height_m), (home.lat_deg, home.lon_deg, height_m))
+        if not isinstance(item, PlacedItem) or not is_flown_to(item):
+            continue
+        amsl_m = item.altitude.amsl_m(home_amsl_m)
+        if amsl_m is None:
+            here = None
+            continue
+        start, from_home = here, here is None and home is not None and not seen
+        if from_home and home is not None:
+            start = (home.lat_deg, home.lon_deg, amsl_m)
+        height_m = start[2] if isinstance(item, Land) and start is not None else amsl_m
+        here = (item.lat_deg, item.lon_deg, height_m)
+        if step.seq not in seen:
+            seen.add(step.seq)
+            yield FlownLine(step, start or here, here, from_home)

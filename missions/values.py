@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 """A finite number of plausible size."""
@@ -89,3 +89,24 @@ class FencePolygon(Model):
 
 
 FenceZone = Annotated[FenceCircle | FencePolygon, Field(discriminator="shape")]
+
+
+class Obstacle(Model):
+    """A building, a tree or a mast: upright, from the ground to its top. The last corner joins the first."""
+
+    name: Annotated[str, Field(max_length=60)] = ""
+    """For findings; empty: the obstacle's number."""
+    polygon: Annotated[tuple[Point, ...], Field(min_length=3, max_length=100)]
+    top: Altitude
+    """Altitude of the top, above home or mean sea level."""
+
+    @field_validator("top")
+    @classmethod
+    def _has_known_reference(cls, top: Altitude) -> Altitude:
+        if top.reference == "terrain":
+            raise ValueError("give the top of an obstacle above home or AMSL")
+        return top
+
+
+MAX_OBSTACLES = 100
+Obstacles = Annotated[tuple[Obstacle, ...], Field(max_length=MAX_OBSTACLES)]

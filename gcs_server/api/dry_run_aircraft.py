@@ -18,8 +18,6 @@ from missions.values import HomePosition
 ANYWHERE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 """Home position of PX4's own simulation, used for a mission whose positions are all relative to its start."""
 
-NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not simulated."
-
 
 def aircraft_of(
     vehicle: Vehicle | None, document: Document, role: str | None = None
@@ -37,7 +35,7 @@ def aircraft_of(
         InvalidRequest: the start position is unknown.
     """
     planned = document.home if isinstance(document, OffboardMission) else document.planned_home
-    assumed = [NO_AVOIDANCE] if isinstance(document, OffboardMission) and document.avoidance else []
+    assumed: list[str] = []
     if vehicle is None:
         assumed.append("No vehicle is named: PX4's defaults and a full battery are used.")
         return {"home": _start(planned, document, role)}, None, assumed

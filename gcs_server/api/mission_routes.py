@@ -19,8 +19,9 @@ from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.vehicle_routes import carry_out
 from gcs_server.control.commands import API, BY_NAME
-from gcs_server.errors import InvalidRequest, PlanFindings, Refused
+from gcs_server.errors import InvalidRequest, PlanFindings, Refused, UnknownPlan
 from gcs_server.operations.operations import Operation, ReportProgress
+from gcs_server.storage.folder import StorageError
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
 from gcs_server.vehicle.services.mission_held import Held, Items, PlanName
@@ -29,6 +30,7 @@ from missions import plan as plan_document
 from missions.errors import PlanError
 from missions.formats import mavlink_items
 from missions.plan import Plan
+from missions.values import Obstacle
 
 router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
 
@@ -251,6 +253,7 @@ async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -
             )
         return
     plan, _ = plan_of(held)
+    plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, held)})
     check = await check_document(station, plan, vehicle)
     errors = [each for each in check["findings"] if each["severity"] == "error"]
     unaccepted = [each for each in errors if each["code"] not in despite]
@@ -262,6 +265,18 @@ async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -
             remedy="Correct the plan and upload it, or accept the findings by naming their codes in "
             "`despite`.",
         )
+
+
+async def _stored_obstacles(station: Station, held: Held) -> tuple[Obstacle, ...]:
+    """The obstacles of the stored plan that is on the vehicle, which does not hold them; none if the plan was
+    not stored or is deleted."""
+    if held.plan is None or held.plan.id is None:
+        return ()
+    try:
+        _, document = await station.plans.get(held.plan.id, held.plan.version)
+        return plan_document.read(document).obstacles
+    except (UnknownPlan, StorageError, PlanError):
+        return ()
 
 
 def _begin(

@@ -165,6 +165,7 @@ class FindingPlace(AnswerBody):
     row: int | None = Field(description="Index in `items`.")
     zone: int | None = Field(description="Index in `fence`.")
     rally_point: int | None = Field(description="Index in `rally_points`.")
+    obstacle: int | None = Field(description="Index in `obstacles`.")
     step: str | None = Field(description="Step of an offboard mission: `step 3`, `step 4.2`.")
 
 

@@ -82,7 +82,8 @@ def _finding(finding: Finding) -> Values:
         "severity": finding.severity,
         "text": finding.message,
         "place": {
-            "row": finding.row, "zone": finding.zone, "rally_point": finding.rally_point, "step": None
+            "row": finding.row, "zone": finding.zone, "rally_point": finding.rally_point,
+            "obstacle": finding.obstacle, "step": None,
         },
         "fix": finding.fix,
         "limit": finding.limit,
@@ -188,10 +189,12 @@ def _mission_finding(finding: MissionFinding) -> Values:
         "code": finding.code,
         "severity": finding.severity,
         "text": finding.message,
-        "place": {"row": None, "zone": None, "rally_point": None, "step": finding.step},
+        "place": {
+            "row": None, "zone": None, "rally_point": None, "obstacle": finding.obstacle, "step": finding.step
+        },
         "fix": finding.fix,
         "limit": finding.limit,
-    }
+    }  # fmt: skip
 
 
 def _import(arguments: Mapping[str, Any]) -> Values:

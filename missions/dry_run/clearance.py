@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from missions.check_space import allowed_area
-from missions.dry_run.setup import Obstacle
+from missions.dry_run.setup import AnyObstacle, Obstacle, Prism
 from missions.geodesy import LocalOrigin
 from missions.values import FenceZone
 
@@ -50,20 +50,34 @@ class FenceDistance:
 
 
 def obstacle_distance_m(
-    obstacles: Sequence[Obstacle], position_ned_m: Array
+    obstacles: Sequence[AnyObstacle], position_ned_m: Array
 ) -> tuple[Array, NDArray[np.intp]]:
     """(N,) distance to the nearest obstacle, and (N,) its index; infinite and 0 without obstacles.
 
     Args:
-        obstacles: upright boxes.
+        obstacles: upright boxes and prisms.
         position_ned_m: positions (N, 3).
     """
     if not obstacles:
         count = len(position_ned_m)
         return np.full(count, math.inf), np.zeros(count, dtype=np.intp)
-    distances = np.stack([_box_distance_m(box, position_ned_m) for box in obstacles])
+    distances = np.stack([_distance_m(each, position_ned_m) for each in obstacles])
     nearest = distances.argmin(axis=0)
     return distances.min(axis=0), nearest
+
+
+def _distance_m(obstacle: AnyObstacle, position_ned_m: Array) -> Array:
+    if isinstance(obstacle, Obstacle):
+        return _box_distance_m(obstacle, position_ned_m)
+    return _prism_distance_m(obstacle, position_ned_m)
+
+
+def _prism_distance_m(prism: Prism, position_ned_m: Array) -> Array:
+    north, east, down = position_ned_m.T
+    shape = shapely.make_valid(shapely.Polygon(prism.corners_ne_m))
+    shapely.prepare(shape)
+    aside_m = shapely.distance(shapely.points(north, east), shape)
+    return np.hypot(aside_m, np.maximum(-down - prism.top_alt_home_m, 0.0))
 
 
 def _box_distance_m(box: Obstacle, position_ned_m: Array) -> Array:

@@ -18,12 +18,12 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "battery_reserve": ("warning", "less than the battery's reserve is left at the end"),
     "battery_unknown": ("warning", "the battery's discharge rate is unknown"),
     "obstacle_near": ("warning", "the flight comes closer than 2 m to an obstacle"),
+    "obstacle_avoided": ("warning", "the vehicle leaves its path to avoid an obstacle"),
+    "avoidance_stopped": ("error", "obstacle avoidance finds no way, and the vehicle waits"),
     "separation": ("error", "two vehicles of the mission come too near to each other"),
     "ends_in_air": ("warning", "the flight ends in the air; the vehicle holds its position"),
 }
 """Severity and meaning of each code."""
-NEAR_M = 2.0
-"""Distance below which `obstacle_near` is reported [m]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Obstacle, Prism, Site
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.values import HomePosition
@@ -17,6 +17,7 @@ from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.simulation import SimulationOrigin
+from vehicle_sim.world import prism
 from vehicle_sim.world.terrain import HeightGrid, Terrain
 from vehicle_sim.world.world import Box, World
 
@@ -166,7 +167,7 @@ def _fitting(store: Parameters, name: str, value: float) -> ParameterValue:
 
 def _world(site: Site) -> World | None:
     ground = site.ground
-    if not site.obstacles and ground is None:
+    if site.is_empty:
         return None
     boxes = tuple(
         Box(
@@ -174,8 +175,14 @@ def _world(site: Site) -> World | None:
             each.base_alt_home_m, math.remainder(each.yaw_ned_rad, math.tau),
         )
         for each in site.obstacles
+        if isinstance(each, Obstacle)
     )  # fmt: skip
+    prisms = tuple(
+        prism.Prism(each.name, each.corners_ne_m, each.top_alt_home_m)
+        for each in site.obstacles
+        if isinstance(each, Prism)
+    )
     grid = None
     if ground is not None:
         grid = HeightGrid(ground.north_m, ground.east_m, ground.spacing_m, ground.heights_m)
-    return World(name="dry run", boxes=boxes, terrain=Terrain(grid=grid))
+    return World(name="dry run", boxes=boxes, prisms=prisms, terrain=Terrain(grid=grid))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from missions.dry_run.avoidance import SimulatedAvoidance
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Vehicle
 from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, finding_now
@@ -60,6 +61,8 @@ class OffboardPilot:
     def __init__(self, vehicle: Vehicle, runner: Runner, start_ned_m: Vector3, *, alone: bool = True) -> None:
         self._vehicle, self.runner, self._start_ned_m, self._alone = vehicle, runner, start_ned_m, alone
         self._failsafe = FailsafeWatch(vehicle)
+        self.findings: list[DryRunFinding] = []
+        self._avoidance = SimulatedAvoidance(vehicle, self.findings)
         self._player: Player | None = None
         self._stream: StreamPhase = "idle"
         self._streaming_since_s = 0.0
@@ -69,7 +72,6 @@ class OffboardPilot:
         self.started_s: float | None = None
         self.done = self.finished = False
         self.step: Step | None = None
-        self.findings: list[DryRunFinding] = []
 
     def tick(self, now_s: float) -> None:
         """Sends the current setpoint, and runs the runner at 10 Hz."""
@@ -118,6 +120,7 @@ class OffboardPilot:
         if status.place is not None:
             self.step = Step(status.place, status.title or "", None)
         t_s = now_s - started_s
+        self._avoidance.watch(now_s, self.step, t_s)
         failsafe = self._failsafe.check(self.step, t_s)
         if failsafe is not None:
             self.findings.append(failsafe)
@@ -230,6 +233,7 @@ class OffboardPilot:
 
     def _stop_stream(self) -> None:
         self._player, self._stream = None, "idle"
+        self._avoidance.forget()
 
     def _send(self, now_s: float) -> None:
         player = self._player
@@ -238,7 +242,10 @@ class OffboardPilot:
         autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
         estimate = autopilot.view.estimate
         waiting = self._stream == "starting"
-        setpoint = player.at(now_s, self._position_ned_m(), estimate.velocity_ned_m_s, waiting=waiting)
+        position = self._position_ned_m()
+        setpoint = player.at(now_s, position, estimate.velocity_ned_m_s, waiting=waiting)
+        if self._avoidance.is_needed and not waiting:
+            setpoint = self._avoidance.apply(now_s, player, setpoint, position)
         send(autopilot.offboard, setpoint, self._start_ned_m)
         if waiting and now_s - self._streaming_since_s >= STREAMED_BEFORE_S:
             commander.set_mode(NavState.OFFBOARD)

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
-from missions.dry_run.findings import NEAR_M, DryRunFinding
+from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.flight import Flight, ReportProgress, fly
 from missions.dry_run.plans import Flyable
-from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Obstacle, Site
+from missions.dry_run.setup import LEVEL_SITE, Aircraft, AnyObstacle, Conditions, Site
 from missions.dry_run.track import EVERY_S, Track
+from missions.obstacles import NEAR_M
 
 Array = NDArray[np.float64]
 MAX_SAMPLES = 4000
@@ -238,7 +239,7 @@ def _ground(track: Track, site: Site) -> list[DryRunFinding]:
 
 
 def _near(
-    track: Track, obstacle_m: Array, which: NDArray[np.intp], obstacles: Sequence[Obstacle]
+    track: Track, obstacle_m: Array, which: NDArray[np.intp], obstacles: Sequence[AnyObstacle]
 ) -> list[DryRunFinding]:
     sample = int(obstacle_m.argmin())
     if not obstacle_m[sample] < NEAR_M:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from missions.errors import PlanError
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
+from missions.obstacles import corners_ne_m, name_of
 from missions.values import HomePosition
+from missions.values import Obstacle as PlannedObstacle
 
 USED = (
     "BAT_*_THR", "COM_DISARM_LAND", "COM_FLT_TIME_MAX", "COM_LOW_BAT_ACT", "COM_OBL_RC_ACT", "COM_OF_LOSS_T",
@@ -122,6 +124,33 @@ class Obstacle:
     yaw_ned_rad: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Prism:
+    """An upright prism that stands on the ground; position relative to home."""
+
+    name: str
+    corners_ne_m: tuple[tuple[float, float], ...]
+    """North and east of the corners; the last one joins the first."""
+    top_alt_home_m: float
+
+
+AnyObstacle = Obstacle | Prism
+
+
+def prisms_of(obstacles: Sequence[PlannedObstacle], home: HomePosition) -> list[Prism]:
+    """The obstacles of a plan or mission, relative to the start position of the (first) vehicle."""
+    origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    return [
+        Prism(name_of(each, index), corners_ne_m(each, origin), _top_alt_home_m(each, home))
+        for index, each in enumerate(obstacles)
+    ]
+
+
+def _top_alt_home_m(obstacle: PlannedObstacle, home: HomePosition) -> float:
+    top = obstacle.top
+    return top.value_m if top.reference == "home" else top.value_m - home.alt_amsl_m
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundGrid:
     """Heights of the ground on a square grid. Outside the grid the values of its border apply."""
@@ -150,9 +179,14 @@ class GroundGrid:
 class Site:
     """What is around the start."""
 
-    obstacles: Sequence[Obstacle] = ()
+    obstacles: Sequence[AnyObstacle] = ()
     ground: GroundGrid | None = None
     """None: level ground."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing but level ground."""
+        return not self.obstacles and self.ground is None
 
 
 LEVEL_SITE = Site()

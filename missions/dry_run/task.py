@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from missions import plan as plan_document
@@ -12,7 +13,7 @@ from missions.dry_run.monte_carlo_together import monte_carlo_together
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import Flyable, FlyablePlan
 from missions.dry_run.result import dry_run
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle, Site
+from missions.dry_run.setup import Aircraft, AnyObstacle, Conditions, Obstacle, Site, prisms_of
 from missions.dry_run.spread import Spread
 from missions.dry_run.together import dry_run_together
 from missions.geodesy import LocalOrigin
@@ -20,20 +21,39 @@ from missions.offboard import reader as mission_reader
 from missions.route import places
 from missions.terrain.ground import Ground
 from missions.values import HomePosition
+from missions.values import Obstacle as PlannedObstacle
+
+SENSORS = (
+    "Obstacle avoidance is simulated with a lidar that measures 20 m to all sides and one that points down; "
+    "the sensors of the real vehicle may measure less."
+)
+NOTHING_TO_AVOID = "No obstacles are known, so the obstacle avoidance of the mission has nothing to avoid."
 
 Progress = Callable[[str, float | None], None]
 FindGround = Callable[[Sequence[tuple[float, float]]], tuple[Ground | None, Sequence[str]]]
 """Returns the ground around positions (latitude, longitude [deg]), and messages about missing data."""
 
 
-def _flyable(request: Mapping[str, Any], aircraft: Aircraft) -> tuple[Flyable, list[tuple[float, float]]]:
-    """The plan, and its positions (latitude, longitude [deg])."""
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What is flown."""
+
+    flyable: Flyable
+    positions: list[tuple[float, float]]
+    """Of the plan: latitude, longitude [deg]."""
+    obstacles: tuple[PlannedObstacle, ...]
+    avoids: bool
+    """Whether obstacle avoidance is on in a step."""
+
+
+def _given(request: Mapping[str, Any], aircraft: Aircraft) -> _Given:
     if request["kind"] == "waypoint_plan":
         plan = plan_document.read(request["plan"])
-        return FlyablePlan.of(plan, aircraft), places(plan)
+        return _Given(FlyablePlan.of(plan, aircraft), places(plan), plan.obstacles, avoids=False)
     mission, origin = mission_reader.read(request["plan"]), _origin(request)
     flyable = FlyableMission.of(mission, aircraft, origin=origin)
-    return flyable, flyable.places(origin or aircraft.origin)
+    avoids = flyable.timeline.avoidance is not None
+    return _Given(flyable, flyable.places(origin or aircraft.origin), mission.obstacles, avoids)
 
 
 def _aircraft(request: Mapping[str, Any]) -> Aircraft:
@@ -73,8 +93,15 @@ def run(
     if request.get("roles") is not None:
         return _together(request, conditions, obstacles, progress, find_ground)
     aircraft = _aircraft(request)
-    flyable, positions = _flyable(request, aircraft)
-    site, assumed = _site(obstacles, aircraft.origin, positions, find_ground)
+    given = _given(request, aircraft)
+    flyable = given.flyable
+    site, assumed = _site(
+        [*obstacles, *prisms_of(given.obstacles, aircraft.home)],
+        aircraft.origin,
+        given.positions,
+        find_ground,
+    )
+    assumed += _about_avoidance(site, given.avoids)
     flights = request["flights"]
 
     def report(now_s: float, ended: int) -> None:
@@ -99,7 +126,7 @@ def run(
 def _together(
     request: Mapping[str, Any],
     conditions: Conditions,
-    obstacles: Sequence[Obstacle],
+    obstacles: Sequence[AnyObstacle],
     progress: Progress,
     find_ground: FindGround | None,
 ) -> dict[str, Any]:
@@ -110,11 +137,15 @@ def _together(
     aircraft = {role: _aircraft(given) for role, given in roles.items()}
     origins = {role: origin for role, given in roles.items() if (origin := _origin(given)) is not None}
     positions: list[tuple[float, float]] = []
+    avoids = False
     for role, vehicle in aircraft.items():
         flyable = FlyableMission.of(mission, vehicle, origin=origins.get(role), role=role)
         positions += flyable.places(origins.get(role) or vehicle.origin)
-    first_origin = next(iter(aircraft.values())).origin
-    site, assumed = _site(obstacles, first_origin, positions, find_ground)
+        avoids |= flyable.timeline.avoidance is not None
+    first = next(iter(aircraft.values()))
+    known = [*obstacles, *prisms_of(mission.obstacles, first.home)]
+    site, assumed = _site(known, first.origin, positions, find_ground)
+    assumed += _about_avoidance(site, avoids)
     count = len(roles) * (1 if flights is None else flights + 1)
 
     def report(now_s: float, ended: int) -> None:
@@ -134,13 +165,15 @@ def _together(
     nominal = dict(next(iter(flown["roles"].values())))
     nominal["findings"] = [*flown.pop("findings"), *findings_of(flown["roles"])]
     nominal["finished"] = all(run["finished"] for run in flown["roles"].values())
-    first = None if many is None else {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
+    first_role = None
+    if many is not None:
+        first_role = {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
     together = {**flown, "monte_carlo": many}
-    return {"nominal": nominal, "monte_carlo": first, "together": together, "assumed": assumed}
+    return {"nominal": nominal, "monte_carlo": first_role, "together": together, "assumed": assumed}
 
 
 def _site(
-    obstacles: Sequence[Obstacle],
+    obstacles: Sequence[AnyObstacle],
     origin: LocalOrigin,
     positions: Sequence[tuple[float, float]],
     find_ground: FindGround | None,
@@ -154,6 +187,12 @@ def _site(
         return Site(obstacles), list(messages)
     grid, assumed = ground_grid(ground, origin, around)
     return Site(obstacles, grid), assumed
+
+
+def _about_avoidance(site: Site, avoids: bool) -> list[str]:
+    if not avoids:
+        return []
+    return [NOTHING_TO_AVOID if site.is_empty else SENSORS]
 
 
 def findings_of(roles: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -1,9 +1,9 @@
 """A plan as geographic features, shared by GeoJSON and KML.
 
-Items with a position, fence zones, rally points and home are features with a geometry; other items are
-features without one. The properties contain the item's fields, so that a file written here can be read back
-without loss. A feature of another program has no `role`: its points and lines become waypoints, and its areas
-become `Area`s.
+Items with a position, fence zones, rally points, obstacles and home are features with a geometry; other items
+are features without one. The properties contain the item's fields, so that a file written here can be read
+back without loss. A feature of another program has no `role`: its points and lines become waypoints, and its
+areas become `Area`s.
 """
 
 from __future__ import annotations
@@ -19,12 +19,11 @@ from missions.errors import PlanError, from_validation
 from missions.formats.results import Area, Imported, ImportOptions, Written, count, loss_notes
 from missions.items import PlacedItem, Waypoint
 from missions.plan import MAX_FENCE_ZONES, MAX_ITEMS, MAX_RALLY_POINTS, Plan, SimpleItem
-from missions.values import Altitude, FenceZone, HomePosition, Point, RallyPoint
+from missions.values import MAX_OBSTACLES, Altitude, FenceZone, HomePosition, Obstacle, Point, RallyPoint
 
 Geometry = Literal["none", "point", "line", "area"]
 Coordinate = tuple[float, float, float | None]
 """Longitude and latitude in degrees, altitude in metres or None."""
-ROLES = ("item", "fence", "rally", "home")
 _ITEM: TypeAdapter[SimpleItem] = TypeAdapter(SimpleItem)
 _ZONE: TypeAdapter[FenceZone] = TypeAdapter(FenceZone)
 
@@ -71,12 +70,16 @@ def of_plan(plan: Plan) -> list[Feature]:
     for number, rally in enumerate(plan.rally_points, start=1):
         amsl_m = rally.altitude.amsl_m(home_amsl_m)
         features.append(_point_feature("rally", rally, _fields(rally), amsl_m, f"Rally point {number}"))
+    for obstacle in plan.obstacles:
+        ring = tuple((point.lon_deg, point.lat_deg, None) for point in obstacle.polygon)
+        properties = {"role": "obstacle", "top": _fields(obstacle.top)}
+        features.append(Feature("area", (ring,), properties, obstacle.name))
     return features
 
 
 def written(data: bytes, plan: Plan, name: str) -> Written:
     """The file, with notes about data that it cannot store."""
-    return Written(data, loss_notes(plan, name, fence=True, rally=True, home=True))
+    return Written(data, loss_notes(plan, name, fence=True, rally=True, home=True, obstacles=True))
 
 
 def _fields(model: BaseModel) -> dict[str, Any]:
@@ -103,6 +106,7 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
     items: list[SimpleItem] = []
     fence: list[FenceZone] = []
     rally: list[RallyPoint] = []
+    obstacles: list[Obstacle] = []
     areas: list[Area] = []
     home: HomePosition | None = None
     for number, feature in enumerate(features, start=1):
@@ -115,6 +119,8 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
                     fence.append(_read_fence_zone(feature))
                 case "rally":
                     rally.append(RallyPoint.model_validate_json(_json_without_role(feature)))
+                case "obstacle":
+                    obstacles.append(_obstacle(feature))
                 case "home":
                     home = HomePosition.model_validate_json(_json_without_role(feature))
                 case _:
@@ -124,17 +130,24 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
             raise PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix) from None
         except PlanError as error:
             raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
-        _check_counts(items, fence, rally)
-    plan = Plan(items=tuple(items), fence=tuple(fence), rally_points=tuple(rally), planned_home=home)
+        _check_counts(items, fence, rally, obstacles)
+    plan = Plan(
+        items=tuple(items), fence=tuple(fence), rally_points=tuple(rally), obstacles=tuple(obstacles),
+        planned_home=home,
+    )  # fmt: skip
     note = (f"{what} has {count(len(areas), 'area')}: choose a use for each.",) if areas else ()
     return Imported(plan, tuple(areas), note)
 
 
-def _check_counts(items: Sequence[Any], fence: Sequence[Any], rally: Sequence[Any]) -> None:
-    if len(items) > MAX_ITEMS or len(fence) > MAX_FENCE_ZONES or len(rally) > MAX_RALLY_POINTS:
+def _check_counts(
+    items: Sequence[Any], fence: Sequence[Any], rally: Sequence[Any], obstacles: Sequence[Any]
+) -> None:
+    counts = (len(items), len(fence), len(rally), len(obstacles))
+    most = (MAX_ITEMS, MAX_FENCE_ZONES, MAX_RALLY_POINTS, MAX_OBSTACLES)
+    if any(number > limit for number, limit in zip(counts, most, strict=True)):
         reason = (
-            f"it has more than {MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones or "
-            f"{MAX_RALLY_POINTS} rally points"
+            f"it has more than {MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, "
+            f"{MAX_RALLY_POINTS} rally points or {MAX_OBSTACLES} obstacles"
         )
         raise PlanError("the file", reason, "Split the plan into smaller ones.")
 
@@ -147,9 +160,19 @@ def _json_without_role(feature: Feature) -> str:
     return json.dumps(fields)
 
 
+def _obstacle(feature: Feature) -> Obstacle:
+    fields = {key: value for key, value in feature.properties.items() if key != "role"}
+    corners = {"name": feature.name, "polygon": _corners(feature)}
+    return Obstacle.model_validate_json(json.dumps({**fields, **corners}))
+
+
+def _corners(feature: Feature) -> list[dict[str, float]]:
+    return [{"lat_deg": lat, "lon_deg": lon} for lon, lat, _ in feature.rings[0]] if feature.rings else []
+
+
 def _read_fence_zone(feature: Feature) -> FenceZone:
     fields = {key: value for key, value in feature.properties.items() if key != "role"}
-    points = [{"lat_deg": lat, "lon_deg": lon} for lon, lat, _ in feature.rings[0]] if feature.rings else []
+    points = _corners(feature)
     if fields.get("shape") == "circle":
         fields["center"] = points[0] if points else None
     else:

@@ -11,7 +11,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, Final
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
@@ -21,11 +21,14 @@ from missions.formats.qgc_item import optional_list, require_list, require_numbe
 from missions.formats.results import Imported, Written
 from missions.items import CommandItem, Jump
 from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_count
-from missions.values import HomePosition
+from missions.values import HomePosition, Obstacle, Obstacles
 
 _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
 _SPEEDS: Final = {"cruiseSpeed": "cruise_speed_m_s", "hoverSpeed": "hover_speed_m_s"}
 _PX4, _QUADROTOR = 12, 2
+_OBSTACLES: Final = "offboardGcsObstacles"
+"""Key for the obstacles, as in this project's JSON. QGroundControl ignores it, and drops it when it saves."""
+_READ_OBSTACLES: TypeAdapter[tuple[Obstacle, ...]] = TypeAdapter(Obstacles)
 
 
 def read(data: bytes | str) -> Imported:
@@ -52,6 +55,7 @@ def read(data: bytes | str) -> Imported:
             fence=read_fence(fence),
             rally_points=tuple(read_rally(n, raw) for n, raw in enumerate(points)),
             planned_home=_home(mission),
+            obstacles=_obstacles(document),
             original=bounded_json.dump(_template(document)),
             cruise_speed_m_s=_speed(mission, "cruiseSpeed"),
             hover_speed_m_s=_speed(mission, "hoverSpeed"),
@@ -82,6 +86,10 @@ def write(plan: Plan) -> Written:
             mission[key] = getattr(plan, field)
     write_fence(document, plan.fence)
     write_rally(document, plan)
+    if plan.obstacles != _obstacles(document):
+        document[_OBSTACLES] = [
+            each.model_dump(mode="json", exclude_defaults=True) for each in plan.obstacles
+        ]
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
     if any("\ud800" <= letter <= "\udfff" for letter in text):
         text = json.dumps(document, allow_nan=False, indent=4) + "\n"
@@ -149,6 +157,14 @@ def _home(mission: dict[str, Any]) -> HomePosition | None:
         return HomePosition(lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
     except ValidationError as error:
         raise from_validation(error, ("planned_home",)) from None
+
+
+def _obstacles(document: dict[str, Any]) -> tuple[Obstacle, ...]:
+    raws = require_list(document.get(_OBSTACLES, []), f"field {_OBSTACLES}")
+    try:
+        return _READ_OBSTACLES.validate_json(bounded_json.dump(raws))
+    except ValidationError as error:
+        raise from_validation(error, ("obstacles",)) from None
 
 
 def _speed(mission: dict[str, Any], key: str) -> float | None:

@@ -51,7 +51,13 @@ def count(number: int, noun: str) -> str:
 
 
 def loss_notes(
-    plan: Plan, format_name: str, *, fence: bool = False, rally: bool = False, home: bool = False
+    plan: Plan,
+    format_name: str,
+    *,
+    fence: bool = False,
+    rally: bool = False,
+    home: bool = False,
+    obstacles: bool = False,
 ) -> tuple[str, ...]:
     """Notes about the parts of a plan that a format cannot store; the flags are the parts that it can
     store."""
@@ -60,6 +66,8 @@ def loss_notes(
         parts.append(f"the geofence ({count(len(plan.fence), 'zone')})")
     if plan.rally_points and not rally:
         parts.append(count(len(plan.rally_points), "rally point"))
+    if plan.obstacles and not obstacles:
+        parts.append(count(len(plan.obstacles), "obstacle"))
     if plan.hover_speed_m_s or plan.cruise_speed_m_s:
         parts.append("the planned speeds")
     if plan.planned_home and not home:

@@ -20,7 +20,7 @@ from missions.offboard.steps import (
     Repeat,
     Speed,
 )
-from missions.values import FenceZone, HomePosition, Model
+from missions.values import FenceZone, HomePosition, Model, Obstacles
 
 MAX_CALL_DEPTH = 8
 MAX_ROLES = 10
@@ -77,6 +77,8 @@ class OffboardMission(Model):
     avoidance: Avoidance = False
     """Avoid obstacles that the vehicle's sensors measure; a step may override it."""
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=100)] = ()
+    obstacles: Obstacles = ()
+    """Known obstacles, for checks and dry runs."""
     steps: Annotated[tuple[MissionStep, ...], Field(max_length=MAX_STEPS)] = ()
     """Steps of one vehicle; empty with `roles`."""
     roles: dict[Name, Role] = Field(max_length=MAX_ROLES, default_factory=dict[str, Role])

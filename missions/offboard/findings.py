@@ -27,6 +27,14 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "limit_exceeded": ("error", "beyond the operator's limits of this vehicle, which hold the vehicle back"),
     "fence_crossed": ("error", "the path leaves the geofence"),
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
+    "obstacle_hit": ("error", "the path passes through an obstacle"),
+    "obstacle_avoided": (
+        "warning",
+        "the path passes through an obstacle that only the vehicle's sensor can make it avoid",
+    ),
+    "obstacle_near": ("warning", "the path comes within 2 m of an obstacle"),
+    "obstacle_invalid": ("error", "an obstacle whose sides cross or that has no area"),
+    "obstacles_unknown": ("error", "the obstacles cannot be checked without a global position"),
     "terrain_hit": ("error", "the path goes below the ground"),
     "terrain_near": ("warning", "the path comes within 10 m of the ground"),
     "condition_never": ("warning", "a condition that can never become true"),
@@ -56,6 +64,8 @@ class MissionFinding:
     limit: float | None = None
     """The number that it was checked against: height above home [m], speed [m/s], tilt [rad] or least time
     [s]; None: it has none."""
+    obstacle: int | None = None
+    """Index of the obstacle in the document; None: the finding is not about an obstacle."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:

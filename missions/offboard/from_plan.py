@@ -106,7 +106,12 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
     if not any(isinstance(step, s.Fly) for step in builder.steps):
         raise PlanError("the plan", "it has no item that is flown to", "Add a waypoint.")
     mission = OffboardMission(
-        name=name, home=plan.planned_home, fence=plan.fence[:100], steps=tuple(builder.steps), missions={}
+        name=name,
+        home=plan.planned_home,
+        fence=plan.fence[:100],
+        obstacles=plan.obstacles,
+        steps=tuple(builder.steps),
+        missions={},
     )
     if plan.rally_points:
         builder.notes.append("Rally points are omitted: they belong to the vehicle.")

@@ -12,6 +12,7 @@ from missions.check_context import UNKNOWN_PARAMETERS_FIX, unknown_parameters_te
 from missions.check_space import allowed_area
 from missions.offboard import samples
 from missions.offboard.findings import MissionFinding
+from missions.offboard.obstacle_checks import ObstacleCheck
 from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment
 from missions.offboard.state import Work
 from missions.offboard.timeline import Timeline
@@ -38,6 +39,7 @@ def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
         else:
             area = allowed_area(work.mission.fence, work.start.origin)
             shapely.prepare(area)
+    obstacles = ObstacleCheck(work, findings)
     for part in samples.parts(timeline, work.start.position_ned_m):
         start_ned_m = part.start_ned_m
         for segment in part.timeline.segments:
@@ -46,6 +48,7 @@ def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
             findings += _positions(segment, path, work)
             if area is not None:
                 findings += _fence(segment, path, area)
+            findings += obstacles.of(segment, path)
             if isinstance(segment, TableSegment):
                 findings += _table(segment, work.motion)
             start_ned_m = segment.end_ned_m

@@ -9,11 +9,11 @@ import numpy as np
 
 from missions.check_context import Finding, name
 from missions.geodesy import LocalOrigin
-from missions.items import Land, PlacedItem, ReturnHome
+from missions.items import PlacedItem, ReturnHome
 from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
-from missions.route import Step, follow, is_flown_to
+from missions.route import FlownLine, Step, flown_lines
 from missions.terrain.ground import Floats, Ground, between
 
 CLEARANCE_M = 10.0
@@ -23,24 +23,16 @@ HOME_TOLERANCE_M = 10.0
 MIN_LEG_M = 1.0
 """Shortest horizontal length of a checked leg [m]; on a shorter leg the vehicle climbs, descends or holds."""
 
-Position = tuple[float, float, float]
-"""Latitude, longitude [deg], altitude AMSL [m]."""
-
 
 def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[Finding]:
     """Findings of the elevation data about a waypoint plan, at most one for each item.
 
-    The first leg is flown at the altitude of its end, because the vehicle climbs first. A landing is
-    approached at the altitude of the item before it. A return is flown at RTL_RETURN_ALT above home or
-    higher.
-
     Args:
-        plan: with resolved altitudes above the ground; legs with an unknown altitude are skipped.
+        plan: with resolved altitudes above the ground; paths with an unknown altitude are skipped.
         ground: of the plan's area.
         return_alt_m: the vehicle's RTL_RETURN_ALT, above home.
     """
     home = plan.planned_home
-    home_amsl_m = None if home is None else home.alt_amsl_m
     if home is not None:
         found_m = ground.one(home.lat_deg, home.lon_deg)
         if found_m is not None and abs(found_m - home.alt_amsl_m) > HOME_TOLERANCE_M:
@@ -49,30 +41,10 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
                 "by the elevation data."
             )
             yield Finding("home_off_ground", message, fix="Check the altitude of the planned home.")
-    seen: set[int] = set()
-    here: Position | None = None
-    for step in follow(plan).steps:
-        item = step.item
-        if isinstance(item, ReturnHome) and home is not None and here is not None:
-            height_m = max(here[2], home.alt_amsl_m + return_alt_m)
-            yield from _low_clearance(
-                step, (*here[:2], height_m), (home.lat_deg, home.lon_deg, height_m), ground
-            )
-        if not isinstance(item, PlacedItem) or not is_flown_to(item):
-            continue
-        amsl_m = item.altitude.amsl_m(home_amsl_m)
-        if amsl_m is None:
-            here = None
-            continue
-        start = here
-        if start is None and home is not None and not seen:
-            start = (home.lat_deg, home.lon_deg, amsl_m)
-        height_m = start[2] if isinstance(item, Land) and start is not None else amsl_m
-        here = (item.lat_deg, item.lon_deg, height_m)
-        if step.seq not in seen:
-            seen.add(step.seq)
-            yield from _outdated(step, item, ground)
-            yield from _low_clearance(step, start or here, here, ground)
+    for line in flown_lines(plan, return_alt_m):
+        if isinstance(line.step.item, PlacedItem):
+            yield from _outdated(line.step, line.step.item, ground)
+        yield from _low_clearance(line, ground)
 
 
 def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]:
@@ -91,7 +63,8 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
         yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
 
 
-def _low_clearance(step: Step, start: Position, end: Position, ground: Ground) -> Iterator[Finding]:
+def _low_clearance(flown: FlownLine, ground: Ground) -> Iterator[Finding]:
+    step, start, end = flown.step, flown.start, flown.end
     line = between(start[:2], end[:2], ground.spacing_m)
     flown_m = start[2] + (end[2] - start[2]) * line[:, 2]
     above_m = flown_m - ground.at(line[:, 0], line[:, 1])

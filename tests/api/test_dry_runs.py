@@ -8,7 +8,7 @@ import sys
 import pytest
 from fastapi.testclient import TestClient
 
-from gcs_server.api.dry_run_aircraft import NO_AVOIDANCE, merged_assumptions
+from gcs_server.api.dry_run_aircraft import merged_assumptions
 from gcs_server.app import create_app
 from gcs_server.errors import GcsError
 from gcs_server.plans import dry_runs
@@ -100,10 +100,9 @@ def test_a_stored_plan_and_an_offboard_mission_are_flown(client):
     kept = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
     view = client.get(f"dry_runs/{flown(client, {'plan_id': kept['id']})['result']['dry_run']}").json()
     assert (view["plan_id"], view["version"], view["name"]) == (kept["id"], 1, "Tower")
-    operation = flown(client, {"plan": {**MISSION, "avoidance": True}})
+    operation = flown(client, {"plan": MISSION})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     assert view["kind"] == "offboard_mission"
-    assert "obstacle avoidance is not simulated" in view["assumed"][0]
 
 
 def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
@@ -121,8 +120,9 @@ def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
 
 def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
     unread, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
-    assumed = {"lead": [NO_AVOIDANCE, unread], "left": [NO_AVOIDANCE, unread, flying]}
-    assert merged_assumptions(assumed) == [NO_AVOIDANCE, f"lead and left: {unread}", f"left: {flying}"]
+    battery = "PX4's defaults and a full battery are used."
+    assumed = {"lead": [battery, unread], "left": [battery, unread, flying]}
+    assert merged_assumptions(assumed) == [battery, f"lead and left: {unread}", f"left: {flying}"]
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,30 @@ def test_a_check_returns_findings_with_item_and_fix_and_estimates(client):
     assert client.get("journal").json()["entries"] == [], "a check changes nothing and is not journaled"
 
 
+WALL = {
+    "name": "Wall",
+    "top": {"value_m": 30, "reference": "home"},
+    "polygon": [
+        {"lat_deg": lat, "lon_deg": lon}
+        for lat, lon in ((47.4002, 8.499), (47.4002, 8.501), (47.4001, 8.501), (47.4001, 8.499))
+    ],
+}
+
+
+@pytest.mark.parametrize(("plan", "row", "step"), [(PLAN, 1, None), (MISSION, None, "step 2")])
+def test_obstacles_are_stored_and_checked_with_their_place(client, plan, row, step):
+    kept = keep(client, plan={**plan, "obstacles": [WALL]})
+    assert kept["plan"]["obstacles"][0]["polygon"] == WALL["polygon"]
+    found = client.post("plans/check", json={"plan": kept["plan"]}).json()["findings"]
+    finding = next(each for each in found if each["code"] == "obstacle_hit")
+    assert "passes through Wall" in finding["text"]
+    assert finding["place"] == {"row": row, "zone": None, "rally_point": None, "obstacle": 0, "step": step}
+    wrong = {**plan, "obstacles": [{**WALL, "top": {"value_m": 30, "reference": "terrain"}}]}
+    refused = client.post("plans/check", json={"plan": wrong})
+    assert refused.status_code == 422
+    assert "above home or AMSL" in refused.json()["detail"]
+
+
 @pytest.mark.parametrize("format", ["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz"])
 def test_an_exported_file_can_be_imported_again(client, format):
     written = client.post("plans/export", params={"format": format}, json={"plan": PLAN})

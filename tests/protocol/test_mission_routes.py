@@ -166,6 +166,26 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path
     story(jump, tmp_path, work)
 
 
+def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_path):
+    corners = ((-2e-4, -2e-4), (2e-4, -2e-4), (2e-4, 2e-4), (-2e-4, 2e-4))
+    polygon = [{"lat_deg": PLACE["lat_deg"] + n, "lon_deg": PLACE["lon_deg"] + e} for n, e in corners]
+    tower = {"name": "Tower", "top": {"value_m": 50, "reference": "home"}, "polygon": polygon}
+
+    async def work(at):
+        plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
+        kept = await at.station.plans.create("Tower", plan, by=("anna", "key"))
+        await upload(at, None, plan_id=kept.id)
+        with pytest.raises(PlanFindings, match="passes through Tower") as raised:
+            await start(at)
+        assert "obstacle_hit" in raised.value.codes
+        await at.station.plans.delete(kept.id, base_version=1, by=("anna", "key"))
+        others = set(raised.value.codes) - {"obstacle_hit"}
+        done = view(await start(at, despite=sorted(others)))
+        assert done["status"]["armed"], "the obstacles of a deleted plan are not known"
+
+    story(jump, tmp_path, work)
+
+
 def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
     async def work(at):
         await upload(at)

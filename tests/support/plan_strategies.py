@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from missions.items import CommandItem, Item, PlacedItem
 from missions.plan import TYPED_ITEMS, Plan
-from missions.values import Altitude, FenceCircle, FencePolygon, HomePosition, Point, RallyPoint
+from missions.values import Altitude, FenceCircle, FencePolygon, HomePosition, Obstacle, Point, RallyPoint
 
 
 def float32(value: float) -> float:
@@ -46,6 +46,12 @@ RALLY_POINTS = st.builds(RallyPoint, lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=
 CIRCLES = st.builds(FenceCircle, inclusion=st.booleans(), center=POINTS, radius_m=numbers(0.5, 10_000.0))
 POLYGONS = st.builds(
     FencePolygon, inclusion=st.booleans(), polygon=st.lists(POINTS, min_size=3, max_size=8).map(tuple)
+)
+OBSTACLES = st.builds(
+    Obstacle,
+    name=st.sampled_from(["", "Barn"]),
+    polygon=st.lists(POINTS, min_size=3, max_size=5).map(tuple),
+    top=st.builds(Altitude, value_m=numbers(-50.0, 300.0), reference=st.sampled_from(["home", "amsl"])),
 )
 
 
@@ -91,6 +97,7 @@ def plans(
         polygons=st.lists(POLYGONS, max_size=3),
         circles=st.lists(CIRCLES, max_size=3),
         rally_points=st.lists(RALLY_POINTS, max_size=3).map(tuple),
+        obstacles=st.lists(OBSTACLES, max_size=2).map(tuple),
         planned_home=homes,
         cruise_speed_m_s=st.none() | numbers(0.5, 50.0),
         hover_speed_m_s=st.none() | numbers(0.5, 50.0),

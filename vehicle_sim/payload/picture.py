@@ -24,6 +24,7 @@ FLAT_RANGE_M = 3000.0
 TERRAIN_RANGE_M = 600.0
 HAZE_M = 900.0
 JPEG_QUALITY = 85
+PRISM_GREY = 150.0
 _ZENITH, _HORIZON = np.array([70.0, 120.0, 190.0]), np.array([190.0, 205.0, 215.0])
 _GRASS, _SOIL, _LINE = (
     np.array([92.0, 122.0, 70.0]),
@@ -63,7 +64,7 @@ class Painter:
         is_hit = hits.what != NOTHING
         points = origin[is_hit] + rays[is_hit] * hits.distance_m[is_hit, None]
         what = hits.what[is_hit]
-        surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[is_hit]), 0.0)
+        surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[is_hit]), PRISM_GREY)
         for number in range(len(self._world.boxes)):
             on_box = what == number
             if on_box.any():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle_sim.world.prism import PrismShape
 from vehicle_sim.world.world import World
 
 FloatArray = NDArray[np.float64]
@@ -17,6 +18,8 @@ ROOF_TOLERANCE_M = 0.15
 """A roof supports a vehicle that is at most this deep in it."""
 SLOPE_CRASH_M_S = 1.5
 """Speed relative to rising ground above which a vehicle crashes; PX4's own flat ground causes no crash."""
+SEARCH_EVERY_STEPS, SEARCHED_M = 25, 10.0
+"""How often prisms near a vehicle are searched, and within which distance: 0.1 s at up to 100 m/s."""
 REBOUND = 0.2
 """Fraction of the speed kept after a collision."""
 
@@ -39,6 +42,10 @@ class Contact:
 
     def __init__(self, world: World, count: int) -> None:
         self._world = world
+        self._prisms = [PrismShape(each) for each in world.prisms]
+        self._near = self._prisms
+        """Prisms near a vehicle; the others are not computed at each step."""
+        self._steps_until_search = 1
         self._velocity_before_step_ned_m_s = np.zeros((count, 3))
         self.crashed = np.zeros(count, dtype=np.bool_)
         """(N,) vehicles that have crashed since their last reset."""
@@ -53,6 +60,9 @@ class Contact:
             over = (np.abs(x) <= box.length_m / 2) & (np.abs(y) <= box.width_m / 2)
             over &= down <= roof + ROOF_TOLERANCE_M
             support = np.where(over, np.minimum(support, roof), support)
+        for prism in self._near_prisms(position_ned_m):
+            over = prism.covers(position_ned_m[:, :2]) & (down <= prism.roof_down_m + ROOF_TOLERANCE_M)
+            support = np.where(over, np.minimum(support, prism.roof_down_m), support)
         return support
 
     def store_velocity(self, velocity_ned_m_s: FloatArray) -> None:
@@ -78,11 +88,38 @@ class Contact:
             for row in np.flatnonzero(hit):
                 self._push_out(int(row), number, position_ned_m, velocity_ned_m_s)
                 self._crash(int(row), box.name, collisions)
+        self._steps_until_search -= 1
+        for prism in self._near_prisms(position_ned_m):
+            self._hit_prism(prism, position_ned_m, velocity_ned_m_s, collisions)
         return collisions
 
     def reset(self, row: int) -> None:
         """Clears the crash of a vehicle that is reset."""
         self.crashed[row] = False
+        self._near, self._steps_until_search = self._prisms, 1
+
+    def _near_prisms(self, position: FloatArray) -> list[PrismShape]:
+        if self._prisms and self._steps_until_search <= 0:
+            self._steps_until_search = SEARCH_EVERY_STEPS
+            self._near = [each for each in self._prisms if each.any_near(position[:, :2], SEARCHED_M)]
+        return self._near
+
+    def _hit_prism(
+        self, prism: PrismShape, position: FloatArray, velocity: FloatArray, collisions: list[Collision]
+    ) -> None:
+        """Moves vehicles that touch a prism out of it, through its nearest side."""
+        below = position[:, 2] > prism.roof_down_m + ROOF_TOLERANCE_M
+        if not below.any():
+            return
+        side = prism.nearest_side(position[:, :2])
+        outwards = position[:, :2] - side
+        away_m = np.hypot(outwards[:, 0], outwards[:, 1])
+        inside = prism.covers(position[:, :2])
+        for row in np.flatnonzero(below & (inside | (away_m < BODY_RADIUS_M))):
+            normal = outwards[row] / max(float(away_m[row]), 1e-9) * (-1.0 if inside[row] else 1.0)
+            position[row, :2] = side[row] + normal * BODY_RADIUS_M
+            _rebound(velocity, int(row), normal)
+            self._crash(int(row), prism.name, collisions)
 
     def _slopes(self, position: FloatArray, velocity: FloatArray, collisions: list[Collision]) -> None:
         terrain = self._world.terrain
@@ -132,6 +169,11 @@ class Contact:
             np.array([c, s]) * np.sign(x or 1.0) if nearest == "x" else np.array([-s, c]) * np.sign(y or 1.0)
         )
         position[row, :2] += normal * overlaps[nearest]
-        inward = float(velocity[row, :2] @ normal)
-        if inward < 0.0:
-            velocity[row, :2] -= (1.0 + REBOUND) * inward * normal
+        _rebound(velocity, row, normal)
+
+
+def _rebound(velocity: FloatArray, row: int, normal: FloatArray) -> None:
+    """Reflects the velocity into an obstacle, whose side has this outward normal."""
+    inward = float(velocity[row, :2] @ normal)
+    if inward < 0.0:
+        velocity[row, :2] -= (1.0 + REBOUND) * inward * normal

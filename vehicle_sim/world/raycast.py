@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle_sim.world.prism import PrismShape
 from vehicle_sim.world.world import World
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 NOTHING, GROUND = -2, -1
-"""Values of `Hits.what` for a ray that hit no box."""
+"""Values of `Hits.what` for a ray that hit no obstacle."""
 MARCH_STEPS = 64
 BISECTIONS = 12
 
@@ -25,7 +26,7 @@ class Hits:
     distance_m: FloatArray
     """(M,) inf if nothing was hit."""
     what: IntArray
-    """(M,) NOTHING, GROUND or the number of the box."""
+    """(M,) NOTHING, GROUND, or the number of the box; prisms are counted after the boxes."""
 
 
 class RayCaster:
@@ -38,15 +39,20 @@ class RayCaster:
         self._half = np.array([[b.length_m, b.width_m, b.height_m] for b in boxes]).reshape(-1, 3) / 2
         yaw = np.array([b.yaw_ned_rad for b in boxes])
         self._cos, self._sin = np.cos(yaw), np.sin(yaw)
+        self._prisms = [PrismShape(each) for each in world.prisms]
 
     def cast(self, origin_ned_m: FloatArray, direction_ned: FloatArray, range_m: FloatArray | float) -> Hits:
         """Casts rays from (M, 3) along unit vectors (M, 3) up to `range_m`."""
         distance = self._ground(origin_ned_m, direction_ned, np.broadcast_to(range_m, origin_ned_m.shape[:1]))
         what = np.where(np.isfinite(distance), GROUND, NOTHING).astype(np.int64)
-        for number in range(len(self.world.boxes)):
-            box_distance = self._box(number, origin_ned_m, direction_ned)
-            nearer = box_distance < distance
-            distance = np.where(nearer, box_distance, distance)
+        boxes = len(self.world.boxes)
+        for number in range(boxes + len(self._prisms)):
+            if number < boxes:
+                found = self._box(number, origin_ned_m, direction_ned)
+            else:
+                found = self._prisms[number - boxes].cast(origin_ned_m, direction_ned)
+            nearer = found < distance
+            distance = np.where(nearer, found, distance)
             what[nearer] = number
         beyond = distance > range_m
         distance[beyond] = np.inf

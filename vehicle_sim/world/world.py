@@ -1,4 +1,4 @@
-"""The world around the vehicles: ground, boxes and walls, and the lidars that measure them.
+"""The world around the vehicles: ground, boxes, walls and prisms, and the lidars that measure them.
 
 Positions are local NED from home. `base_alt_home_m` of an obstacle is the altitude of its lower side above
 home, so that a vehicle can fly under a bridge. Vehicles can stand on roofs.
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle_sim.world.prism import Prism
 from vehicle_sim.world.terrain import Terrain
 
 FloatArray = NDArray[np.float64]
@@ -77,8 +78,9 @@ class World:
     terrain: Terrain = field(default_factory=Terrain)
     boxes: tuple[Box, ...] = ()
     lidars: Lidars = field(default_factory=Lidars)
+    prisms: tuple[Prism, ...] = ()
 
     @property
     def empty(self) -> bool:
         """Whether there is nothing but flat ground, as in PX4's own simulation."""
-        return self.terrain.flat and not self.boxes
+        return self.terrain.flat and not self.boxes and not self.prisms

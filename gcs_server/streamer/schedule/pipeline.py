@@ -9,12 +9,13 @@ from gcs_server.streamer.frames.resolve import ResolvedSetpoint, keeps_heading
 from gcs_server.streamer.limits.brake import SCAN_VALID_S, BrakeMemory, Surroundings
 from gcs_server.streamer.limits.limiter import LimitResult, apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
-from gcs_server.streamer.schedule.avoidance import AvoidanceStage, AvoidanceStatus
+from gcs_server.streamer.schedule.avoidance import AvoidanceStage
 from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import fresh, measures_outwards
+from missions.avoidance.setpoints import AvoidanceStatus
 from missions.avoidance.values import AvoidanceWay
 from missions.runner.script import Played, Script, ScriptChange
 from missions.setpoints import (

@@ -18,13 +18,13 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from gcs_server.streamer.schedule.avoidance import AvoidanceStatus
 from gcs_server.streamer.schedule.cadence import Cadence
 from gcs_server.streamer.schedule.pipeline import SetpointPipeline
 from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
 from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest, mode_label
+from missions.avoidance.setpoints import AvoidanceStatus
 from missions.frames import Vector3
 from missions.runner.script import Played, Script, ScriptChange
 from missions.setpoints import DirectSetpoint

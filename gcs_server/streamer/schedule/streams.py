@@ -9,12 +9,12 @@ from typing import Protocol
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration, Registration
 from gcs_server.ros2.mode_executor import ExecutorCommand
-from gcs_server.streamer.schedule.avoidance import AvoidanceStatus
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.events import StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
+from missions.avoidance.setpoints import AvoidanceStatus
 from missions.runner.script import Played, ScriptChange
 from missions.setpoints import DirectSetpoint
 

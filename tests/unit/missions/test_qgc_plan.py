@@ -145,7 +145,7 @@ def with_unknown_keys(value: Any, draw: Any) -> Any:
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(homes=HOMES), data=st.data())
 def test_unknown_keys_are_written_back_in_their_order(plan: Plan, data: st.DataObject) -> None:
-    plan = plan.model_copy(update={"rally_points": ()})
+    plan = plan.model_copy(update={"rally_points": (), "obstacles": ()})
     document = with_unknown_keys(json.loads(qgc_plan.write(plan).data), data.draw)
     sent = json.dumps(document).encode()
     assert same_json(qgc_plan.write(qgc_plan.read(sent).plan).data, sent)

@@ -43,7 +43,7 @@ def test_any_items_are_unchanged_after_a_waypoints_file(plan: Plan) -> None:
     written = waypoints.write(plan)
     assert waypoints.read(written.data).plan == only_items(plan)
     assert bool(written.notes) == bool(
-        plan.fence or plan.rally_points or plan.hover_speed_m_s or plan.cruise_speed_m_s
+        plan.fence or plan.rally_points or plan.obstacles or plan.hover_speed_m_s or plan.cruise_speed_m_s
     )
 
 

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.simulation import Simulation
+from vehicle_sim.world.contact import Contact
 from vehicle_sim.world.files import load_world, shipped, world_of
+from vehicle_sim.world.prism import Prism
 from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
 from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
 from vehicle_sim.world.world import Box, Lidars, World, wall
@@ -45,6 +47,43 @@ def test_rays_hit_rotated_boxes_and_walls_on_their_faces():
     fence = wall("fence", (5, -5), (5, 5), height_m=2, thickness_m=0.4)
     assert cast(World(boxes=(fence,)), (0, 3, -1), (1, 0, 0))[0] == pytest.approx(4.8)
     assert cast(World(boxes=(fence,)), (0, 5.1, -1), (1, 0, 0))[0] == math.inf
+
+
+L_SHAPED = ((10.0, -5.0), (20.0, -5.0), (20.0, 5.0), (15.0, 5.0), (15.0, 0.0), (10.0, 0.0))
+"""North, east: the corner at (10 to 15, 0 to 5) is open."""
+PRISM = World(prisms=(Prism("l", L_SHAPED, 3.0),))
+
+
+def test_rays_hit_the_sides_and_the_roof_of_a_prism():
+    assert cast(PRISM, (0, -2, -1), (1, 0, 0)) == (pytest.approx(10.0), 0)
+    assert cast(PRISM, (0, 2, -1), (1, 0, 0)) == (pytest.approx(15.0), 0), "the open corner"
+    assert cast(PRISM, (0, 2, -3.1), (1, 0, 0)) == (math.inf, NOTHING), "above the roof"
+    assert cast(PRISM, (18, 2, -5), (0, 0, 1)) == (pytest.approx(2.0), 0), "from above"
+    assert cast(PRISM, (12, 2, -5), (0, 0, 1)) == (pytest.approx(5.0), GROUND), "beside the roof"
+    assert cast(PRISM, (18, 2, -1), (0, 1, 0)) == (0.0, 0), "from inside"
+
+
+@given(
+    origin=st.tuples(st.floats(0, 30), st.floats(-12, 12), st.floats(-8, -0.1)),
+    direction=st.tuples(*[st.integers(-50, 50)] * 3).filter(any),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_rectangular_prism_is_measured_like_a_box(origin, direction):
+    corners = ((9.0, -2.0), (11.0, -2.0), (11.0, 2.0), (9.0, 2.0))
+    distance_m, what = cast(World(prisms=(Prism("box", corners, 3.0),)), origin, direction)
+    expected_m, expected = cast(World(boxes=(BOX,)), origin, direction)
+    assert (distance_m, what) == (pytest.approx(expected_m), expected)
+
+
+def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
+    contact = Contact(PRISM, 3)
+    place = np.array([[18.0, 0.0, -3.0], [9.8, -2.0, -1.0], [12.0, 2.5, -1.0]])
+    velocity = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    assert contact.support_down_m(place).tolist() == [-3.0, 0.0, 0.0]
+    assert [(each.row, each.what) for each in contact.collide(place, velocity)] == [(1, "l")]
+    assert place[1] == pytest.approx([9.7, -2.0, -1.0])
+    assert velocity[1, 0] < 0.0
+    assert contact.collide(place, velocity) == [], "a crashed vehicle has no second collision"
 
 
 @settings(max_examples=60, deadline=None)

@@ -4768,6 +4768,11 @@ export interface components {
              */
             readonly rally_point: number | null;
             /**
+             * Obstacle
+             * @description Index in `obstacles`.
+             */
+            readonly obstacle: number | null;
+            /**
              * Step
              * @description Step of an offboard mission: `step 3`, `step 4.2`.
              */
@@ -8146,6 +8151,24 @@ export interface components {
             readonly pitch_deg: number | null;
         };
         /**
+         * Obstacle
+         * @description A building, a tree or a mast: upright, from the ground to its top. The last corner joins the first.
+         */
+        readonly Obstacle: {
+            /**
+             * Name
+             * @description For findings; empty: the obstacle's number.
+             * @default
+             */
+            readonly name: string;
+            /**
+             * Polygon
+             * @description Polygon.
+             */
+            readonly polygon: readonly components["schemas"]["Point"][];
+            readonly top: components["schemas"]["Altitude"];
+        };
+        /**
          * ObstacleAvoidance
          * @description Obstacle avoidance.
          */
@@ -8354,6 +8377,12 @@ export interface components {
              * @default []
              */
             readonly fence: readonly (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
+            /**
+             * Obstacles
+             * @description Known obstacles, for checks and dry runs.
+             * @default []
+             */
+            readonly obstacles: readonly components["schemas"]["Obstacle"][];
             /**
              * Steps
              * @description Steps of one vehicle; empty with `roles`.
@@ -9672,6 +9701,12 @@ export interface components {
              * @default []
              */
             readonly rally_points: readonly components["schemas"]["RallyPoint"][];
+            /**
+             * Obstacles
+             * @description For checks and dry runs; not uploaded, because PX4 does not store obstacles.
+             * @default []
+             */
+            readonly obstacles: readonly components["schemas"]["Obstacle"][];
             /**
              * Original
              * @description JSON text of the .plan file it was read from, without the data of the fields above.

@@ -1,0 +1,63 @@
+"""Checks of a plan's straight paths against its obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from missions.check_context import Context, Finding, name
+from missions.items import Land, ReturnHome, Takeoff
+from missions.obstacles import Clearance, ObstacleShapes, is_valid, name_of
+from missions.route import FlownLine, GeoPlace, flown_lines
+
+AROUND = "Add a waypoint around it, or fly above it."
+
+
+def _obstacles(context: Context) -> Iterator[Finding]:
+    plan, origin = context.plan, context.origin
+    if not plan.obstacles or origin is None:
+        return
+    for index, obstacle in enumerate(plan.obstacles):
+        if not is_valid(obstacle, origin):
+            what = name_of(obstacle, index)
+            message = f"The sides of {what} cross, or it has no area."
+            yield Finding("obstacle_invalid", message, obstacle=index, fix="Draw it again.")
+    shapes = ObstacleShapes(plan.obstacles, origin, context.home_amsl_m)
+    reported: set[tuple[int, int]] = set()
+    for line in flown_lines(plan, context.vehicle.return_alt_m):
+        places = [origin.to_ned(*place) for place in _way(line, context)]
+        for clearance in shapes.near(np.array(places)):
+            if (line.step.seq, clearance.index) not in reported:
+                reported.add((line.step.seq, clearance.index))
+                yield _finding(line, clearance)
+
+
+def _way(line: FlownLine, context: Context) -> list[GeoPlace]:
+    """The straight path, with the climb or the descent at its ends."""
+    item, home = line.step.item, context.plan.planned_home
+    ground_m = line.end[2] if home is None else home.alt_amsl_m
+    way = [line.start, line.end]
+    if line.from_home or isinstance(item, Takeoff):
+        way.insert(0, (*line.start[:2], ground_m))
+    if isinstance(item, Land):
+        touchdown_m = item.altitude.amsl_m(context.home_amsl_m)
+        way.append((*line.end[:2], ground_m if touchdown_m is None else touchdown_m))
+    elif isinstance(item, ReturnHome):
+        way.append((*line.end[:2], ground_m))
+    return way
+
+
+def _finding(line: FlownLine, clearance: Clearance) -> Finding:
+    step = line.step
+    what = f"The straight path to {name(step.row, step.item).lower()}"
+    if isinstance(step.item, ReturnHome):
+        what = f"The straight path home of {name(step.row, step.item).lower()}"
+    if clearance.hits:
+        message = f"{what} passes through {clearance.name}."
+        return Finding("obstacle_hit", message, step.row, obstacle=clearance.index, fix=AROUND)
+    message = f"{what} comes within {clearance.distance_m:.1f} m of {clearance.name}."
+    return Finding("obstacle_near", message, step.row, obstacle=clearance.index, fix=AROUND)
+
+
+RULES = (_obstacles,)

@@ -1,0 +1,91 @@
+"""Obstacle avoidance of a simulated vehicle: the avoider of real flights, with simulated sensors."""
+
+from __future__ import annotations
+
+from missions.avoidance.setpoints import SetpointAvoidance, Surroundings
+from missions.avoidance.values import DetourLimits, MotionState
+from missions.dry_run.findings import DryRunFinding
+from missions.dry_run.fleet import Vehicle
+from missions.dry_run.lidar import ObstacleLidar
+from missions.dry_run.pilot import Step, finding_now
+from missions.frames import Vector3
+from missions.runner.player import Player
+from missions.setpoints import DirectSetpoint
+
+STOPPED_S = 5.0
+"""A vehicle that waits before an obstacle for this long has found no way [s]."""
+
+
+class SimulatedAvoidance:
+    """Avoidance of one vehicle, in the steps whose avoidance is on.
+
+    Args:
+        vehicle: the simulated vehicle.
+        findings: receives a finding for each step with a detour, or without a way.
+    """
+
+    def __init__(self, vehicle: Vehicle, findings: list[DryRunFinding]) -> None:
+        self._vehicle, self._findings = vehicle, findings
+        self._lidar = ObstacleLidar(vehicle)
+        self._avoidance = SetpointAvoidance()
+        self._stopped_since_s: float | None = None
+        self._reported: set[tuple[str, Step | None]] = set()
+        self.is_needed = not vehicle.autopilot.view.simulation.world.empty
+        """Whether the simulated world has anything to avoid."""
+
+    def forget(self) -> None:
+        """Resets, because no setpoint is flown any more."""
+        self._avoidance.forget()
+        self._stopped_since_s = None
+
+    def apply(
+        self, now_s: float, player: Player, requested: DirectSetpoint, position_ned_m: Vector3 | None
+    ) -> DirectSetpoint:
+        """The setpoint to send instead of the requested one.
+
+        Args:
+            now_s: simulated time.
+            player: the mission, which states whether avoidance is on.
+            requested: its current setpoint.
+            position_ned_m: of the vehicle, in the mission's local frame.
+        """
+
+        def around() -> Surroundings:
+            estimate = self._vehicle.autopilot.view.estimate
+            motion = None
+            if position_ned_m is not None:
+                motion = MotionState(position_ned_m, estimate.velocity_ned_m_s, estimate.yaw_ned_rad)
+            return Surroundings(motion, self._lidar.scans(now_s), DetourLimits(fence=player.fence))
+
+        # Avoidance that a step requests ends with the step, but never during a detour.
+        avoidance = self._avoidance
+        way = avoidance.way if avoidance.on_a_detour else player.avoidance
+        return avoidance.apply(now_s, requested, lambda at_s: player.ahead(at_s - now_s), way, around)
+
+    def watch(self, now_s: float, step: Step | None, t_s: float) -> None:
+        """Adds the findings of this moment.
+
+        Args:
+            now_s: simulated time.
+            step: the current step.
+            t_s: time since the start of the flight.
+        """
+        status = self._avoidance.status
+        where = "its start" if step is None else step.place
+        if status is None or status.state != "stopped":
+            self._stopped_since_s = None
+        elif self._stopped_since_s is None:
+            self._stopped_since_s = now_s
+        elif now_s - self._stopped_since_s >= STOPPED_S:
+            self._report("avoidance_stopped", f"The vehicle waits at {where}: {status.text}", step, t_s)
+        if status is not None and status.state in ("over", "around"):
+            message = (
+                f"The vehicle leaves its path at {where} to avoid an obstacle. In flight it depends on its "
+                "obstacle sensor."
+            )
+            self._report("obstacle_avoided", message, step, t_s)
+
+    def _report(self, code: str, message: str, step: Step | None, t_s: float) -> None:
+        if (code, step) not in self._reported:
+            self._reported.add((code, step))
+            self._findings.append(finding_now(code, message, step, t_s, self._vehicle))

@@ -1,0 +1,100 @@
+"""Dry runs of a mission whose path passes through a box: with and without obstacle avoidance."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.result import DryRun, dry_run
+from missions.dry_run.setup import Site, prisms_of
+from missions.dry_run.task import NOTHING_TO_AVOID, SENSORS, run
+from missions.offboard.document import OffboardMission
+from missions.values import FencePolygon
+from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, QUICK
+from tests.support.obstacles import block
+from tests.support.offboard_missions import mission
+
+pytestmark = pytest.mark.flight
+
+BOX = block(ORIGIN, (12.0, 14.0), (-3.0, 3.0), 6.0, name="the box")
+
+
+def through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
+    steps = f"""
+- {{step: take_off, height_m: 4}}
+- {{step: fly, points: [{{offset_ned_m: [28, 0, -4]}}], speed_m_s: 3, avoidance: {avoidance}}}
+- {{step: land}}
+"""
+    return mission(steps, home=HOME, obstacles=(obstacle,))
+
+
+def flown(document: OffboardMission, longest_s: float = 60.0) -> DryRun:
+    site = Site(prisms_of(document.obstacles, AIRCRAFT.home))
+    flyable = replace(FlyableMission.of(document, AIRCRAFT), longest_s=longest_s)
+    return dry_run(flyable, AIRCRAFT, site=site)
+
+
+def test_without_avoidance_the_flight_ends_at_the_box() -> None:
+    found = flown(through_the_box("false"))
+    assert not found.finished
+    (hit,) = [each for each in found.findings if each.code == "obstacle_hit"]
+    assert (hit.severity, hit.step) == ("error", "step 2")
+    assert "Collision with the box" in hit.message
+    assert hit.position_ned_m is not None
+    assert hit.position_ned_m[0] == pytest.approx(11.7, abs=0.5)
+
+
+def test_with_avoidance_the_vehicle_climbs_over_the_box_and_comes_down_behind_it() -> None:
+    found = flown(through_the_box("over"))
+    assert (found.finished, found.landed) == (True, True)
+    assert [(each.code, each.severity, each.step) for each in found.findings] == [
+        ("obstacle_avoided", "warning", "step 2"),
+        ("obstacle_near", "warning", "step 2"),
+    ]
+    assert found.track is not None
+    north, _, down = found.track.position_ned_m.T
+    above = (north > 11.0) & (north < 15.0)
+    assert (-down[above]).min() > 6.4, "it flies over the box"
+    behind = north > 27.0
+    assert np.flatnonzero(behind)[0] > np.flatnonzero(above)[-1]
+    assert -down[behind][0] < 5.5, "it is back on its path before the end of the step"
+    assert found.obstacle_distance_m is not None
+    assert 0.4 < found.obstacle_distance_m < 2.0
+
+
+def test_with_avoidance_that_finds_no_way_the_vehicle_waits_before_the_obstacle() -> None:
+    corridor = block(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
+    wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
+    fence = (FencePolygon(inclusion=True, polygon=corridor),)
+    document = through_the_box("around", wall).model_copy(update={"fence": fence})
+    found = flown(document, longest_s=21.0)
+    codes = {each.code for each in found.findings}
+    assert {"avoidance_stopped", "not_finished"} <= codes
+    assert "obstacle_hit" not in codes
+
+
+def requested(document: OffboardMission) -> dict:
+    request = {
+        "kind": "offboard_mission", "plan": document.model_dump_json(), "origin": None,
+        "aircraft": {"home": HOME.model_dump(), "parameters": QUICK},
+        "conditions": {"wind_ned_m_s": [0, 0, 0]}, "obstacles": [], "seed": 0, "flights": None,
+        "spread": None,
+    }  # fmt: skip
+    return run(request, lambda text, share: None)
+
+
+def test_a_dry_run_task_flies_with_the_obstacles_of_the_document() -> None:
+    result = json.loads(json.dumps(requested(through_the_box("false"))))
+    assert result["assumed"] == []
+    assert "obstacle_hit" in {each["code"] for each in result["nominal"]["findings"]}
+
+
+@pytest.mark.parametrize(("obstacles", "sentence"), [((BOX,), SENSORS), ((), NOTHING_TO_AVOID)])
+def test_a_dry_run_states_which_sensors_its_avoidance_has(obstacles, sentence) -> None:
+    hop = "- {step: take_off, height_m: 2.5}\n- {step: hold, duration_s: 1}\n- {step: land}\n"
+    document = mission(hop, home=HOME, obstacles=obstacles, avoidance="over")
+    assert requested(document)["assumed"] == [sentence]

@@ -1,0 +1,196 @@
+"""Obstacles of plans and missions: their distance from paths, their findings, and what files keep."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from missions import plan as plan_document
+from missions.checks import check
+from missions.errors import PlanError
+from missions.formats import qgc_plan
+from missions.geodesy import LocalOrigin
+from missions.items import Land, ReturnHome, Takeoff, Waypoint
+from missions.obstacles import ObstacleShapes
+from missions.offboard.compiler import compile_mission
+from missions.offboard.from_plan import from_plan
+from missions.offboard.reader import read
+from missions.offboard.timeline import Timeline
+from missions.offboard.writer import write_yaml
+from missions.plan import Plan
+from missions.values import Altitude, HomePosition, Obstacle
+from tests.support.obstacles import block
+from tests.support.offboard_missions import codes, flown, mission
+
+HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
+ORIGIN = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
+BARN = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 8.0, name="Barn")
+
+
+def shapes(*obstacles: Obstacle) -> ObstacleShapes:
+    return ObstacleShapes(obstacles, ORIGIN, HOME.alt_amsl_m)
+
+
+@pytest.mark.parametrize(
+    ("path", "distance_m"),
+    [
+        ([(0, 0, -5), (40, 0, -5)], 0.0),
+        ([(0, 0, -9.5), (40, 0, -9.5)], 1.5),
+        ([(0, 0, -10.1), (40, 0, -10.1)], None),
+        ([(0, 6, -5), (2000, 6, -5)], 1.0),
+        ([(0, 7.1, -5), (40, 7.1, -5)], None),
+        ([(25, 0, -20), (25, 0, -9)], 1.0),
+        ([(25, 0, 0), (25, 0, -3)], 0.0),
+        ([(19, 0, -9)], math.sqrt(2)),
+    ],
+)
+def test_the_distance_of_a_path_is_that_to_the_nearest_side_or_the_top(path, distance_m) -> None:
+    found = list(shapes(BARN).near(np.array(path, dtype=float)))
+    assert [each.name for each in found] == ([] if distance_m is None else ["Barn"])
+    if distance_m is not None:
+        assert found[0].distance_m == pytest.approx(distance_m, abs=0.06)
+        assert found[0].hits == (distance_m == 0.0)
+
+
+@given(
+    start=st.tuples(st.floats(0, 60), st.floats(-40, 40), st.floats(-20, -1)),
+    end=st.tuples(st.floats(0, 60), st.floats(-40, 40), st.floats(-20, -1)),
+)
+def test_the_distance_agrees_with_that_of_many_positions_of_the_path(start, end) -> None:
+    line = np.linspace(start, end, 4001)
+    beside = np.hypot(
+        np.maximum(np.abs(line[:, 0] - 25.0) - 5.0, 0.0), np.maximum(np.abs(line[:, 1]) - 5.0, 0.0)
+    )
+    least_m = float(np.hypot(beside, np.maximum(-line[:, 2] - 8.0, 0.0)).min())
+    found = list(shapes(BARN).near(np.array([start, end])))
+    assert bool(found) == (least_m < 2.0) or least_m == pytest.approx(2.0, abs=0.1)
+    for each in found:
+        assert each.distance_m == pytest.approx(least_m, abs=0.1)
+
+
+def test_tops_above_sea_level_and_home_are_the_same_height() -> None:
+    above_sea = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
+    path = np.array([(0.0, 0.0, -9.0), (40.0, 0.0, -9.0)])
+    (one,), (other,) = (list(shapes(each).near(path)) for each in (BARN, above_sea))
+    assert one.distance_m == pytest.approx(other.distance_m, abs=1e-6)
+    assert other.name == "obstacle 1", "an obstacle without a name has its number"
+
+
+# --- waypoint plans -----------------------------------------------------------------------------------
+
+
+def to(kind, north_m: float, height_m: float):
+    lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, 0.0, 0.0))
+    return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=Altitude(value_m=height_m, reference="home"))
+
+
+def found_in(*items, obstacle: Obstacle = BARN) -> list[tuple[str, int | None]]:
+    plan = Plan(planned_home=HOME, items=items, obstacles=(obstacle,))
+    return [(each.code, each.row) for each in check(plan) if each.obstacle == 0]
+
+
+@pytest.mark.parametrize(
+    ("items", "findings"),
+    [
+        ((to(Takeoff, 0, 5), to(Waypoint, 50, 5)), [("obstacle_hit", 1)]),
+        ((to(Takeoff, 0, 9.5), to(Waypoint, 50, 9.5)), [("obstacle_near", 1)]),
+        ((to(Takeoff, 0, 20), to(Waypoint, 50, 20)), []),
+        ((to(Takeoff, 0, 20), to(Waypoint, 50, 20), to(Land, 25, 0)), [("obstacle_hit", 2)]),
+        ((to(Takeoff, 25, 20), to(Waypoint, 50, 20)), []),
+        ((to(Takeoff, 0, 20), to(Waypoint, 50, 20), ReturnHome()), []),
+    ],
+)
+def test_the_straight_paths_of_a_plan_are_checked_with_climb_and_landing(items, findings) -> None:
+    assert found_in(*items) == findings
+
+
+def test_a_return_and_the_take_off_at_home_are_checked() -> None:
+    tower = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 60.0)
+    outward = (to(Takeoff, 0, 70), to(Waypoint, 50, 70), to(Waypoint, 60, 10))
+    assert found_in(*outward, ReturnHome(), obstacle=tower) == [("obstacle_hit", 3)]
+    roof = block(ORIGIN, (1.0, 5.0), (-5.0, 5.0), 10.0)
+    assert found_in(to(Takeoff, 0, 30), obstacle=roof) == [("obstacle_near", 0)]
+
+
+# --- offboard missions --------------------------------------------------------------------------------
+
+NORTH = "step: fly, points: [{offset_ned_m: [50, 0, %s]}]"
+
+
+def compiled(step: str, **rest) -> Timeline:
+    return compile_mission(mission(flown(step), **{"home": HOME, "obstacles": (BARN,), **rest}))
+
+
+def test_the_compiled_path_of_a_mission_is_checked_with_step_and_position() -> None:
+    (finding,) = compiled(NORTH % -5).findings
+    assert (finding.code, finding.severity, finding.step, finding.obstacle) == (
+        "obstacle_hit", "error", "step 2", 0,
+    )  # fmt: skip
+    assert "passes through Barn near north 2" in finding.message
+    assert codes(compiled(NORTH % -9.5)) == {"obstacle_near"}
+    assert codes(compiled(NORTH % -10.5)) == set()
+
+
+def test_a_step_with_avoidance_that_passes_through_an_obstacle_is_a_warning() -> None:
+    (finding,) = compiled(NORTH % -5 + ", avoidance: over").findings
+    assert (finding.code, finding.severity) == ("obstacle_avoided", "warning")
+    assert "depends on its obstacle sensor" in finding.message
+
+
+def test_avoidance_does_not_apply_to_landings_and_velocities() -> None:
+    over = "step: fly, points: [{offset_ned_m: [25, 0, -12]}]"
+    assert codes(compiled(over, avoidance="over")) == {"obstacle_hit"}
+    speed = "step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 15"
+    low = mission(
+        "- {step: take_off, height_m: 5}\n- {" + speed + "}\n- {step: land}\n",
+        home=HOME, obstacles=(BARN,), avoidance="over",
+    )  # fmt: skip
+    assert "obstacle_hit" in codes(compile_mission(low))
+
+
+def test_obstacles_without_a_global_position_are_an_error() -> None:
+    assert codes(compiled(NORTH % -5, home=None)) == {"obstacles_unknown"}
+
+
+def test_an_obstacle_whose_sides_cross_is_an_error_of_both_kinds_of_plans() -> None:
+    a, b, c, d = BARN.polygon
+    crossed = BARN.model_copy(update={"polygon": (a, c, b, d)})
+    assert "obstacle_invalid" in codes(compiled(NORTH % -30, obstacles=(crossed,)))
+    assert ("obstacle_invalid", None) in found_in(to(Takeoff, 0, 30), obstacle=crossed)
+
+
+# --- files --------------------------------------------------------------------------------------------
+
+PLAN = Plan(planned_home=HOME, items=(to(Takeoff, 0, 30),), obstacles=(BARN,))
+
+
+def test_documents_keep_their_obstacles() -> None:
+    assert plan_document.read(plan_document.write(PLAN)) == PLAN
+    flown_to = PLAN.model_copy(update={"items": (*PLAN.items, to(Waypoint, 9, 30))})
+    converted = from_plan(flown_to, "North").mission
+    assert converted.obstacles == (BARN,)
+    assert read(write_yaml(converted)) == converted
+
+
+def test_a_qgroundcontrol_file_holds_the_obstacles_under_a_key_of_our_own() -> None:
+    written = qgc_plan.write(PLAN).data
+    assert qgc_plan.read(written).plan.obstacles == (BARN,)
+    assert qgc_plan.write(qgc_plan.read(written).plan).data == written
+    cleared = qgc_plan.read(written).plan.model_copy(update={"obstacles": ()})
+    assert qgc_plan.read(qgc_plan.write(cleared).data).plan.obstacles == ()
+    broken = json.loads(written)
+    broken["offboardGcsObstacles"][0]["top"]["value_m"] = "high"
+    with pytest.raises(PlanError, match=r"obstacle 1, field top\.value_m"):
+        qgc_plan.read(json.dumps(broken))
+
+
+def test_a_top_above_the_ground_is_refused() -> None:
+    document = json.loads(plan_document.write(PLAN))
+    document["obstacles"][0]["top"]["reference"] = "terrain"
+    with pytest.raises(PlanError, match=r"obstacle 1, field top: .*above home or AMSL"):
+        plan_document.read(json.dumps(document))

@@ -1,0 +1,81 @@
+"""Upright prisms: obstacles with any polygon as their ground plan, from below the ground to a flat roof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Prism:
+    """An upright prism; the last corner joins the first."""
+
+    name: str
+    corners_ne_m: tuple[tuple[float, float], ...]
+    """North and east of the corners; at least three, in either direction."""
+    roof_alt_home_m: float
+    """Altitude of its roof above home."""
+
+
+class PrismShape:
+    """The sides and the roof of one prism, for many positions or rays at once."""
+
+    def __init__(self, prism: Prism) -> None:
+        self.name = prism.name
+        self.roof_down_m = -prism.roof_alt_home_m
+        self._from = np.array(prism.corners_ne_m, dtype=float)
+        self._side = np.roll(self._from, -1, axis=0) - self._from
+        self._low, self._high = self._from.min(axis=0), self._from.max(axis=0)
+
+    def any_near(self, place_ne_m: FloatArray, within_m: float) -> bool:
+        """Whether any of the positions (M, 2) is within this distance of the box around the ground plan."""
+        low, high = self._low - within_m, self._high + within_m
+        return bool(((place_ne_m >= low) & (place_ne_m <= high)).all(axis=1).any())
+
+    def covers(self, place_ne_m: FloatArray) -> BoolArray:
+        """(M,) whether positions (M, 2) are inside the ground plan (even-odd rule)."""
+        north, east = place_ne_m[:, :1], place_ne_m[:, 1:]
+        start, end = self._from[:, 1], self._from[:, 1] + self._side[:, 1]
+        spans = (start > east) != (end > east)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = self._from[:, 0] + (east - start) / self._side[:, 1] * self._side[:, 0]
+        return ((spans & (north < crossing)).sum(axis=1) % 2).astype(np.bool_)
+
+    def nearest_side(self, place_ne_m: FloatArray) -> FloatArray:
+        """(M, 2) the positions of the outline that are nearest to positions (M, 2)."""
+        offset = place_ne_m[:, None] - self._from
+        length2 = np.maximum((self._side**2).sum(axis=1), 1e-12)
+        share = np.clip((offset * self._side).sum(axis=2) / length2, 0.0, 1.0)
+        on_side = self._from + share[..., None] * self._side
+        nearest = ((place_ne_m[:, None] - on_side) ** 2).sum(axis=2).argmin(axis=1)
+        return on_side[np.arange(len(place_ne_m)), nearest]
+
+    def cast(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
+        """(M,) distances along rays (M, 3) in NED; infinite for rays that miss; 0 for one that starts
+        inside."""
+        away = self._from - origin[:, None, :2]
+        along = direction[:, None, :2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            parallel = _cross(along, self._side)
+            distance = _cross(away, self._side) / parallel
+            share = _cross(away, along) / parallel
+            is_wall = origin[:, 2:] + distance * direction[:, 2:] >= self.roof_down_m
+            to_roof = (self.roof_down_m - origin[:, 2]) / direction[:, 2]
+        hits = (distance >= 0.0) & (share >= 0.0) & (share <= 1.0) & is_wall
+        walls = np.where(hits, distance, np.inf).min(axis=1)
+        from_above = (direction[:, 2] > 0.0) & (to_roof >= 0.0)
+        reach = np.where(from_above, to_roof, 0.0)
+        from_above &= self.covers(origin[:, :2] + reach[:, None] * direction[:, :2])
+        nearest = np.minimum(walls, np.where(from_above, to_roof, np.inf))
+        inside = (origin[:, 2] > self.roof_down_m) & self.covers(origin[:, :2])
+        return np.where(inside, 0.0, nearest)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The third component of the cross product of horizontal vectors."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
