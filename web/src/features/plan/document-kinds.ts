@@ -2,7 +2,7 @@
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, positionOf, allPositions, refOf, type PlannedHome, type Plan } from './document';
+import { altitudeBefore, positionOf, allPositions, refOf, sharedPositionOf, sharedPositions, type PlannedHome, type Plan } from './document';
 import * as edit from './edit';
 import { newItem } from './items';
 import { insertionOf, picture, type Sketch } from './layer';
@@ -40,11 +40,7 @@ export function positionIn(document: Document, id: string, frame: Frame): GeoPos
     return at == null ? null : geoPointOf(at, frame);
   }
   if (id === 'home') return document.home ?? null;
-  const shared = refOf(id);
-  if (shared?.of !== 'corner' && shared?.of !== 'circle') return null;
-  const zone = document.fence[shared.zone];
-  if (shared.of === 'circle') return zone?.shape === 'circle' ? zone.center : null;
-  return zone?.shape === 'polygon' ? (zone.polygon[shared.corner] ?? null) : null;
+  return sharedPositionOf(document, refOf(id));
 }
 
 /** The positions that a list entry shows on the map; for a step, all its points. */
@@ -80,6 +76,8 @@ export function insertAt(document: Document, id: string, at: GeoPosition, frame:
   const where = insertionOf(id);
   if (where === null) return null;
   if ('zone' in where) return { document: edit.insertCorner(document, where.zone, where.corner, at), id: `corner:${where.zone}:${where.corner}` };
+  if ('obstacle' in where)
+    return { document: edit.insertObstacleCorner(document, where.obstacle, where.corner, at), id: `obstacle:${where.obstacle}:${where.corner}` };
   if (isMission(document)) return null;
   return { document: edit.insertItem(document, where.row, newItem('waypoint', at, altitudeBefore(document, where.row))), id: `item:${where.row}` };
 }
@@ -106,10 +104,9 @@ export function entriesOf(document: Document, flight: Flight | null): TreeEntry[
 /** All positions, to fit them into the view. */
 export function allPositionsOf(document: Document, frame: Frame, flight: Flight | null = null): GeoPosition[] {
   if (!isMission(document)) return allPositions(document);
-  const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
   const own = nodesOf(document).flatMap((node) => positionsOf(node).map(({ at }) => geoPointOf(at, frame)));
   const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
-  return [frame.start, ...own, ...flown, ...zones];
+  return [frame.start, ...own, ...flown, ...sharedPositions(document)];
 }
 
 /** Ids of all steps, to select them. */

@@ -25,13 +25,25 @@ export type PlannedHome = Readonly<Schemas['HomePosition']>;
 export type FenceCircle = Readonly<Schemas['FenceCircle']>;
 export type FencePolygon = Readonly<Omit<Schemas['FencePolygon'], 'polygon'>> & { readonly polygon: readonly GeoPosition[] };
 export type FenceZone = FenceCircle | FencePolygon;
+export type Obstacle = Readonly<Omit<Schemas['Obstacle'], 'polygon' | 'name'>> & { readonly name?: string; readonly polygon: readonly GeoPosition[] };
 export type RallyPoint = Readonly<Schemas['RallyPoint']>;
 
-export type Plan = Readonly<Required<Omit<Schemas['Plan'], 'items' | 'fence' | 'rally_points'>>> & {
-  readonly items: readonly Item[];
+/** Properties that waypoint plans and missions share. */
+export interface SharedParts {
   readonly fence: readonly FenceZone[];
-  readonly rally_points: readonly RallyPoint[];
-};
+  /** Missing in documents that were stored before plans had obstacles. */
+  readonly obstacles?: readonly Obstacle[];
+}
+
+export function obstaclesOf(document: SharedParts): readonly Obstacle[] {
+  return document.obstacles ?? [];
+}
+
+export type Plan = Readonly<Required<Omit<Schemas['Plan'], 'items' | 'fence' | 'rally_points' | 'obstacles'>>> &
+  SharedParts & {
+    readonly items: readonly Item[];
+    readonly rally_points: readonly RallyPoint[];
+  };
 
 export const EMPTY: Plan = {
   format: 'offboard-gcs-plan',
@@ -41,6 +53,7 @@ export const EMPTY: Plan = {
   hover_speed_m_s: null,
   items: [],
   fence: [],
+  obstacles: [],
   rally_points: [],
   original: null,
 };
@@ -81,15 +94,16 @@ export function alt_home_m(altitude: Altitude, home: PlannedHome | null): number
 }
 
 /**
- * Ids of everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a rally
- * point, home.
+ * Ids of everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a corner of
+ * an obstacle, a rally point, home.
  */
-export type PointId = `item:${number}` | `corner:${number}:${number}` | `circle:${number}` | `rally:${number}` | 'home';
+export type PointId = `item:${number}` | `corner:${number}:${number}` | `circle:${number}` | `obstacle:${number}:${number}` | `rally:${number}` | 'home';
 
 export type PointRef =
   | { readonly of: 'item'; readonly row: number }
   | { readonly of: 'corner'; readonly zone: number; readonly corner: number }
   | { readonly of: 'circle'; readonly zone: number }
+  | { readonly of: 'obstacle'; readonly index: number; readonly corner: number }
   | { readonly of: 'rally'; readonly index: number }
   | { readonly of: 'home' };
 
@@ -99,6 +113,7 @@ export function refOf(id: string): PointRef | null {
   if (of === 'item') return { of, row: a };
   if (of === 'corner') return { of, zone: a, corner: b };
   if (of === 'circle') return { of, zone: a };
+  if (of === 'obstacle') return { of, index: a, corner: b };
   if (of === 'rally') return { of, index: a };
   return of === 'home' ? { of } : null;
 }
@@ -113,16 +128,28 @@ export function positionOf(plan: Plan, id: string): GeoPosition | null {
   }
   if (ref.of === 'home') return plan.planned_home;
   if (ref.of === 'rally') return plan.rally_points[ref.index] ?? null;
-  const zone = plan.fence[ref.zone];
+  return sharedPositionOf(plan, ref);
+}
+
+/** Position of a part of the geofence or of an obstacle; null: it is another part, or no longer exists. */
+export function sharedPositionOf(document: SharedParts, ref: PointRef | null): GeoPosition | null {
+  if (ref?.of === 'obstacle') return obstaclesOf(document)[ref.index]?.polygon[ref.corner] ?? null;
+  if (ref?.of !== 'corner' && ref?.of !== 'circle') return null;
+  const zone = document.fence[ref.zone];
   if (ref.of === 'circle') return zone?.shape === 'circle' ? zone.center : null;
   return zone?.shape === 'polygon' ? (zone.polygon[ref.corner] ?? null) : null;
 }
 
+/** All positions of the geofence and the obstacles. */
+export function sharedPositions(document: SharedParts): GeoPosition[] {
+  const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
+  return [...zones, ...obstaclesOf(document).flatMap((obstacle) => obstacle.polygon)];
+}
+
 /** All positions of the plan, to fit them into the view. */
 export function allPositions(plan: Plan): GeoPosition[] {
-  const zones = plan.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
   const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
-  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...zones, ...plan.rally_points];
+  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...sharedPositions(plan), ...plan.rally_points];
 }
 
 /** Altitude for a new item: that of the item before it. */

@@ -1,12 +1,19 @@
 /** Edits of a waypoint plan. Pure: each function returns a new plan. */
 
 import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
-import { isPlaced, refOf, type Altitude, type FenceZone, type PlannedHome, type Item, type Plan } from './document';
-
-/** Properties that waypoint plans and missions share. */
-export interface SharedParts {
-  readonly fence: readonly FenceZone[];
-}
+import {
+  isPlaced,
+  obstaclesOf,
+  refOf,
+  type Altitude,
+  type FenceZone,
+  type Item,
+  type Obstacle,
+  type Plan,
+  type PlannedHome,
+  type PointRef,
+  type SharedParts,
+} from './document';
 
 function withReplaced<T>(list: readonly T[], index: number, next: T): T[] {
   return list.map((one, i) => (i === index ? next : one));
@@ -28,6 +35,15 @@ export function setItem(plan: Plan, row: number, fields: Readonly<Record<string,
 export function setZone<D extends SharedParts>(plan: D, zone: number, fields: Partial<FenceZone>): D {
   const old = plan.fence[zone];
   return old === undefined ? plan : { ...plan, fence: withReplaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
+}
+
+export function setObstacle<D extends SharedParts>(plan: D, index: number, fields: Partial<Obstacle>): D {
+  const old = obstaclesOf(plan)[index];
+  return old === undefined ? plan : { ...plan, obstacles: withReplaced(obstaclesOf(plan), index, { ...old, ...fields }) };
+}
+
+export function addObstacle<D extends SharedParts>(plan: D, obstacle: Obstacle): D {
+  return { ...plan, obstacles: [...obstaclesOf(plan), { ...obstacle, polygon: obstacle.polygon.map(latLon) }] };
 }
 
 /** Moves the point with this id. */
@@ -53,7 +69,7 @@ function unresolved(altitude: Altitude): Altitude {
   return altitude.reference === 'terrain' ? { ...altitude, resolved_amsl_m: null } : altitude;
 }
 
-/** Moves home or a part of the geofence. */
+/** Moves home, a part of the geofence, or a corner of an obstacle. */
 export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPosition): D {
   const ref = refOf(id);
   const to = latLon(at);
@@ -61,6 +77,10 @@ export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPo
     const field = 'planned_home' in plan ? 'planned_home' : 'home';
     const home = (plan as Readonly<Record<string, unknown>>)[field] as PlannedHome | null | undefined;
     return home == null ? plan : { ...plan, [field]: { ...home, ...to } };
+  }
+  if (ref?.of === 'obstacle') {
+    const obstacle = obstaclesOf(plan)[ref.index];
+    return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: withReplaced(obstacle.polygon, ref.corner, to) });
   }
   if (ref?.of !== 'corner' && ref?.of !== 'circle') return plan;
   const zone = plan.fence[ref.zone];
@@ -79,13 +99,19 @@ export function insertCorner<D extends SharedParts>(plan: D, zone: number, corne
   return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
 }
 
+export function insertObstacleCorner<D extends SharedParts>(plan: D, index: number, corner: number, at: GeoPosition): D {
+  const old = obstaclesOf(plan)[index];
+  if (old === undefined) return plan;
+  return setObstacle(plan, index, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
+}
+
 /** The midpoint, for a point that is inserted there. */
 export function midpoint(a: GeoPosition, b: GeoPosition): GeoPosition {
   const { east_m, north_m } = eastNorth(a, b);
   return positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
 }
 
-/** Removes the selected parts. A fence polygon with fewer than three remaining corners is removed completely. */
+/** Removes the selected parts. A polygon with fewer than three remaining corners is removed completely. */
 export function remove(plan: Plan, ids: readonly string[]): Plan {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
   const rows = new Set(refs.flatMap((ref) => (ref.of === 'item' ? [ref.row] : [])));
@@ -100,18 +126,34 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
   return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
 }
 
-/** Removes home, corners and circles. */
+/** Removes home, corners and circles of the geofence, and corners of obstacles. */
 export function removeShared<D extends SharedParts>(plan: D, ids: readonly string[]): D {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
   const circles = new Set(refs.flatMap((ref) => (ref.of === 'circle' ? [ref.zone] : [])));
   const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
     if (circles.has(index)) return [];
     if (zone.shape === 'circle') return [zone];
-    const polygon = zone.polygon.filter((_, corner) => !refs.some((ref) => ref.of === 'corner' && ref.zone === index && ref.corner === corner));
-    return polygon.length === zone.polygon.length ? [zone] : polygon.length < 3 ? [] : [{ ...zone, polygon }];
+    return withoutCorners(zone, (ref, corner) => ref.of === 'corner' && ref.zone === index && ref.corner === corner, refs);
   });
+  const obstacles = obstaclesOf(plan).flatMap((obstacle, index) =>
+    withoutCorners(obstacle, (ref, corner) => ref.of === 'obstacle' && ref.index === index && ref.corner === corner, refs),
+  );
   const home = refs.some((ref) => ref.of === 'home') ? { ['planned_home' in plan ? 'planned_home' : 'home']: null } : {};
-  return { ...plan, ...home, fence };
+  return { ...plan, ...home, fence, ...(obstaclesOf(plan).length === 0 ? {} : { obstacles }) };
+}
+
+/** The polygon without the selected corners; none if fewer than three remain. */
+function withoutCorners<P extends { readonly polygon: readonly GeoPosition[] }>(
+  part: P,
+  isCorner: (ref: PointRef, corner: number) => boolean,
+  refs: readonly PointRef[],
+): P[] {
+  const polygon = part.polygon.filter((_, corner) => !refs.some((ref) => isCorner(ref, corner)));
+  return polygon.length === part.polygon.length ? [part] : polygon.length < 3 ? [] : [{ ...part, polygon }];
+}
+
+export function removeObstacle<D extends SharedParts>(plan: D, index: number): D {
+  return { ...plan, obstacles: obstaclesOf(plan).filter((_, i) => i !== index) };
 }
 
 export function removeZone<D extends SharedParts>(plan: D, zone: number): D {

@@ -2,7 +2,7 @@
 
 import type { LayerEditor } from '../../app/map-layers.svelte';
 import { eastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, refOf, type PlannedHome, type ItemKind, type Plan } from './document';
+import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, obstaclesOf, refOf, type Altitude, type PlannedHome, type ItemKind, type Plan } from './document';
 import * as edit from './edit';
 import * as history from './history';
 import { newItem, titleOf } from './items';
@@ -29,12 +29,14 @@ export type Placing =
   | { readonly of: 'rally' }
   | { readonly of: 'area'; readonly use: AreaUse }
   | { readonly of: 'circle' };
-export type AreaUse = 'inclusion' | 'exclusion' | 'survey';
+export type AreaUse = 'inclusion' | 'exclusion' | 'obstacle' | 'survey';
 
 const NEW_NAME = 'New plan';
 const NEW_MISSION = 'New mission';
 /** Radius of a new fence circle. */
 const CIRCLE_RADIUS_M = 50;
+/** Top of a new obstacle: a house of two floors. */
+const OBSTACLE_TOP: Altitude = { value_m: 10, reference: 'home' };
 /** Items that end the flight: no item is added after them. */
 const FLIGHT_ENDS: ReadonlySet<ItemKind> = new Set(['land', 'return_home']);
 const NONE: ReadonlySet<string> = new Set();
@@ -211,6 +213,15 @@ export class PlanEditor implements LayerEditor {
     if (kind !== 'fly' && this.placing?.of === 'step') this.stopPlacing();
   }
 
+  /** Uses the drawn area as geofence or as obstacle. */
+  addArea(use: Exclude<AreaUse, 'survey'>, polygon: readonly GeoPosition[]): void {
+    if (use !== 'obstacle') return this.addZone(use === 'inclusion', polygon);
+    this.change(edit.addObstacle(this.document, { name: '', polygon, top: OBSTACLE_TOP }));
+    const index = obstaclesOf(this.document).length - 1;
+    this.select(polygon.map((_, corner) => `obstacle:${index}:${corner}`));
+    this.stopPlacing();
+  }
+
   /** Adds the drawn area to the geofence. */
   addZone(inclusion: boolean, polygon: readonly GeoPosition[]): void {
     this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
@@ -314,6 +325,12 @@ export function placingText(placing: Placing, corners: number): string {
     return placing.kind === 'fly' ? 'Click the map to add points to fly through.' : `Click the map to place “${stepKindTitle(placing.kind)}”.`;
   if (placing.of === 'rally') return 'Click the map to place the rally point.';
   if (placing.of === 'circle') return 'Click the map at the centre of the geofence circle.';
-  const what = placing.use === 'survey' ? 'the area to survey' : placing.use === 'inclusion' ? 'the area to stay inside' : 'the area to stay outside';
-  return `Click the corners of ${what}${corners > 0 ? ` (${corners} so far)` : ''}.`;
+  return `Click the corners of ${AREAS[placing.use]}${corners > 0 ? ` (${corners} so far)` : ''}.`;
 }
+
+const AREAS: Readonly<Record<AreaUse, string>> = {
+  inclusion: 'the area to stay inside',
+  exclusion: 'the area to stay outside',
+  obstacle: 'the obstacle',
+  survey: 'the area to survey',
+};

@@ -2,7 +2,7 @@
 
 import type { components } from '../../api/schema';
 import { DEFAULT_ALTITUDE, isPlaced, path, type PlannedHome, type Plan } from './document';
-import { insertItem, remove, removeZone, reorder, setItem } from './edit';
+import { insertItem, remove, removeObstacle, removeZone, reorder, setItem } from './edit';
 import { newItem } from './items';
 
 export type Finding = Readonly<components['schemas']['FindingModel']>;
@@ -18,7 +18,7 @@ const OWN_SPEED = -2;
 
 /** @param home home of the vehicle; null if it is not known. */
 export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): Fix | null {
-  const { row, zone } = finding.place;
+  const { row, zone, obstacle } = finding.place;
   const item = row === null ? undefined : plan.items[row];
   switch (finding.code) {
     case 'home_missing':
@@ -60,6 +60,8 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
       return row === null || item === undefined ? null : { text: `Delete step ${row + 1}`, plan: remove(plan, [`item:${row}`]) };
     case 'fence_invalid':
       return zone === null ? null : { text: 'Delete this fence', plan: removeZone(plan, zone) };
+    case 'obstacle_invalid':
+      return obstacle === null ? null : { text: 'Delete this obstacle', plan: removeObstacle(plan, obstacle) };
     default:
       return null;
   }

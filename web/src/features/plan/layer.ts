@@ -2,8 +2,8 @@
 
 import type { LayerArea, LayerLine, LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
 import type { GeoPosition } from '../../vehicle/geo';
-import { isFlownTo, isPlaced, path, type FenceZone, type Plan } from './document';
-import { midpoint, type SharedParts } from './edit';
+import { isFlownTo, isPlaced, obstaclesOf, path, type FenceZone, type Plan, type SharedParts } from './document';
+import { midpoint } from './edit';
 
 /** Above this number of legs, midpoints are shown only beside the selection. */
 const MAX_MIDPOINTS = 60;
@@ -11,11 +11,13 @@ const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;
 
 /**
- * Parses the id of a midpoint. `middle:` inserts an item before this row; `side:` inserts a corner into this zone.
+ * Parses the id of a midpoint. `middle:` inserts an item before this row; `side:` inserts a corner into this zone,
+ * `edge:` into this obstacle.
  */
-export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | null {
+export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | { obstacle: number; corner: number } | null {
   const [of, a, b] = id.split(':');
   if (of === 'middle') return { row: Number(a) };
+  if (of === 'edge') return { obstacle: Number(a), corner: Number(b) };
   return of === 'side' ? { zone: Number(a), corner: Number(b) } : null;
 }
 
@@ -49,7 +51,7 @@ function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
     void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
 }
 
-/** Draws the geofence and the area that is being drawn. */
+/** Draws the geofence, the obstacles, and the area that is being drawn. */
 export function fencePicture(
   plan: SharedParts,
   selected: ReadonlySet<string>,
@@ -57,22 +59,23 @@ export function fencePicture(
 ): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[] } {
   const points: LayerPoint[] = [];
   const add = adder(points, selected);
+  const addPolygon = (polygon: readonly GeoPosition[], corners: string, sides: string, tone: Tone): void => {
+    polygon.forEach((corner, i) => add(`${corners}:${i}`, corner, 'corner', tone));
+    polygon.forEach((corner, i) => add(`${sides}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'middle', tone));
+  };
   plan.fence.forEach((zone, index) => {
     const tone = toneOf(zone);
     if (zone.shape === 'circle') add(`circle:${index}`, zone.center, 'corner', tone);
-    else {
-      zone.polygon.forEach((corner, i) => add(`corner:${index}:${i}`, corner, 'corner', tone));
-      zone.polygon.forEach((corner, i) =>
-        add(`side:${index}:${i + 1}`, midpoint(corner, zone.polygon[(i + 1) % zone.polygon.length] ?? corner), 'middle', tone),
-      );
-    }
+    else addPolygon(zone.polygon, `corner:${index}`, `side:${index}`, tone);
   });
+  obstaclesOf(plan).forEach(({ polygon }, index) => addPolygon(polygon, `obstacle:${index}`, `edge:${index}`, 'danger'));
   sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
   const fences = plan.fence.map((zone): LayerLine => {
     const ring = ringOf(zone);
     return { positions: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
   });
-  return { points, lines: fences, areas: areas(plan, sketch) };
+  const walls = obstaclesOf(plan).map(({ polygon }): LayerLine => ({ positions: [...polygon, ...polygon.slice(0, 1)], tone: 'danger', style: 'solid' }));
+  return { points, lines: [...fences, ...walls], areas: areas(plan, sketch) };
 }
 
 /** An inclusion zone is a limit, an exclusion zone is forbidden. */
@@ -112,6 +115,9 @@ export function sketchLines(sketch: Sketch | null): LayerLine[] {
 }
 
 function areas(plan: SharedParts, sketch: Sketch | null): LayerArea[] {
-  const forbidden = plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const }));
+  const forbidden = [
+    ...plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const })),
+    ...obstaclesOf(plan).map(({ polygon }) => ({ ring: polygon, tone: 'danger' as const })),
+  ];
   return sketch !== null && sketch.corners.length > 2 ? [...forbidden, { ring: sketch.corners, tone: sketch.tone }] : forbidden;
 }

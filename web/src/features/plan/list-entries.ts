@@ -1,8 +1,8 @@
-/** The plan as one list: home, steps, geofence, rally points. Pure. */
+/** The plan as one list: home, steps, geofence, obstacles, rally points. Pure. */
 
 import { fixed } from '../../ui/format';
 import type { IconName } from '../../ui/icons';
-import type { FenceZone, PlannedHome, Plan } from './document';
+import { obstaclesOf, type FenceZone, type Obstacle, type PlannedHome, type Plan, type SharedParts } from './document';
 import { altitudeText, detailOf, titleOf } from './items';
 
 export interface TreeEntry {
@@ -41,8 +41,34 @@ export function homeEntry(home: PlannedHome | null): TreeEntry[] {
   return home === null ? [] : [{ ...entry, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
 }
 
-export function fenceEntries(fence: readonly FenceZone[]): TreeEntry[] {
-  return fence.map((zone, index) => ({ ...entry, ids: zoneIds(zone, index), mark: '▱', tone: zone.inclusion ? 'caution' : 'danger', ...zoneText(zone) }));
+/** Ids of the corners of an obstacle. */
+export function obstacleIds(obstacle: Obstacle, index: number): string[] {
+  return obstacle.polygon.map((_, corner) => `obstacle:${index}:${corner}`);
+}
+
+export function obstacleTitle(obstacle: Obstacle, index: number): string {
+  return (obstacle.name ?? '').trim() === '' ? `Obstacle ${index + 1}` : (obstacle.name ?? '');
+}
+
+/** The geofence and the obstacles. */
+export function sharedEntries(document: SharedParts): TreeEntry[] {
+  return [
+    ...document.fence.map((zone, index): TreeEntry => ({
+      ...entry,
+      ids: zoneIds(zone, index),
+      mark: '▱',
+      tone: zone.inclusion ? 'caution' : 'danger',
+      ...zoneText(zone),
+    })),
+    ...obstaclesOf(document).map((obstacle, index): TreeEntry => ({
+      ...entry,
+      ids: obstacleIds(obstacle, index),
+      mark: '▲',
+      tone: 'danger',
+      title: obstacleTitle(obstacle, index),
+      detail: `obstacle, top ${altitudeText(obstacle.top)}`,
+    })),
+  ];
 }
 
 export function treeOf(plan: Plan): TreeEntry[] {
@@ -57,7 +83,7 @@ export function treeOf(plan: Plan): TreeEntry[] {
       title: titleOf(item),
       detail: detailOf(item),
     })),
-    ...fenceEntries(plan.fence),
+    ...sharedEntries(plan),
     ...plan.rally_points.map((point, index) => ({
       ...entry,
       ids: [`rally:${index}`],

@@ -127,7 +127,7 @@ describe('fixes', () => {
     code,
     severity: 'error',
     text: '',
-    place: { row, zone: null, rally_point: null, step: null },
+    place: { row, zone: null, rally_point: null, obstacle: null, step: null },
     fix: null,
     limit: LIMIT,
   });

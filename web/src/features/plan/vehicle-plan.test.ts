@@ -118,7 +118,7 @@ describe('flying the plan on the vehicle', () => {
     code: 'fence_crossed',
     severity: 'error',
     text: 'It leaves the fence.',
-    place: { row: 1, zone: null, rally_point: null, step: null },
+    place: { row: 1, zone: null, rally_point: null, obstacle: null, step: null },
     fix: null,
     limit: null,
     ...over,

@@ -25,6 +25,7 @@ export interface Field<T> {
   readonly step?: number;
   readonly decimals?: number;
   readonly options?: readonly { readonly value: string; readonly text: string }[];
+  readonly maxlength?: number;
 }
 
 /** The part of a field that a row displays. */

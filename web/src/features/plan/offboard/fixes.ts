@@ -1,5 +1,6 @@
 /** Fixes that the page can make for a finding of a mission. Pure; null if a person has to decide. */
 
+import { removeObstacle } from '../edit';
 import { numberText, type Finding, type Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type StepNode } from './mission';
@@ -31,7 +32,10 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
       return node === null ? null : heights(mission, node, frame, `Raise to ${LOWEST_M} m`, (up_m) => Math.max(up_m, LOWEST_M));
     case 'estimate_missing':
     case 'fence_unknown':
+    case 'obstacles_unknown':
       return frame.known && mission.home == null ? { text: 'Use the vehicle’s home', plan: { ...mission, home: frame.start } } : null;
+    case 'obstacle_invalid':
+      return finding.place.obstacle === null ? null : { text: 'Delete this obstacle', plan: removeObstacle(mission, finding.place.obstacle) };
     case 'duration_too_short': {
       if (node === null || finding.limit === null) return null;
       const duration_s = Math.ceil(finding.limit * 10) / 10;

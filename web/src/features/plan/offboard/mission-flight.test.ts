@@ -52,7 +52,7 @@ const error = (text: string): Finding => ({
   code: 'fence_crossed',
   severity: 'error',
   text,
-  place: { row: null, zone: null, rally_point: null, step: 'step 2' },
+  place: { row: null, zone: null, rally_point: null, obstacle: null, step: 'step 2' },
   fix: null,
   limit: null,
 });

@@ -5,7 +5,7 @@ import { duration } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { fencePicture, sketchLines, type Sketch } from '../layer';
 import { midpoint } from '../edit';
-import { fenceEntries, homeEntry, type TreeEntry } from '../list-entries';
+import { homeEntry, sharedEntries, type TreeEntry } from '../list-entries';
 import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
 import { geoPointOf, type Frame } from './positions';
 import type { Flight, StepTime } from './compiled-path';
@@ -119,7 +119,7 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
         side,
       };
     }),
-    ...fenceEntries(mission.fence),
+    ...sharedEntries(mission),
   ];
 }
 

@@ -1,7 +1,7 @@
 /** The document of an offboard mission (`docs/missions.md`), and its steps as one tree. Pure. */
 
 import type { components } from '../../../api/schema';
-import type { FenceZone, PlannedHome } from '../document';
+import type { PlannedHome, SharedParts } from '../document';
 
 type Schemas = components['schemas'];
 type Wire = Schemas['OffboardMission'];
@@ -40,14 +40,14 @@ export interface Role {
   readonly steps: readonly Step[];
 }
 
-export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fence' | 'home'>> & {
-  readonly home?: PlannedHome | null;
-  readonly fence: readonly FenceZone[];
-  readonly steps: readonly Step[];
-  /** Of a mission for several vehicles, by name; such a mission has no steps of its own. */
-  readonly roles?: Readonly<Record<string, Role>>;
-  readonly missions: Readonly<Record<string, readonly Step[]>>;
-};
+export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fence' | 'obstacles' | 'home'>> &
+  SharedParts & {
+    readonly home?: PlannedHome | null;
+    readonly steps: readonly Step[];
+    /** Of a mission for several vehicles, by name; such a mission has no steps of its own. */
+    readonly roles?: Readonly<Record<string, Role>>;
+    readonly missions: Readonly<Record<string, readonly Step[]>>;
+  };
 
 export const FORMAT = 'offboard-gcs-mission';
 

@@ -304,7 +304,7 @@ describe('fixes of a mission', () => {
     code,
     severity: 'error',
     text: '',
-    place: { row: null, zone: null, rally_point: null, step },
+    place: { row: null, zone: null, rally_point: null, obstacle: null, step },
     fix: null,
     limit: LIMIT,
   });
