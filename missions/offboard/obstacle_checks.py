@@ -38,7 +38,9 @@ class ObstacleCheck:
         for index, obstacle in enumerate(obstacles):
             if not is_valid(obstacle, origin):
                 message = f"The sides of {name_of(obstacle, index)} cross, or it has no area."
-                findings.append(MissionFinding("obstacle_invalid", message, None, "Draw it again.", index))
+                findings.append(
+                    MissionFinding("obstacle_invalid", message, None, "Draw it again.", obstacle=index)
+                )
         home_amsl_m = start.home_alt_amsl_m
         if home_amsl_m is None:
             home_amsl_m = origin.alt_amsl_m - start.reference_ned_m[2]
@@ -60,9 +62,9 @@ def _finding(segment: Segment, clearance: Clearance) -> MissionFinding:
     where = f"near north {clearance.north_m:.0f} m, east {clearance.east_m:.0f} m"
     if not clearance.hits:
         message = f"{segment.title} comes within {clearance.distance_m:.1f} m of {clearance.name} {where}."
-        return MissionFinding("obstacle_near", message, step, AROUND, index)
+        return MissionFinding("obstacle_near", message, step, AROUND, obstacle=index)
     message = f"{segment.title} passes through {clearance.name} {where}"
     if segment.avoidance is None or not isinstance(segment, CurveSegment | HoldSegment | TableSegment):
-        return MissionFinding("obstacle_hit", f"{message}.", step, AROUND, index)
+        return MissionFinding("obstacle_hit", f"{message}.", step, AROUND, obstacle=index)
     message += ": the vehicle depends on its obstacle sensor to avoid it."
-    return MissionFinding("obstacle_avoided", message, step, CHECK_SENSOR, index)
+    return MissionFinding("obstacle_avoided", message, step, CHECK_SENSOR, obstacle=index)

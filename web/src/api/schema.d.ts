@@ -5404,7 +5404,7 @@ export interface components {
             readonly yaw_ned_rad: number | null;
             /**
              * Q
-             * @description Quaternion from the device; `yaw_in_earth_frame` says the frame of its yaw.
+             * @description Quaternion from the device; `yaw_in_earth_frame` states the frame of its yaw.
              */
             readonly q: readonly [
                 number,
@@ -6614,7 +6614,7 @@ export interface components {
             readonly duration_s: number;
             /**
              * Repeated
-             * @description Number of equal refusals of this client that this line stands for.
+             * @description Number of equal refusals of this client that this line counts.
              */
             readonly repeated: number;
         };
@@ -13203,7 +13203,7 @@ export interface components {
             readonly yaw_ned_rad: number | null;
             /**
              * Q
-             * @description Quaternion from the device; `yaw_in_earth_frame` says the frame of its yaw.
+             * @description Quaternion from the device; `yaw_in_earth_frame` states the frame of its yaw.
              */
             readonly q: readonly [
                 number,

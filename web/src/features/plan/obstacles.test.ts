@@ -102,7 +102,7 @@ describe('a plan with obstacles', () => {
 
   it('is fixed by deleting an obstacle whose sides cross', () => {
     const place = { row: null, zone: null, rally_point: null, obstacle: 0, step: null };
-    const finding: Finding = { code: 'obstacle_invalid', severity: 'error', text: '', fix: null, place };
+    const finding: Finding = { code: 'obstacle_invalid', severity: 'error', text: '', fix: null, limit: null, place };
     expect(fixOf(plan, finding, null)?.plan.obstacles).toEqual(plan.obstacles?.slice(1));
   });
 
@@ -134,7 +134,7 @@ describe('a mission with obstacles', () => {
   it('is fixed by the vehicle’s home, or by deleting the obstacle', () => {
     const finding = (code: string): Finding => {
       const place = { row: null, zone: null, rally_point: null, obstacle: 0, step: null };
-      return { code, severity: 'error', text: '', fix: null, place };
+      return { code, severity: 'error', text: '', fix: null, limit: null, place };
     };
     expect(offboard.fixOf(mission, finding('obstacle_invalid'), frame)?.plan.obstacles).toEqual([]);
     expect(offboard.fixOf({ ...mission, home: null }, finding('obstacles_unknown'), frame)?.plan.home).toEqual(HOME);
