@@ -103,13 +103,16 @@ class CheckLimits:
     """PX4 names of the parameters that the checks need and that are not known for this vehicle."""
 
 
+NAMED_PARAMETERS = 3
 UNKNOWN_PARAMETERS_FIX = "Connect the vehicle and read its parameters, then check again."
 
 
 def unknown_parameters_text(names: tuple[str, ...]) -> str:
-    """The message of the finding `parameters_unknown`, which names the parameters."""
+    """The message of the finding `parameters_unknown`, which names the first parameters."""
     are = "parameter is" if len(names) == 1 else "parameters are"
-    return f"The vehicle's {are} not known, and PX4's defaults are used: {', '.join(sorted(names))}."
+    shown = ", ".join(sorted(names)[:NAMED_PARAMETERS])
+    more = f" and {len(names) - NAMED_PARAMETERS} more" if len(names) > NAMED_PARAMETERS else ""
+    return f"The vehicle's {are} not known, and PX4's defaults are used: {shown}{more}."
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,9 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
         name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}
     }
     parameters = {name: float(param.value) for name, param in result.items() if param is not None}
-    unknown = tuple(sorted(name for name in result if name not in parameters))
+    # PX4 builds do not have every parameter: one that is missing in the whole list does not exist.
+    is_complete = vehicle.params.list.state == "ready"
+    unknown = () if is_complete else tuple(sorted(name for name in result if name not in parameters))
     limits = station.offboard(vehicle.id).operator.limits
     operator = OperatorArea(limits.height_max_m, limits.distance_max_m, limits.fence)
     sample = vehicle.topic("home")

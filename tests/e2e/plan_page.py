@@ -86,6 +86,14 @@ def imported_tower(page: Page, room: Locator) -> None:
     expect(room.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
 
+def no_findings(room: Locator) -> Locator:
+    """Reads the vehicle's parameters for the check, which then finds nothing; returns the findings."""
+    findings = room.get_by_role("region", name="Findings")
+    findings.get_by_role("button", name="Read the parameters").click()
+    expect(findings).to_contain_text("no findings")
+    return findings
+
+
 def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
     """Runs a dry run of the plan; returns the time slider of its result."""
     bar = room.get_by_role("region", name="Dry run")

@@ -14,6 +14,7 @@ from tests.e2e.plan_page import (
     PLACES,
     flown,
     home_of,
+    no_findings,
     on_map,
     plan_room,
     saved_by_anna,
@@ -97,8 +98,7 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         expect(room).to_contain_text("Offboard mission")
         expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
         expect(steps.filter(has_text="round: Orbit").first).to_contain_text("R 12 m")
-        findings = room.get_by_role("region", name="Findings")
-        expect(findings).to_contain_text("no findings")
+        findings = no_findings(room)
 
         steps.filter(has_text="Down around the mast").click()
         climb = page.get_by_role("group", name="Selection").get_by_label("Climb")

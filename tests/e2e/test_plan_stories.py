@@ -4,6 +4,7 @@ files."""
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from tests.e2e.plan_page import (
     flown,
     home_of,
     imported_tower,
+    no_findings,
     on_map,
     plan_room,
     saved_by_anna,
@@ -30,6 +32,8 @@ pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 FIELD = ((0.5, 0.3), (0.64, 0.3), (0.64, 0.5), (0.5, 0.5))
 """Corners of an area, as fractions of the map."""
+TOWER_NED_M = (10, 20, -2)
+AROUND_THE_TOWER = ((0.52, 0.5), (0.6, 0.44), (0.56, 0.36))
 DROP = """
 (text) => {
   const data = new DataTransfer();
@@ -82,8 +86,7 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
     with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
         room = plan_room(page)
         imported_tower(page, room)
-        steps, findings = steps_of(room), room.get_by_role("region", name="Findings")
-        expect(findings).to_contain_text("no findings")
+        steps, findings = steps_of(room), no_findings(room)
         steps.filter(has_text="Around the tower").click()
         card = page.get_by_role("group", name="Selection")
         card.get_by_label("Part of the step").select_option(label="point 3c")
@@ -105,6 +108,49 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
             return None if mission is None else mission["state"]
 
         wait_until(lambda: state() == "flying", "the mission's flight", 60)
+        page.keyboard.press("h")
+        wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+
+
+def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_tower(
+    browser: Browser, station: Station
+) -> None:
+    with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
+        room = plan_room(page)
+        steps, add = steps_of(room), room.get_by_role("button", name="Add step")
+        card = page.get_by_role("group", name="Selection")
+        choose(page.get_by_role("button", name="New", exact=True), "Offboard mission")
+        for place in AROUND_THE_TOWER:
+            page.mouse.click(*on_map(page, place))
+        page.keyboard.press("Escape")
+        expect(steps.filter(has_text="3 points")).to_have_count(1)
+        steps.filter(has_text="Take off").click()
+        choose(add, "Gimbal")
+        card.get_by_label("Track").select_option(label="look at a point")
+        for label, value in zip(("north", "east"), TOWER_NED_M, strict=False):
+            card.get_by_label(f"Look at: {label}").fill(f"{value}")
+        card.get_by_label("Height above start").fill(f"{-TOWER_NED_M[2]}")
+        steps.filter(has_text="3 points").click()
+        card.get_by_label("Heading").select_option(label="at a point")
+        card.get_by_label("Photo every").fill("6")
+        no_findings(room)
+        press(dry_run(page, room), "End")
+        room.get_by_role("button", name="ly…").click()  # "Save and fly…"
+        hold_space(page)
+        start = station.drone.position_ned_m()
+
+        def looks_at_the_tower(least_m: float) -> bool:
+            gimbal = station.drone.topic("gimbal")
+            north, east, down = (
+                now - then for now, then in zip(station.drone.position_ned_m(), start, strict=True)
+            )
+            to_north, to_east, to_down = TOWER_NED_M[0] - north, TOWER_NED_M[1] - east, TOWER_NED_M[2] - down
+            pitch, yaw = -math.atan2(to_down, math.hypot(to_north, to_east)), math.atan2(to_east, to_north)
+            off = (gimbal["pitch_rad"] - pitch, math.remainder(gimbal["yaw_ned_rad"] - yaw, math.tau))
+            return down < -8 and math.hypot(north, east) >= least_m and max(map(abs, off)) < 0.15
+
+        for least_m in (0, 8):
+            wait_until(lambda m=least_m: looks_at_the_tower(m), f"the tower in view, {least_m} m away", 60)
         page.keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 

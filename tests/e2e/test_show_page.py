@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import hold_space, opened
 from tests.e2e.fast_station import FAST, Station
-from tests.e2e.plan_page import EXAMPLES, dry_run, plan_room
+from tests.e2e.plan_page import EXAMPLES, dry_run, no_findings, plan_room
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -41,7 +41,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
         room = plan_room(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "two_vehicle_show.yaml")
         expect(room.get_by_label("Name of the plan")).to_have_value("Two-vehicle show")
-        expect(room.get_by_role("region", name="Findings")).to_contain_text("no findings")
+        no_findings(room)
         for role, vehicle_id in VEHICLES.items():
             room.get_by_label(f"Vehicle of {role}").select_option(vehicle_id)
 

@@ -104,6 +104,9 @@ def test_unknown_parameters_are_one_finding_that_names_them_also_for_several_veh
     (finding,) = compile_mission(mission(flown("step: hold, duration_s: 1")), vehicle).findings
     assert (finding.code, finding.severity, finding.step) == ("parameters_unknown", "warning", None)
     assert finding.message.endswith("PX4's defaults are used: MPC_ACC_HOR, MPC_XY_VEL_MAX.")
+    many = MissionVehicle(limits=CheckLimits(unknown_parameters=("D", "C", "B", "A", "E")))
+    (finding,) = compile_mission(mission(flown("step: hold, duration_s: 1")), many).findings
+    assert finding.message.endswith("PX4's defaults are used: A, B, C and 2 more.")
     both = for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
     found = compile_roles(both, dict.fromkeys(both.roles, vehicle), planned_starts(both)).findings
     assert [each.code for each in found].count("parameters_unknown") == 1

@@ -107,6 +107,11 @@ export class PlanApi {
     return fromApi(this.api.post('/plans/check', { body: { plan: toApi(plan), vehicle, power } }));
   }
 
+  /** Reads the vehicle's parameters, which the checks need; answers at the end. */
+  readParameters(vehicle: string): Promise<Outcome<unknown>> {
+    return this.api.post('/vehicles/{v}/params/refresh', { params: { path: { v: vehicle } }, body: { wait: true } });
+  }
+
   /** Converts a waypoint plan to an offboard mission. */
   convert(plan: Plan, name: string, vehicle: string | null): Promise<Outcome<{ plan: Mission; notes: readonly string[] }>> {
     return fromApi(this.api.post('/plans/convert', { body: { plan: toApi(plan), name, vehicle } }));

@@ -234,6 +234,19 @@ describe('plans on the server', () => {
     expect(new Plans(api, new PlanEditor(), storage).conditions.battery_wh).toBe(100);
   });
 
+  it('read the parameters that a check did not know, and are checked again', async () => {
+    const unknown = { findings: [{ code: 'parameters_unknown' }], estimates: {}, not_known: [] };
+    const { api, asked } = server([200, unknown], [503, { detail: 'Busy.' }], [200, {}], [200, { ...unknown, findings: [] }]);
+    const plans = new Plans(api, editorWithWaypoints(), memory());
+    plans.vehicle = '7';
+    await plans.runCheck();
+    await plans.readParameters('7');
+    expect([plans.notice?.text, plans.check?.findings.length]).toEqual(['The parameters were not read. Busy.', 1]);
+    await plans.readParameters('7');
+    expect(plans.check?.findings).toEqual([]);
+    expect(asked[2]?.body).toEqual({ wait: true });
+  });
+
   it('are checked in their present state, and show that the server does not answer', async () => {
     const editor = editorWithWaypoints();
     const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);

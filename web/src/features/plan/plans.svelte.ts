@@ -258,6 +258,13 @@ export class Plans {
     this.checkProblem = answer.ok ? null : problemText('Not checked.', answer.problem);
   }
 
+  /** Reads the parameters that a check did not know, and checks again. */
+  async readParameters(vehicle: string): Promise<void> {
+    const answer = await this.call(this.api.readParameters(vehicle));
+    if (!answer.ok) return this.showProblem('The parameters were not read.', answer.problem);
+    await this.runCheck();
+  }
+
   /** Stored in the browser, because they belong to the operator's aircraft. */
   setConditions(conditions: Conditions): void {
     this.conditions = conditions;
