@@ -10,10 +10,9 @@ from gcs_server.api.group_models import VehicleId, require_unique
 from gcs_server.api.plan_models import LegModel, MissionBody, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.missions.flown import FlownMission
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from missions.offboard.document import MAX_ROLES
-from missions.runner.flown import FlownSample
+from missions.runner.flown import FlownMission, FlownSample
 
 Role = Annotated[str, Field(min_length=1, max_length=100)]
 OptionalDryRun = Annotated[

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Vector3
-from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment
+from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment, WaitSegment
 from missions.offboard.timeline import Timeline
 
 SPACING_S = 0.5
@@ -132,3 +132,20 @@ def step_times(timeline: Timeline) -> tuple[StepTime, ...]:
                 old.photos + sum(event.kind == "photo" for event in segment.events),
             )
     return tuple(steps.values())
+
+
+def setpoint_time_s(timeline: Timeline) -> float:
+    """Planned time of the steps that are flown by setpoints, with the longest branch [s]: without PX4's own
+    take-off and landing, and without steps on the ground."""
+    segments = [
+        each for part in parts(timeline, (0.0, 0.0, 0.0)) if part.main for each in part.timeline.segments
+    ]
+    kinds = [each.kind if isinstance(each, WaitSegment) else None for each in segments]
+    in_air = next((kind for kind in kinds if kind in ("take_off", "land")), "land") == "land"
+    flown_s = 0.0
+    for segment, kind in zip(segments, kinds, strict=True):
+        if kind in ("take_off", "land"):
+            in_air = kind == "take_off"
+        elif in_air:
+            flown_s += segment.duration_s
+    return flown_s

@@ -46,8 +46,10 @@ def test_an_ended_mission_is_shown_beside_its_plan(jump, tmp_path):
             await world.close()
 
         assert flown["over"]
-        assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], rel=0.7)
-        assert flown["duration_s"] - 0.7 < flown["samples"][-1]["t_s"] <= flown["duration_s"]
+        # both are the time by setpoints: PX4's take-off and landing and the wait for arming do not count
+        assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], abs=2.0)
+        assert flown["samples"][-1]["t_s"] > flown["duration_s"] + 20
+        assert flown["planned_by"] == "mission"
         assert flown["planned_length_m"] == pytest.approx(5 + 25 + 20 + 5, abs=2.0)
         assert [leg["place"] for leg in flown["planned_legs"] if leg["place"] == "step 2"]
         ends = [leg["points"][-1][1:] for leg in flown["planned_legs"]]

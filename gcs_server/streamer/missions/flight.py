@@ -10,7 +10,6 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.ros2.external_mode import IF_SILENT
 from gcs_server.streamer.missions.executor import IF_SILENT_IN_PX4_MODE, PX4_MODES, MissionExecutor
-from gcs_server.streamer.missions.flown import FlightRecord, FlownMission
 from gcs_server.streamer.missions.readings import above_home_m, reading_of
 from gcs_server.streamer.missions.start import Spawn, Start, Task
 from gcs_server.streamer.missions.status import OffboardMissionStatus
@@ -20,6 +19,7 @@ from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.stream_request import OFFBOARD, OnExpiry, StreamRequest
 from missions.avoidance.corridor import first_on_line
 from missions.offboard.segments import CurveSegment
+from missions.runner.flown import FlightRecord, FlownMission, planned_by_mission, state_in_mission
 from missions.runner.reading import Reading
 from missions.runner.requests import (
     ChangeScript,
@@ -84,7 +84,12 @@ class MissionFlight:
         self.updated_s = self._now_s
         """Time of the runner's last update."""
         origin = VehicleEstimates(self._vehicle).origin()
-        self._record = FlightRecord(start, clock.unix_s(), self._now_s, self.reading(), origin)
+        reading = self.reading()
+        start_ned_m = reading.position_ned_m or (0.0, 0.0, 0.0)
+        self._record = FlightRecord(
+            start.mission.name, clock.unix_s(), self._now_s, reading, origin,
+            lambda: planned_by_mission(start.timeline, start_ned_m),
+        )  # fmt: skip
         self._task: Task | None = None
         """The running command; a newer command cancels it."""
         self._pictures = 0
@@ -151,7 +156,7 @@ class MissionFlight:
             reading = self.reading()
             self._execute(self.runner.tick(self._now_s, reading))
             self.updated_s = self._now_s
-            self._record.record(self._now_s, reading, self.runner.status(reading))
+            self._record.record(self._now_s, reading, state_in_mission(reading, self.runner.status(reading)))
         else:
             self.updated_s = self._now_s
         if self.runner.over:

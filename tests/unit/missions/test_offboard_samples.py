@@ -9,6 +9,7 @@ import pytest
 
 from missions.offboard import samples
 from missions.offboard.compiler import compile_mission
+from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from tests.support.offboard_missions import DOWN, UP, flown, mission, timeline
 
@@ -77,3 +78,9 @@ def test_a_landing_after_a_branch_is_checked_at_its_position() -> None:
         f"steps:\n{UP}- {{step: branch, condition: {condition}, then: {way}, otherwise: {way}}}\n{DOWN}"
     )
     assert compile_mission(read(text)).findings == ()
+
+
+def test_the_time_by_setpoints_leaves_out_px4s_take_off_and_landing_and_the_ground() -> None:
+    wait, hold = "- {step: photo, count: 3, interval_s: 5}\n", "- {step: hold, duration_s: 30}\n"
+    assert samples.setpoint_time_s(timeline(wait + UP + hold + DOWN + wait)) == 30.0
+    assert samples.setpoint_time_s(timeline(hold, Start((0.0, 0.0, -10.0), in_air=True))) == 30.0

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from missions.runner.corridor import OUTSIDE_FOR_S, TOLERANCE_M, Corridor, CorridorWatch
-from missions.runner.flown import MAX_SAMPLES, FlownTrack
+from missions.runner.flown import MAX_SAMPLES, FlownTrack, Stopwatch, state_in_mission
 from missions.runner.reading import Reading
 from missions.runner.script import Played
 from tests.support.mission_vehicle import FlownMission
@@ -89,11 +89,21 @@ def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
         position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))
     )
     for tenth in range(10 * 4 * MAX_SAMPLES):
-        track.record(tenth / 10, sent, status)
+        track.record(tenth / 10, sent.position_ned_m, state_in_mission(sent, status))
     assert MAX_SAMPLES / 2 <= len(track.samples) <= MAX_SAMPLES
     assert track.samples[-1].t_s > 3.9 * MAX_SAMPLES
     assert (track.samples[0].deviation_m, track.samples[0].place) == (5.0, "step 2")
     by_px4 = FlownTrack()
-    by_px4.record(0.0, Reading(position_ned_m=(0.0, 0.0, 0.0)), status)
+    on_ground = Reading(position_ned_m=(0.0, 0.0, 0.0))
+    by_px4.record(0.0, on_ground.position_ned_m, state_in_mission(on_ground, status))
     assert (by_px4.samples[0].planned_ned_m, by_px4.samples[0].deviation_m) == (None, None)
     assert math.isfinite(by_px4.samples[0].t_s)
+
+
+def test_only_the_parts_that_count_are_timed_and_they_add_up():
+    watch = Stopwatch()
+    for now_s, counts in enumerate([False, True, None, True, False, None, False, True]):
+        watch.update(float(now_s), counts)
+    assert watch.read(9.0) == (4.0 - 1.0) + (9.0 - 7.0)
+    watch.update(10.0, counts=False)
+    assert watch.read(99.0) == 6.0

@@ -4800,19 +4800,27 @@ export interface components {
             readonly over: boolean;
             /**
              * Duration S
-             * @description Time from the start to the end of the mission, or until now.
+             * @description Until the end of the mission or until now. Offboard mission: time flown by setpoints, without PX4's own
+             *     take-off and landing. Waypoint plan: time in the air, from lift-off to touch-down.
              */
             readonly duration_s: number;
             /**
              * Planned Duration S
-             * @description Planned duration of the whole mission, with the longest branch.
+             * @description Planned duration of the same part, with the longest branch; null: not known.
              */
-            readonly planned_duration_s: number;
+            readonly planned_duration_s: number | null;
             /**
              * Planned Length M
-             * @description Planned length of the whole path, with the longest branch, take-off and landing.
+             * @description Planned length of the whole path, with the longest branch, take-off and landing; null: not known.
              */
-            readonly planned_length_m: number;
+            readonly planned_length_m: number | null;
+            /**
+             * Planned By
+             * @description Source of the planned values: the compiled offboard mission, the dry run that was named at the start,
+             *     or the plan (straight lines between the items, and the estimated time).
+             * @enum {string}
+             */
+            readonly planned_by: "mission" | "dry_run" | "plan";
             /**
              * Planned Legs
              * @description The planned path of each step, on all branches.
@@ -4837,12 +4845,12 @@ export interface components {
             readonly samples: readonly components["schemas"]["FlownSample"][];
             /**
              * Deviation Mean M
-             * @description Mean distance from the streamed positions; null: no position was streamed.
+             * @description Mean of the samples' `deviation_m`; null: no sample has one.
              */
             readonly deviation_mean_m: number | null;
             /**
              * Deviation Max M
-             * @description Largest distance from the streamed positions; null: no position was streamed.
+             * @description Largest of the samples' `deviation_m`; null: no sample has one.
              */
             readonly deviation_max_m: number | null;
         };
@@ -4871,7 +4879,7 @@ export interface components {
             readonly t_s: number;
             /**
              * Place
-             * @description Current step: "step 3", "step 4.2".
+             * @description Current step: "step 3", "step 4.2" of an offboard mission, "item 3" of a waypoint plan.
              */
             readonly place: string | null;
             /**
@@ -4885,7 +4893,9 @@ export interface components {
             ];
             /**
              * Planned Ned M
-             * @description The position setpoint; null: PX4 flew in one of its own modes, or no position was sent.
+             * @description Offboard mission: the position setpoint; null: PX4 flew in one of its own modes, or no position was
+             *     sent. Waypoint plan: the nearest point of the planned path; null: the vehicle was not on it (Hold, another
+             *     mode, the way to the path), or it is not known.
              */
             readonly planned_ned_m: readonly [
                 number,
@@ -4899,7 +4909,7 @@ export interface components {
             readonly deviation_m: number | null;
             /**
              * Outside Corridor M
-             * @description Distance outside the dry run's corridor, 0 inside; null: no corridor was given at the start.
+             * @description Distance outside the dry run's corridor, 0 inside; null: no corridor is monitored.
              */
             readonly outside_corridor_m: number | null;
         };

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import { ClosedCards } from '../closed-cards.svelte';
 import type { DryRunView } from '../dry-run.svelte';
-import { distanceText, figures, flownLength_m, flownPicture, flownPlot, pathDistances, type FlownPath } from './flown-path';
+import { distanceText, figures, flownLength_m, flownPicture, flownPlot, pathDistances, sourceText, type FlownPath } from './flown-path';
 
 type Vector = [number, number, number];
 type Sample = FlownPath['samples'][number];
@@ -36,6 +36,7 @@ const FLOWN: FlownPath = {
   duration_s: 75,
   planned_duration_s: 65,
   planned_length_m: 64,
+  planned_by: 'mission',
   planned_legs: [
     leg('step 1', [0, 0, 0], [0, 0, -10]),
     leg('step 2', [0, 0, -10], [20, 0, -10]),
@@ -75,8 +76,8 @@ describe('distance from the planned path', () => {
 
   it('is stated as the largest and as the 95 % distance', () => {
     const many = Array.from({ length: 100 }, (_, i) => ({ t_s: i, distance_m: i / 10 }));
-    expect(distanceText(figures(FLOWN, many, null))).toBe('Distance from the planned path: at most 9.9 m; 95 % within 9.4 m.');
-    expect(distanceText(figures(FLOWN, [], null))).toContain('not known');
+    expect(distanceText(figures(FLOWN, many, null), FLOWN)).toBe('Distance from the planned path: at most 9.9 m; 95 % within 9.4 m.');
+    expect(distanceText(figures(FLOWN, [], null), FLOWN)).toContain('not known, because no positions were sent');
   });
 });
 
@@ -88,10 +89,19 @@ describe('figures', () => {
   const nominal = { battery_start_share: 0.8, battery_end_share: 0.69 };
 
   it('show flown beside planned', () => {
-    expect(row('Duration', null)).toEqual(['01:05', '01:15']);
+    expect(row('Time by setpoints', null)).toEqual(['01:05', '01:15']);
     expect(row('Length', null)).toEqual(['64.0 m', '53.4 m']);
     expect(row('Battery used', null)).toEqual(['not known', '12 %']);
     expect(row('Battery used', null, { ...FLOWN, battery_start_share: null })).toEqual(['not known', 'not known']);
+  });
+
+  it('state what they are', () => {
+    const ofPlan: FlownPath = { ...FLOWN, planned_by: 'plan', planned_duration_s: null, planned_length_m: null };
+    expect(sourceText(FLOWN)).toContain('without the take-off and the landing');
+    expect(sourceText(ofPlan)).toContain('straight lines between the items');
+    expect(row('Time in the air', null, ofPlan)).toEqual(['–', '01:15']);
+    expect(row('Length', null, ofPlan)[0]).toBe('not known');
+    expect(distanceText(figures(ofPlan, [], null), ofPlan)).toContain('never on a known planned path');
   });
 
   it('take the planned battery from the dry run of one vehicle', () => {

@@ -16,6 +16,16 @@ type Vector = readonly number[];
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
+/** What `duration_s` is: PX4 flies take-off and landing of an offboard mission by itself, and a plan as a whole. */
+const TIMES = { setpoints: 'Time by setpoints', air: 'Time in the air' } as const;
+
+/** What the planned values are. */
+const SOURCES: Readonly<Record<FlownPath['planned_by'], string>> = {
+  mission: 'Time by setpoints: without the take-off and the landing, which PX4 flies by itself. Length: of the whole flight.',
+  dry_run: 'Planned: the dry run, from lift-off to touch-down.',
+  plan: 'Planned: straight lines between the items, and the estimated time from lift-off to touch-down.',
+};
+
 /** Distance from the planned path at one time. */
 interface PathDistance {
   readonly t_s: number;
@@ -106,13 +116,13 @@ export function flownLength_m(samples: readonly Sample[]): number {
 /** The figures. @param dryRun the dry run that the flight was compared with; null: none. */
 export function figures(flown: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
-  const length = (value_m: number): string => `${metres(value_m).text} ${metres(value_m).unit}`;
+  const length = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
   const simulated = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is that of the first role
   return {
     largest_m: sorted_m.at(-1) ?? null,
     within_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
     rows: [
-      { name: 'Duration', planned: duration(flown.planned_duration_s), flown: duration(flown.duration_s) },
+      { name: TIMES[flown.planned_by === 'mission' ? 'setpoints' : 'air'], planned: duration(flown.planned_duration_s), flown: duration(flown.duration_s) },
       { name: 'Length', planned: length(flown.planned_length_m), flown: length(flownLength_m(flown.samples)) },
       {
         name: 'Battery used',
@@ -127,9 +137,17 @@ function percentUsed(start: number | null | undefined, end: number | null | unde
   return start == null || end == null ? 'not known' : `${fixed(100 * (start - end), 0)} %`;
 }
 
+/** What the figures are. */
+export function sourceText({ planned_by }: FlownPath): string {
+  return SOURCES[planned_by];
+}
+
 /** The largest and the 95 % distance as text. */
-export function distanceText({ largest_m, within_m }: Figures): string {
-  if (largest_m === null) return 'Distance from the planned path: not known, because no positions were sent.';
+export function distanceText({ largest_m, within_m }: Figures, { planned_by }: FlownPath): string {
+  if (largest_m === null) {
+    const why = planned_by === 'mission' ? 'no positions were sent' : 'the vehicle was never on a known planned path';
+    return `Distance from the planned path: not known, because ${why}.`;
+  }
   return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(within_m, 1)} m.`;
 }
 
