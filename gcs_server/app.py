@@ -60,6 +60,7 @@ from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.stream_process import StreamProcess
+from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
@@ -115,6 +116,9 @@ class Server:
         )
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.fleet.on_vehicle_added(missions.attach)
+        waypoint_flights = WaypointFlights(clock, self.supervisor)
+        self.fleet.on_vehicle_added(waypoint_flights.attach)
+        self.fleet.on_vehicle_removed(waypoint_flights.detach)
         self.fleet.on_vehicle_removed(missions.detach)
         self.fleet.on_vehicle_removed(mission_modes.detach)
         self.fleet.on_vehicle_removed(self.streamer.detach)
@@ -148,6 +152,7 @@ class Server:
             replays=replays,
             streamer=self.streamer,
             missions=missions,
+            waypoint_flights=waypoint_flights,
             mission_modes=mission_modes,
             operations=Operations(clock, self.supervisor, self._publish_operation),
             plans=plans,
@@ -194,6 +199,7 @@ class Server:
                 self._link_errors.append(Notice("link", text, link=shown))
         self.streamer.start(self.supervisor)
         self.station.missions.start()
+        self.station.waypoint_flights.start()
         self.station.mission_modes.start()
         self.station.authority.start()
         if self.scene is not None:

@@ -7,13 +7,15 @@ included.
 """
 
 import math
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from missions.camera_items import PhotoStart, TriggerDistance
 from missions.geodesy import distance_m
 from missions.items import ChangeSpeed, Delay, Land, LoiterTime, PlacedItem, ReturnHome, Takeoff, Waypoint
 from missions.plan import Plan, SimpleItem
-from missions.route import Leg, follow, legs
+from missions.route import Leg, Route, Step, follow, legs
 from missions.vehicle import PowerModel, VehicleModel
 
 GROUND_SPEED_TYPES = (0.0, 1.0)
@@ -39,41 +41,67 @@ class Estimate:
     """False if an altitude could not be compared with home; its leg counts as level."""
 
 
-def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None) -> Estimate:
-    """Estimates a whole flight."""
-    route = follow(plan)
-    leg_of = {id(leg.step): leg for leg in legs(plan, route)}
+@dataclass(frozen=True, slots=True)
+class StepEstimate:
+    """Estimates for one execution of an item."""
+
+    step: Step
+    leg: Leg | None
+    """The leg to its position; None: the item has none."""
+    time_s: float
+    """The way to its position, and the time that it waits there."""
+    wait_s: float
+    length_m: float
+    climb_m: float
+    """Height of the climb; 0 for a descent."""
+
+
+def step_estimates(plan: Plan, vehicle: VehicleModel, route: Route) -> Iterator[StepEstimate]:
+    """Estimates for each step of the plan's route."""
+    legs_left = deque(legs(plan, route))
     speed_m_s = plan.hover_speed_m_s or vehicle.cruise_m_s
-    length_m = time_s = climbed_m = 0.0
-    photos, spacing_m, since_photo_m = 0, 0.0, 0.0
-    known = True
     last: SimpleItem | None = None
     for step in route.steps:
-        item, leg = step.item, leg_of.get(id(step))
+        item = step.item
+        leg = legs_left.popleft() if legs_left and legs_left[0].step is step else None
+        length_m = time_s = climbed_m = 0.0
         if leg is not None:
-            known &= leg.climb_m is not None
             up_m = leg.climb_m or 0.0
-            length_m += math.hypot(leg.length_m, up_m)
-            time_s += leg_time_s(leg, min(speed_m_s, vehicle.speed_max_m_s), vehicle)
-            climbed_m += max(0.0, up_m)
-            if spacing_m > 0.0:
-                since_photo_m += leg.length_m
-                photos += int(since_photo_m // spacing_m)
-                since_photo_m %= spacing_m
-        time_s += _wait_s(item)
+            length_m = math.hypot(leg.length_m, up_m)
+            time_s = leg_time_s(leg, min(speed_m_s, vehicle.speed_max_m_s), vehicle)
+            climbed_m = max(0.0, up_m)
         if isinstance(item, ChangeSpeed) and item.speed_type in GROUND_SPEED_TYPES:
             speed_m_s = item.speed_m_s if (item.speed_m_s or 0.0) > 0.0 else speed_m_s
             speed_m_s = speed_m_s or vehicle.cruise_m_s
+        if isinstance(item, ReturnHome):
+            length_m, time_s, climbed_m = _return(plan, last, speed_m_s, vehicle)
+        if isinstance(item, PlacedItem) and leg is not None:
+            last = item
+        wait_s = _wait_s(item)
+        yield StepEstimate(step, leg, time_s + wait_s, wait_s, length_m, climbed_m)
+
+
+def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None) -> Estimate:
+    """Estimates a whole flight."""
+    route = follow(plan)
+    length_m = time_s = climbed_m = 0.0
+    photos, spacing_m, since_photo_m = 0, 0.0, 0.0
+    known = True
+    for each in step_estimates(plan, vehicle, route):
+        item = each.step.item
+        length_m, time_s = length_m + each.length_m, time_s + each.time_s
+        climbed_m += each.climb_m
+        if each.leg is not None:
+            known &= each.leg.climb_m is not None
+            if spacing_m > 0.0:
+                since_photo_m += each.leg.length_m
+                photos += int(since_photo_m // spacing_m)
+                since_photo_m %= spacing_m
         if isinstance(item, TriggerDistance):
             spacing_m, since_photo_m = item.distance_m or 0.0, 0.0
             photos += int(bool(item.at_once) and spacing_m > 0.0)
         if isinstance(item, PhotoStart):
             photos += max(1, int(item.count or 0))
-        if isinstance(item, ReturnHome):
-            back_m, back_s, up_m = _return(plan, last, speed_m_s, vehicle)
-            length_m, time_s, climbed_m = length_m + back_m, time_s + back_s, climbed_m + up_m
-        if isinstance(item, PlacedItem) and leg is not None:
-            last = item
     energy_wh = None if power is None else power.energy_wh(time_s, climbed_m)
     endless = route.endless or route.truncated or route.stalled_row is not None
     return Estimate(length_m, time_s, climbed_m, photos, energy_wh, endless, known)

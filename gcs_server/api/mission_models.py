@@ -10,6 +10,7 @@ from gcs_server.api.plan_models import PlanBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
 from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference
 from gcs_server.vehicle.services.mission_held import PlanName
 from missions.plan import Plan
@@ -60,9 +61,15 @@ class StartRequest(StrictBody):
         description="Codes of the plan's error findings that the caller accepts; `plan_not_known` if the "
         "server does not know which plan is on the vehicle.",
     )
+    dry_run: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None,
+        description="Id of a dry run of the plan on the vehicle; the flight is compared with its path, and a "
+        "notice is sent if the vehicle leaves the corridor of its flights. Null: compared with the plan.",
+    )
 
 
 MissionTopic = TOPIC_MODELS["mission"]
+WaypointFlightModel = model_of(WaypointFlightStatus)
 PlanNameModel = model_of(PlanName, "HeldPlanName")
 DifferenceModel = model_of(Difference, "PlanDifference")
 
@@ -91,6 +98,9 @@ class MissionView(AnswerBody):
     )
     holds: HeldView = Field(description="The plan on the vehicle.")
     transfer: str | None = Field(description="The running transfer; null: no transfer is running.")
+    flight: WaypointFlightModel | None = Field(  # type: ignore[valid-type]
+        description="As in the topic `waypoint_flight`; null: none since the server started."
+    )
 
 
 class DownloadedPlan(AnswerBody):

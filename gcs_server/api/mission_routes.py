@@ -11,6 +11,8 @@ from msgspec import Raw
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.dry_run_paths import dry_run_path
+from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_checks import check_document
 from gcs_server.api.principals import PrincipalDep
@@ -22,6 +24,8 @@ from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused, UnknownPlan
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.storage.folder import StorageError
+from gcs_server.streamer.waypoints.flight import Announcement
+from gcs_server.vehicle.services.held_plan import plan_of
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
 from gcs_server.vehicle.services.mission_held import Held, Items, PlanName
@@ -40,8 +44,9 @@ CONFIRM = "Required while the vehicle is in Mission mode: `vehicle {id} loses th
 
 
 @router.get("", response_model=m.MissionView)
-async def show_mission(vehicle: VehicleDep) -> Response:
-    """Progress of the vehicle's mission, and the plan on the vehicle. Sends nothing to the vehicle."""
+async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
+    """Progress of the vehicle's mission, the plan on the vehicle, and its newest flight. Sends nothing to the
+    vehicle."""
     held = vehicle.mission.held
     sample = vehicle.topic("mission")
     return answer(
@@ -54,8 +59,18 @@ async def show_mission(vehicle: VehicleDep) -> Response:
                 "known_unix_s": None if held is None else held.at_unix_s,
             },
             "transfer": vehicle.mission.doing,
+            "flight": station.waypoint_flights.status(vehicle.id),
         }
     )
+
+
+@router.get("/flown", response_model=FlownMissionView)
+async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
+    """The newest flight of a plan in Mission mode, running or ended, beside its plan.
+
+    `samples` are the flown positions, and the nearest points of the planned path.
+    """
+    return answer({"vehicle": vehicle.id, "flown": station.waypoint_flights.flown(vehicle.id)})
 
 
 @router.post(
@@ -180,7 +195,8 @@ async def start(
     """Starts the vehicle's mission at an item, or the current one; arms if needed.
 
     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
-    or is unknown, unless `despite` lists their codes. Hold pauses the mission.
+    or is unknown, unless `despite` lists their codes. Hold pauses the mission. The server monitors the flight
+    of a plan that it knows (topic `waypoint_flight`), and never intervenes.
     """
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
@@ -193,10 +209,12 @@ async def start(
                 remedy="Wait until it is done.",
             )
         await _check_start(station, vehicle, request.despite)
-        if request.item is not None:
-            await vehicle.mission.set_current(request.item)
-        progress = progress_to(vehicle, principal, "mission/start")
-        await vehicle.command.start_mission(by=principal.name, progress=progress)
+        path = dry_run_path(station, vehicle, request.dry_run)
+        with station.waypoint_flights.announced(vehicle.id, Announcement(principal.name, path)):
+            if request.item is not None:
+                await vehicle.mission.set_current(request.item)
+            progress = progress_to(vehicle, principal, "mission/start")
+            await vehicle.command.start_mission(by=principal.name, progress=progress)
 
     return await carry_out(station, principal, "mission/start", v, arguments, work)
 
@@ -219,22 +237,6 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 
 # --- the parts ----------------------------------------------------------------------------------------
-
-
-def plan_of(held: Held) -> tuple[Plan, list[str]]:
-    """The downloaded items as a plan, with notes on content that the plan cannot represent."""
-    notes: list[str] = []
-    mission = mavlink_items.items_from_wire(held.items["mission"])
-    fence = rally = ()
-    try:
-        fence = mavlink_items.fence_from_wire(held.items["fence"])
-    except PlanError as error:
-        notes.append(f"The geofence is left out. {error}")
-    try:
-        rally = mavlink_items.rally_from_wire(held.items["rally"])
-    except PlanError as error:
-        notes.append(f"The rally points are left out. {error}")
-    return Plan(items=mission, fence=fence, rally_points=rally), notes
 
 
 async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -> None:

@@ -27,6 +27,7 @@ from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.vehicle import Vehicle
@@ -45,6 +46,7 @@ class Station:
     replays: Replays
     streamer: Streamer
     missions: OffboardMissions
+    waypoint_flights: WaypointFlights
     mission_modes: MissionModes
     operations: Operations
     plans: PlanStore

@@ -224,13 +224,22 @@ class SyncMission:
         """
         self._portal.call(lambda: self._inner.clear())
 
-    def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
+    def start(
+        self, item: int | None = None, *, despite: Sequence[str] = (), dry_run: str | None = None
+    ) -> None:
         """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
+        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it.
+
         Raises:
-            Refused: the plan is unknown or has errors, and `despite` does not list the codes.
+            Refused: the plan is unknown or has errors, and `despite` does not list the codes; or the dry run
+                does not fit.
         """
-        self._portal.call(lambda: self._inner.start(item, despite=despite))
+        self._portal.call(lambda: self._inner.start(item, despite=despite, dry_run=dry_run))
+
+    def flown(self) -> dict[str, Any]:
+        """The newest flight of a plan, beside its plan: `samples`, `planned_legs`, `deviation_max_m`."""
+        return self._portal.call(lambda: self._inner.flown())
 
     def resume(self) -> None:
         """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it."""

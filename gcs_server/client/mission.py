@@ -67,16 +67,25 @@ class Mission:
         mode."""
         await self._vehicle.request("DELETE", "/mission")
 
-    async def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
+    async def start(
+        self, item: int | None = None, *, despite: Sequence[str] = (), dry_run: str | None = None
+    ) -> None:
         """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
+        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it.
+
         Raises:
-            Refused: the plan is unknown or has errors, and `despite` does not list the codes.
+            Refused: the plan is unknown or has errors, and `despite` does not list the codes; or the dry run
+                does not fit.
         """
-        body: Body = {"despite": list(despite)}
+        body: Body = {"despite": list(despite), **({} if dry_run is None else {"dry_run": dry_run})}
         await self._vehicle.request(
             "POST", "/mission/start", body if item is None else {**body, "item": item}
         )
+
+    async def flown(self) -> dict[str, Any]:
+        """The newest flight of a plan, beside its plan: `samples`, `planned_legs`, `deviation_max_m`."""
+        return (await self._vehicle.request("GET", "/mission/flown"))["flown"]
 
     async def resume(self) -> None:
         """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it."""

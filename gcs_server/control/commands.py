@@ -263,6 +263,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/gimbal",
         "GET /vehicles/{v}/mission",
         "GET /vehicles/{v}/mission/plan",
+        "GET /vehicles/{v}/mission/flown",
         "GET /vehicles/{v}/readiness",
         "GET /vehicles/{v}/ros2/topics",
         "GET /vehicles/{v}/params",

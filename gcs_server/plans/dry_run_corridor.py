@@ -1,4 +1,4 @@
-"""Converts the corridor of a dry run to the vehicle's local frame, for the check of a real flight."""
+"""Converts path and corridor of a dry run to the vehicle's local frame, for the check of a real flight."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 from gcs_server.errors import Refused
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
+from missions.plan import Plan
 from missions.runner.corridor import Corridor
+from missions.waypoints.planned import PlannedPasses, planned_by_dry_run
 
 SAME_START_M = 5.0
 """Maximum distance from the vehicle to the start of its dry run [m]."""
@@ -44,12 +46,55 @@ def corridor_of(
         home = dry_run["nominal"]["origin"]
         north, east, down = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
         start = (north, east, down if role is None else start[2])
-        away_m = math.dist((north + first_n, east + first_e), position_ned_m[:2])
-        if away_m > SAME_START_M:
-            raise Refused(
-                f"Dry run {dry_run['id']} began {away_m:.0f} m from the vehicle's position.",
-                remedy="Fly it in simulation again, with this vehicle's id.",
-            )
+        _require_same_start(dry_run, (north + first_n, east + first_e), position_ned_m)
+    return _in_frame(corridor, start)
+
+
+def path_of(
+    dry_run: Mapping[str, Any], plan: Plan, ground_ned_m: Vector3, origin: LocalOrigin
+) -> tuple[PlannedPasses, Corridor | None]:
+    """The nominal path of a waypoint plan's dry run, and its corridor, in the vehicle's local frame.
+
+    Args:
+        dry_run: the result of the dry run.
+        plan: the plan that it has flown.
+        ground_ned_m: the vehicle's position on the ground; in flight its home. The path begins at this
+            height, because the altitudes of most plans are above home.
+        origin: origin of the vehicle's local frame.
+
+    Returns:
+        The path, and the corridor; None: the dry run has one flight.
+
+    Raises:
+        Refused: the dry run has not flown the whole plan, or started at another position.
+    """
+    nominal, monte_carlo = dry_run["nominal"], dry_run["monte_carlo"]
+    if not nominal["finished"] or nominal["path"] is None:
+        raise Refused(
+            f"Dry run {dry_run['id']} has not flown the whole plan.",
+            remedy="Correct the plan, then fly it in simulation again.",
+        )
+    home = nominal["origin"]
+    north, east, _ = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
+    _require_same_start(dry_run, (north, east), ground_ned_m)
+    start = (north, east, ground_ned_m[2])
+    planned = planned_by_dry_run(nominal, plan, start)
+    return planned, None if monte_carlo is None else _in_frame(monte_carlo["corridor"], start)
+
+
+def _require_same_start(
+    dry_run: Mapping[str, Any], start_ne_m: tuple[float, float], position_ned_m: Vector3
+) -> None:
+    away_m = math.dist(start_ne_m, position_ned_m[:2])
+    if away_m > SAME_START_M:
+        raise Refused(
+            f"Dry run {dry_run['id']} began {away_m:.0f} m from the vehicle's position.",
+            remedy="Fly it in simulation again, with this vehicle's id.",
+        )
+
+
+def _in_frame(corridor: Mapping[str, Any], start: Vector3) -> Corridor:
+    """The corridor, with the start of the dry run at this position."""
     points = [(start[0] + n, start[1] + e, start[2] + d) for n, e, d in corridor["position_ned_m"]]
     horizontal, vertical = corridor["horizontal_m"], corridor["vertical_m"]
     above = [max(0.0, *pair) for pair in zip(vertical["p95"], vertical["greatest"], strict=True)]

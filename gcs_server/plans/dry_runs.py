@@ -27,6 +27,8 @@ class DryRuns:
         self._count = 0
         self._running = 0
         self._kept: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._plans: dict[str, str] = {}
+        """JSON text of the plan of each result."""
 
     def next_id(self) -> str:
         """Id of the next dry run.
@@ -77,9 +79,16 @@ class DryRuns:
             self._running -= 1
         assumed = [*about["assumed"], *cast(list[str], result["assumed"])]
         self._kept[dry_run_id] = {"id": dry_run_id, **about, **result, "assumed": assumed}
+        self._plans[dry_run_id] = request["plan"]
         while len(self._kept) > MAX_KEPT:
-            self._kept.popitem(last=False)
+            oldest, _ = self._kept.popitem(last=False)
+            del self._plans[oldest]
         return {"dry_run": dry_run_id, **_summary(result)}
+
+    def plan(self, dry_run_id: str) -> str:
+        """JSON text of the plan that was flown. Raises UnknownDryRun."""
+        self.get(dry_run_id)
+        return self._plans[dry_run_id]
 
     def get(self, dry_run_id: str) -> dict[str, Any]:
         """The result of a dry run.

@@ -51,6 +51,7 @@ ROS2_TOPICS_PERIOD_S = 0.5
 PERIODS_S = {
     "offboard": OFFBOARD_PERIOD_S,
     "offboard_mission": OFFBOARD_PERIOD_S,
+    "waypoint_flight": OFFBOARD_PERIOD_S,
     "identity": IDENTITY_PERIOD_S,
     "components": IDENTITY_PERIOD_S,
     "reach": CONTROL_PERIOD_S,
@@ -174,6 +175,8 @@ class Encoded:
             return None if vehicle.identity.replayed or not vehicle.control else vehicle.control.status()
         if topic == "offboard_mission":
             return None if vehicle.offboard_mission is None else vehicle.offboard_mission.status()
+        if topic == "waypoint_flight":
+            return None if vehicle.waypoint_flight is None else vehicle.waypoint_flight.status()
         return None if vehicle.offboard is None else vehicle.offboard.status()
 
 

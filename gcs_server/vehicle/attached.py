@@ -30,7 +30,7 @@ class AttachedStream(Protocol):
 
 
 class AttachedMission(Protocol):
-    """A vehicle's `offboard_mission`."""
+    """A vehicle's `offboard_mission` and `waypoint_flight`."""
 
     def status(self) -> object | None:
         """Status of the newest mission; None before the first."""

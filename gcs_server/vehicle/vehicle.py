@@ -74,6 +74,8 @@ class Vehicle:
         """Its setpoint stream; set by `Streamer.attach`."""
         self.offboard_mission: AttachedMission | None = None
         """Its offboard mission; set by `OffboardMissions`."""
+        self.waypoint_flight: AttachedMission | None = None
+        """Its flight of a waypoint plan; set by `WaypointFlights`."""
         self.control: AttachedControl | None = None
         """Its control; set by `Authority`."""
         self._identity = identity

@@ -76,9 +76,10 @@ class FlownMission:
     """Whether the mission has ended."""
     duration_s: float
     """Until the end of the mission or until now. Offboard mission: time flown by setpoints, without PX4's own
-    take-off and landing. Waypoint plan: time in the air, from lift-off to touch-down."""
+    take-off and landing. Waypoint plan: from arming to disarming."""
     planned_duration_s: float | None
-    """Planned duration of the same part, with the longest branch; null: not known."""
+    """Planned duration of the same part, with the longest branch; null: not known. A plan that was not flown
+    from its beginning counts from the first flown item."""
     planned_length_m: float | None
     """Planned length of the whole path, with the longest branch, take-off and landing; null: not known."""
     planned_by: PlannedBy
@@ -154,7 +155,7 @@ class FlightRecord:
         now_s: the same on the monotonic clock.
         reading: the vehicle's state at the start.
         origin: global position of its local origin; None: it is not known.
-        planned: returns the planned flight; called once, when it is first needed.
+        planned: returns the planned flight; called for each comparison.
     """
 
     def __init__(
@@ -173,8 +174,7 @@ class FlightRecord:
         self._origin = origin
         self._battery_start_share = self._battery_end_share = reading.battery_share
         self._track, self._stopwatch = FlownTrack(), Stopwatch()
-        self._find_planned = planned
-        self._planned: PlannedFlight | None = None
+        self._planned = planned
 
     def record(self, now_s: float, reading: Reading, state: PlannedState) -> None:
         """Adds the vehicle's state, while the mission has not ended."""
@@ -193,7 +193,7 @@ class FlightRecord:
 
     def flown(self, now_s: float) -> FlownMission:
         """The flight so far."""
-        planned = self._planned = self._planned or self._find_planned()
+        planned = self._planned()
         samples = tuple(self._track.samples)
         deviations_m = [each.deviation_m for each in samples if each.deviation_m is not None]
         mean_m = round(sum(deviations_m) / len(deviations_m), 2) if deviations_m else None

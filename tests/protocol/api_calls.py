@@ -20,6 +20,7 @@ from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.modes import MissionModes
+from gcs_server.streamer.waypoints.flights import WaypointFlights
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
@@ -45,6 +46,9 @@ def station_of(world):
     async def prepare(vehicle_id, mode):
         return await start_in_mode(station, vehicle_id, mode)
 
+    waypoint_flights = WaypointFlights(world.clock, world.supervisor)
+    for vehicle in world.fleet.all():
+        waypoint_flights.attach(vehicle)
     station = Station(
         clock=world.clock,
         router=world.router,
@@ -56,6 +60,7 @@ def station_of(world):
         replays=Replays(world.router, world.fleet, Path("no recordings")),
         streamer=world.streamer,
         missions=missions,
+        waypoint_flights=waypoint_flights,
         mission_modes=MissionModes(world.clock, world.streamer, streams, missions, world.supervisor, prepare),
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),

@@ -57,7 +57,7 @@ async def upload(at, plan=PLAN, *, by=ANNA, wait=True, **more):
 
 
 async def shown(at):
-    return view(await mission_routes.show_mission(at.vehicle))
+    return view(await mission_routes.show_mission(at.vehicle, at.station))
 
 
 def start(at, by=ANNA, **body):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from gcs_server.clock import Clock
@@ -88,7 +89,7 @@ class MissionFlight:
         start_ned_m = reading.position_ned_m or (0.0, 0.0, 0.0)
         self._record = FlightRecord(
             start.mission.name, clock.unix_s(), self._now_s, reading, origin,
-            lambda: planned_by_mission(start.timeline, start_ned_m),
+            cache(lambda: planned_by_mission(start.timeline, start_ned_m)),
         )  # fmt: skip
         self._task: Task | None = None
         """The running command; a newer command cancels it."""

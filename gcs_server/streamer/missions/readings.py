@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from gcs_server.errors import Refused
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -85,17 +87,10 @@ def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
     return tuple(name for name, reported in known.items() if reported)
 
 
-def reading_of(control: OffboardControl, state: StreamState) -> Reading:
-    """The current state of a vehicle.
-
-    Args:
-        control: the vehicle's setpoint stream.
-        state: state of the stream. A stream that does not belong to the mission counts as idle.
-    """
-    vehicle = control.vehicle
+def vehicle_reading(vehicle: Vehicle) -> Reading:
+    """The current state of a vehicle, without a setpoint stream."""
     estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause
     local, attitude = estimates.local(), estimates.attitude()
-    flies_mission = state.request is not None and state.request.owner == "mission"
     holder = None if vehicle.control is None else vehicle.control.status()
     battery, gps = vehicle.topic("battery"), vehicle.topic("gps")
     percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
@@ -118,6 +113,19 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         distance_m=distance_m(vehicle),
         satellites=gps.value.satellites if gps and isinstance(gps.value, Gps) else None,
         horizontal_error_m=estimates.accuracy_m(),
+    )
+
+
+def reading_of(control: OffboardControl, state: StreamState) -> Reading:
+    """The current state of a vehicle with its setpoint stream.
+
+    Args:
+        control: the vehicle's setpoint stream.
+        state: state of the stream. A stream that does not belong to the mission counts as idle.
+    """
+    flies_mission = state.request is not None and state.request.owner == "mission"
+    return replace(
+        vehicle_reading(control.vehicle),
         stream=PHASES.get(state.phase, "ending") if flies_mission else "idle",
         stream_text=None if state.last_end is None else state.last_end.text,
         played=state.played if flies_mission else None,

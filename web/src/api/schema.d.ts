@@ -1714,7 +1714,8 @@ export interface paths {
         };
         /**
          * Show Mission
-         * @description Progress of the vehicle's mission, and the plan on the vehicle. Sends nothing to the vehicle.
+         * @description Progress of the vehicle's mission, the plan on the vehicle, and its newest flight. Sends nothing to the
+         *     vehicle.
          */
         readonly get: operations["show_mission_api_v1_vehicles__v__mission_get"];
         readonly put?: never;
@@ -1724,6 +1725,28 @@ export interface paths {
          * @description Clears mission, geofence and rally points on the vehicle.
          */
         readonly delete: operations["clear_api_v1_vehicles__v__mission_delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mission/flown": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Flown
+         * @description The newest flight of a plan in Mission mode, running or ended, beside its plan.
+         *
+         *     `samples` are the flown positions, and the nearest points of the planned path.
+         */
+        readonly get: operations["show_flown_api_v1_vehicles__v__mission_flown_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
         readonly patch?: never;
@@ -1831,7 +1854,8 @@ export interface paths {
          * @description Starts the vehicle's mission at an item, or the current one; arms if needed.
          *
          *     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
-         *     or is unknown, unless `despite` lists their codes. Hold pauses the mission.
+         *     or is unknown, unless `despite` lists their codes. Hold pauses the mission. The server monitors the flight
+         *     of a plan that it knows (topic `waypoint_flight`), and never intervenes.
          */
         readonly post: operations["start_api_v1_vehicles__v__mission_start_post"];
         readonly delete?: never;
@@ -4801,12 +4825,13 @@ export interface components {
             /**
              * Duration S
              * @description Until the end of the mission or until now. Offboard mission: time flown by setpoints, without PX4's own
-             *     take-off and landing. Waypoint plan: time in the air, from lift-off to touch-down.
+             *     take-off and landing. Waypoint plan: from arming to disarming.
              */
             readonly duration_s: number;
             /**
              * Planned Duration S
-             * @description Planned duration of the same part, with the longest branch; null: not known.
+             * @description Planned duration of the same part, with the longest branch; null: not known. A plan that was not flown
+             *     from its beginning counts from the first flown item.
              */
             readonly planned_duration_s: number | null;
             /**
@@ -7783,6 +7808,8 @@ export interface components {
              * @description The running transfer; null: no transfer is running.
              */
             readonly transfer: string | null;
+            /** @description As in the topic `waypoint_flight`; null: none since the server started. */
+            readonly flight: components["schemas"]["WaypointFlightStatus"] | null;
         };
         /**
          * ModeCause
@@ -13057,6 +13084,111 @@ export interface components {
             readonly yaw_ned_deg?: number | null;
         };
         /**
+         * WaypointFlightStatus
+         * @description Status of the newest flight of a waypoint plan in PX4's Mission mode: the topic `waypoint_flight`. The
+         *     server only monitors the flight.
+         */
+        readonly WaypointFlightStatus: {
+            /**
+             * State
+             * @description paused: the vehicle is in another mode, so it is not monitored now; done, stopped: the flight has
+             *     ended.
+             * @enum {string}
+             */
+            readonly state: "flying" | "paused" | "done" | "stopped";
+            /**
+             * Name
+             * @description Name of the plan; null: it is not stored on this server.
+             */
+            readonly name: string | null;
+            /**
+             * Plan Id
+             * @description Id of the stored plan; null: it is not stored on this server.
+             */
+            readonly plan_id: string | null;
+            /**
+             * Version
+             * @description Version.
+             */
+            readonly version: number | null;
+            /**
+             * Client
+             * @description Client that started the flight; null: the pilot, another station, or a mode switch.
+             */
+            readonly client: string | null;
+            /**
+             * Started Unix S
+             * @description Time from which the server has monitored the flight.
+             */
+            readonly started_unix_s: number;
+            /**
+             * Item
+             * @description Index of the current item, from 0; null: the vehicle has not reported it.
+             */
+            readonly item: number | null;
+            /**
+             * Count
+             * @description Number of items.
+             */
+            readonly count: number;
+            /**
+             * Place
+             * @description Current item, as in the dry run: "item 3".
+             */
+            readonly place: string | null;
+            /**
+             * Title
+             * @description Kind of the current item: "Waypoint".
+             */
+            readonly title: string | null;
+            /**
+             * Planned By
+             * @description Source of the planned path: the dry run that the start named, or straight lines between the items with
+             *     estimated times; null: the flight is not compared with its plan.
+             */
+            readonly planned_by: ("dry_run" | "plan") | null;
+            /**
+             * Dry Run
+             * @description Id of the dry run that the start named.
+             */
+            readonly dry_run: string | null;
+            /**
+             * Duration S
+             * @description Planned time of the whole plan, from arming to disarming; null: not known.
+             */
+            readonly duration_s: number | null;
+            /**
+             * Remaining S
+             * @description Planned time until disarming; null: not known, or the flight has ended.
+             */
+            readonly remaining_s: number | null;
+            /**
+             * Deviation Horizontal M
+             * @description Horizontal distance from the planned path; null: see `not_compared`.
+             */
+            readonly deviation_horizontal_m: number | null;
+            /**
+             * Deviation Vertical M
+             * @description Height above the planned path, negative below; null: see `not_compared`.
+             */
+            readonly deviation_vertical_m: number | null;
+            /**
+             * Outside Corridor M
+             * @description Distance outside the dry run's corridor, 0 inside; null: no corridor is monitored now.
+             */
+            readonly outside_corridor_m: number | null;
+            /**
+             * Not Compared
+             * @description Why there is no deviation now.
+             */
+            readonly not_compared: string | null;
+            /**
+             * Reason
+             * @description Why the flight is paused or has stopped.
+             */
+            readonly reason: string | null;
+        };
+        /**
          * WhichPlan
          * @description A plan stored on the server, or one in the request.
          */
@@ -13180,6 +13312,11 @@ export interface components {
              * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle.
              */
             readonly despite?: readonly string[];
+            /**
+             * Dry Run
+             * @description Id of a dry run of the plan on the vehicle; the flight is compared with its path, and a notice is sent if the vehicle leaves the corridor of its flights. Null: compared with the plan.
+             */
+            readonly dry_run?: string | null;
         };
         /**
          * Gimbal
@@ -18955,6 +19092,65 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_flown_api_v1_vehicles__v__mission_flown_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlownMissionView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -55,6 +55,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'health',
   'mission',
   'offboard_mission',
+  'waypoint_flight',
   'distance_sensors',
   'obstacle_distance',
   'readiness',

@@ -127,3 +127,11 @@ export function nearestWithin<T extends GeoPosition>(view: MapView, at: Pixel, p
   }
   return best;
 }
+
+/** The server compares a flight with a dry run only if their starts are closer than this [m]. */
+const SAME_START_M = 5;
+
+/** Whether a vehicle stands at the start of its dry run. */
+export function isSameStart(here: GeoPosition, start: GeoPosition): boolean {
+  return groundDistance_m(here, start) < SAME_START_M;
+}

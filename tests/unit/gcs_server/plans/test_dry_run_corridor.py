@@ -3,8 +3,9 @@
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.plans.dry_run_corridor import corridor_of
+from gcs_server.plans.dry_run_corridor import corridor_of, path_of
 from missions.geodesy import LocalOrigin
+from missions.plan import read
 
 ORIGIN = LocalOrigin(47.0, 8.0, 480.0)
 HERE = (30.0, -20.0, -5.0)
@@ -77,3 +78,39 @@ def test_a_dry_run_that_does_not_fit_the_role_is_refused(dry_run, here, role, sa
 def test_a_dry_run_without_corridor_or_with_another_start_is_refused(dry_run, here, said):
     with pytest.raises(Refused, match=said):
         corridor_of(dry_run, here, ORIGIN)
+
+
+PLAN = read('{"items": [{"kind": "return_home"}]}')
+GROUND = (HERE[0] + 1.0, HERE[1] - 1.0, -2.0)
+
+
+def of_a_plan(**changes):
+    """A dry run of a waypoint plan that stands 1 m beside `GROUND`."""
+    one = found()
+    flown = [[0.0, 0.0, 0.0], [5.0, 0.0, -8.0], [10.0, 0.0, 0.0]]
+    nominal = {
+        **one["nominal"], "finished": True, "landed": True, "duration_s": 4.0,
+        "path": {"t_s": [0.0, 2.0, 4.0], "position_ned_m": flown},
+        "steps": [{"place": "item 1", "title": "Return home", "row": 0, "start_s": 0.0, "end_s": 4.0}],
+    }  # fmt: skip
+    return {**one, "kind": "waypoint_plan", "nominal": {**nominal, **changes}}
+
+
+def test_the_path_of_a_plan_begins_at_the_vehicles_height_and_the_dry_runs_place():
+    planned, corridor = path_of(of_a_plan(), PLAN, GROUND, ORIGIN)
+    assert planned.passes[0].leg.points[1] == pytest.approx((2.0, HERE[0] + 5.0, HERE[1], -10.0), abs=0.01)
+    assert corridor.position_ned_m[1] == pytest.approx((HERE[0] + 10.0, HERE[1], -10.0), abs=0.01)
+    assert path_of({**of_a_plan(), "monte_carlo": None}, PLAN, GROUND, ORIGIN)[1] is None
+
+
+@pytest.mark.parametrize(
+    ("dry_run", "ground", "said"),
+    [
+        (of_a_plan(finished=False), GROUND, "has not flown the whole plan"),
+        (of_a_plan(path=None), GROUND, "has not flown the whole plan"),
+        (of_a_plan(), (HERE[0] + 6.0, HERE[1], 0.0), "began 6 m from the vehicle's position"),
+    ],
+)
+def test_a_dry_run_that_does_not_fit_the_start_of_a_plan_is_refused(dry_run, ground, said):
+    with pytest.raises(Refused, match=said):
+        path_of(dry_run, PLAN, ground, ORIGIN)

@@ -99,7 +99,7 @@ describe('figures', () => {
     const ofPlan: FlownPath = { ...FLOWN, planned_by: 'plan', planned_duration_s: null, planned_length_m: null };
     expect(sourceText(FLOWN)).toContain('without the take-off and the landing');
     expect(sourceText(ofPlan)).toContain('straight lines between the items');
-    expect(row('Time in the air', null, ofPlan)).toEqual(['–', '01:15']);
+    expect(row('Time armed', null, ofPlan)).toEqual(['–', '01:15']);
     expect(row('Length', null, ofPlan)[0]).toBe('not known');
     expect(distanceText(figures(ofPlan, [], null), ofPlan)).toContain('never on a known planned path');
   });
@@ -163,9 +163,13 @@ it('a closed card stays closed after a reload, until the next mission', () => {
   const stored = new Map<string, string>();
   const storage = { getItem: (key: string) => stored.get(key) ?? null, setItem: (key: string, value: string) => void stored.set(key, value) };
   const cards = new ClosedCards(storage);
-  expect(cards.isClosed('1', 100)).toBe(false);
-  cards.close('1', 100);
-  expect([cards.isClosed('1', 100), cards.isClosed('2', 100)]).toEqual([true, false]);
+  expect(cards.isClosed('offboard', '1', 100)).toBe(false);
+  cards.close('offboard', '1', 100);
+  expect([cards.isClosed('offboard', '1', 100), cards.isClosed('offboard', '2', 100)]).toEqual([true, false]);
   const reloaded = new ClosedCards(storage);
-  expect([reloaded.isClosed('1', 100), reloaded.isClosed('1', 200)]).toEqual([true, false]);
+  expect([reloaded.isClosed('waypoints', '1', 100), reloaded.isClosed('offboard', '1', 100), reloaded.isClosed('offboard', '1', 200)]).toEqual([
+    false,
+    true,
+    false,
+  ]);
 });

@@ -16,14 +16,14 @@ type Vector = readonly number[];
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
-/** What `duration_s` is: PX4 flies take-off and landing of an offboard mission by itself, and a plan as a whole. */
-const TIMES = { setpoints: 'Time by setpoints', air: 'Time in the air' } as const;
+/** What `duration_s` is: PX4 flies take-off and landing of an offboard mission by itself. */
+const TIMES = { setpoints: 'Time by setpoints', armed: 'Time armed' } as const;
 
 /** What the planned values are. */
 const SOURCES: Readonly<Record<FlownPath['planned_by'], string>> = {
   mission: 'Time by setpoints: without the take-off and the landing, which PX4 flies by itself. Length: of the whole flight.',
-  dry_run: 'Planned: the dry run, from lift-off to touch-down.',
-  plan: 'Planned: straight lines between the items, and the estimated time from lift-off to touch-down.',
+  dry_run: 'Planned: the dry run. Both times are from arming to disarming.',
+  plan: 'Planned: straight lines between the items, and the estimated time of flight. Flown: from arming to disarming.',
 };
 
 /** Distance from the planned path at one time. */
@@ -122,7 +122,7 @@ export function figures(flown: FlownPath, distances: readonly PathDistance[], dr
     largest_m: sorted_m.at(-1) ?? null,
     within_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
     rows: [
-      { name: TIMES[flown.planned_by === 'mission' ? 'setpoints' : 'air'], planned: duration(flown.planned_duration_s), flown: duration(flown.duration_s) },
+      { name: TIMES[flown.planned_by === 'mission' ? 'setpoints' : 'armed'], planned: duration(flown.planned_duration_s), flown: duration(flown.duration_s) },
       { name: 'Length', planned: length(flown.planned_length_m), flown: length(flownLength_m(flown.samples)) },
       {
         name: 'Battery used',

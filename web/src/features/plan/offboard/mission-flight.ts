@@ -3,7 +3,7 @@
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
-import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
+import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { acceptedErrorsText } from '../accepted-errors.svelte';
 import type { DryRunView } from '../dry-run.svelte';
 import type { Finding } from '../fixes';
@@ -11,8 +11,6 @@ import { nodesOf, type Mission } from './mission';
 
 export type Flown = components['schemas']['OffboardMissionStatus'];
 type State = Flown['state'];
-/** The server compares a flight with a dry run only if their starts are closer than this [m]. */
-const SAME_START_M = 5;
 export type FlightCommand = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
 const WORDS: Readonly<Record<State, string>> = {
@@ -139,7 +137,7 @@ export function startQuestion(
  */
 export function corridorFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
-  return groundDistance_m(here, view.nominal.origin) < SAME_START_M ? view.id : null;
+  return isSameStart(here, view.nominal.origin) ? view.id : null;
 }
 
 /** The same for the vehicles of a mission with roles. @param here the position of a vehicle; null: it is not known. */
@@ -155,14 +153,14 @@ export function corridorForRoles(
     const [north_m, east_m] = corridor?.position_ned_m[0] ?? [];
     const at = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : here(vehicle);
     if (at === null || north_m === undefined || east_m === undefined) return false;
-    return groundDistance_m(at, positionAt(view.nominal.origin, { north_m, east_m })) < SAME_START_M;
+    return isSameStart(at, positionAt(view.nominal.origin, { north_m, east_m }));
   });
   return fits ? view.id : null;
 }
 
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */
-export function corridorText(flown: Flown): string | null {
-  const out_m = flown.outside_corridor_m ?? 0;
+export function corridorText({ outside_corridor_m }: Pick<Flown, 'outside_corridor_m'>): string | null {
+  const out_m = outside_corridor_m ?? 0;
   return out_m > 0 ? `${fixed(out_m, 1)} m outside the corridor of the dry run` : null;
 }
 

@@ -1,0 +1,181 @@
+"""One flight of a waypoint plan in PX4's Mission mode: monitored, reported and recorded, never commanded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_server.streamer.missions.readings import vehicle_reading
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.waypoints.status import WaypointFlightStatus
+from gcs_server.vehicle.samples import Mission
+from gcs_server.vehicle.services.held_plan import plan_of
+from gcs_server.vehicle.services.mission_held import Held
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.plan import Plan
+from missions.runner.corridor import Corridor
+from missions.runner.flown import FlightRecord, FlownMission
+from missions.runner.requests import Notify
+from missions.values import HomePosition
+from missions.vehicle import PARAMETERS, VehicleModel
+from missions.waypoints.monitor import WaypointMonitor
+from missions.waypoints.planned import MAX_PASSES, PlannedPasses, planned_by_plan
+
+WARNING, NOTICE = 4, 5
+NOT_SEEN = "The vehicle was already flying when the server learned which plan it has."
+
+
+@dataclass(frozen=True, slots=True)
+class DryRunPath:
+    """The dry run that a start named, in the vehicle's local frame."""
+
+    dry_run: str
+    planned: PlannedPasses
+    corridor: Corridor | None
+    """None: the dry run had one flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Announcement:
+    """A start by a client of this server."""
+
+    client: str
+    path: DryRunPath | None = None
+    """None: the start named no dry run."""
+
+
+class WaypointFlight:
+    """One flight.
+
+    Args:
+        vehicle: the vehicle, which flies its mission.
+        held: the plan on the vehicle.
+        announcement: the start by a client; None: somebody else has selected Mission.
+        seen: whether the server has seen the vehicle enter Mission with this plan.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, held: Held, announcement: Announcement | None, *, seen: bool
+    ) -> None:
+        self._vehicle, self._held = vehicle, held
+        self._client = None if announcement is None else announcement.client
+        self._path = None if announcement is None else announcement.path
+        plan, _ = plan_of(held)
+        self._count = len(plan.items)
+        planned, why = _planned(vehicle, plan, self._path, seen=seen)
+        self._planned = planned
+        reading = vehicle_reading(vehicle)
+        self._monitor = WaypointMonitor(
+            plan,
+            planned,
+            not_compared=why,
+            corridor=None if self._path is None else self._path.corridor,
+            from_start=seen and not reading.in_air,
+        )
+        name = held.plan.name if held.plan is not None and held.plan.name is not None else "Mission"
+        self._record = FlightRecord(
+            name, vehicle.clock.unix_s(), self._now_s, reading, VehicleEstimates(vehicle).origin(),
+            self._monitor.planned_flight,
+        )  # fmt: skip
+
+    @property
+    def over(self) -> bool:
+        """Whether the flight has ended."""
+        return self._monitor.over
+
+    def flies(self, held: Held) -> bool:
+        """Whether this is a flight of the same items."""
+        return self._held.ids == held.ids
+
+    def update(self) -> None:
+        """Takes the vehicle's state; called about ten times a second."""
+        if self.over or self._vehicle.status.link_lost:
+            return
+        if not self._still_held():
+            self.stop("The vehicle has another plan now.")
+            return
+        sample = self._vehicle.topic("mission")
+        mission = sample.value if sample is not None and isinstance(sample.value, Mission) else None
+        reading = vehicle_reading(self._vehicle)
+        item, reached = (None, None) if mission is None else (mission.current, mission.reached)
+        for notice in self._monitor.update(self._now_s, reading, item, reached):
+            self._add_event(notice)
+        self._record.record(self._now_s, reading, self._monitor.planned_state(reading))
+        if self.over:
+            self._record.end(self._now_s)
+
+    def stop(self, reason: str) -> None:
+        """Ends the flight, because it is no longer a flight of this plan."""
+        self._monitor.stop(reason)
+        self._record.end(self._now_s)
+
+    def status(self) -> WaypointFlightStatus:
+        """Status of the flight."""
+        monitor, name, planned = self._monitor, self._held.plan, self._planned
+        return WaypointFlightStatus(
+            state=monitor.state,
+            name=None if name is None else name.name,
+            plan_id=None if name is None else name.id,
+            version=None if name is None else name.version,
+            client=self._client,
+            started_unix_s=self._record.started_unix_s,
+            item=monitor.item,
+            count=self._count,
+            place=None if monitor.over else monitor.place,
+            title=None if monitor.over else monitor.title,
+            planned_by=None if planned is None else planned.by,
+            dry_run=None if self._path is None else self._path.dry_run,
+            duration_s=None if planned is None else _rounded(planned.duration_s, 1),
+            remaining_s=_rounded(monitor.remaining_s, 1),
+            deviation_horizontal_m=_rounded(monitor.horizontal_m, 2),
+            deviation_vertical_m=_rounded(monitor.vertical_m, 2),
+            outside_corridor_m=_rounded(monitor.outside_corridor_m, 2),
+            not_compared=monitor.not_compared,
+            reason=monitor.reason,
+        )
+
+    def flown(self) -> FlownMission:
+        """The flight so far, with its plan."""
+        return self._record.flown(self._now_s)
+
+    @property
+    def _now_s(self) -> float:
+        return self._vehicle.clock.monotonic_s()
+
+    def _still_held(self) -> bool:
+        """Whether the vehicle still has this plan."""
+        service = self._vehicle.mission
+        return service.holds() != "another" and service.held is not None and self.flies(service.held)
+
+    def _add_event(self, notice: Notify) -> None:
+        data = {"source": "waypoint_flight", "code": notice.code}
+        kind, severity = ("warning", WARNING) if notice.warning else ("command", NOTICE)
+        unix_s = self._vehicle.clock.unix_s()
+        self._vehicle.events.add(kind, unix_s, notice.text, severity=severity, data=data)
+
+
+def _planned(
+    vehicle: Vehicle, plan: Plan, path: DryRunPath | None, *, seen: bool
+) -> tuple[PlannedPasses | None, str | None]:
+    """The planned flight; None with the reason, as a sentence, if there is none."""
+    if not seen:
+        return None, NOT_SEEN
+    if path is not None:
+        return path.planned, None
+    estimates = VehicleEstimates(vehicle)
+    home, origin = estimates.home(), estimates.origin()
+    if home is None or origin is None:
+        return None, "The home of the vehicle was not known at the start."
+    parameters = {
+        name: float(param.value)
+        for name in PARAMETERS.values()
+        if (param := vehicle.params.known(name)) is not None
+    }
+    here = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=home.alt_amsl_m)
+    planned = planned_by_plan(plan, VehicleModel.from_parameters(parameters), here, origin)
+    if planned is None or not planned.passes:
+        return None, f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
+    return planned, None
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

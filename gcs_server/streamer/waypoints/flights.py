@@ -1,0 +1,131 @@
+"""The flights of waypoint plans of all vehicles; monitors each of them ten times a second."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.errors import Refused
+from gcs_server.streamer.waypoints.flight import Announcement, WaypointFlight
+from gcs_server.streamer.waypoints.status import WaypointFlightStatus
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.runner.flown import FlownMission
+
+PERIOD_S = 0.1
+
+
+class WaypointFlights:
+    """The newest flight of each vehicle that flies a plan which the server knows.
+
+    Args:
+        clock: the server's clock.
+        supervisor: runs the periodic update.
+    """
+
+    def __init__(self, clock: Clock, supervisor: Supervisor) -> None:
+        self._clock, self._supervisor = clock, supervisor
+        self._vehicles: dict[str, Vehicle] = {}
+        self._flights: dict[str, WaypointFlight] = {}
+        self._announced: dict[str, Announcement] = {}
+        self._in_mission: dict[str, bool] = {}
+        """Whether the vehicle flew its mission at the last update."""
+
+    def attach(self, vehicle: Vehicle) -> None:
+        """Sets the vehicle's attribute `waypoint_flight`, and monitors the vehicle."""
+        vehicle.waypoint_flight = VehicleWaypointFlight(self, vehicle.id)
+        if not vehicle.identity.replayed:
+            self._vehicles[vehicle.id] = vehicle
+
+    def detach(self, vehicle: Vehicle) -> None:
+        """Drops all data of a removed vehicle."""
+        for kept in (self._vehicles, self._flights, self._announced, self._in_mission):
+            kept.pop(vehicle.id, None)
+
+    def start(self) -> None:
+        """Starts the periodic update."""
+        self._supervisor.start("waypoint-flights", self._update_periodically)
+
+    @contextmanager
+    def announced(self, vehicle_id: str, announcement: Announcement) -> Generator[None]:
+        """While a client starts the mission of a vehicle: the flight that begins is the client's.
+
+        A start that names a dry run begins a new flight, also in the air; without one a flight that is being
+        monitored continues.
+        """
+        self._announced[vehicle_id] = announcement
+        try:
+            yield
+            self._update_vehicle(self._vehicles[vehicle_id])
+        finally:
+            self._announced.pop(vehicle_id, None)
+
+    def status(self, vehicle_id: str) -> WaypointFlightStatus | None:
+        """Status of a vehicle's newest flight; None if there was none."""
+        flight = self._flights.get(vehicle_id)
+        return None if flight is None else flight.status()
+
+    def flown(self, vehicle_id: str) -> FlownMission:
+        """A vehicle's newest flight, with its plan.
+
+        Raises:
+            Refused: there was none.
+        """
+        flight = self._flights.get(vehicle_id)
+        if flight is None:
+            raise Refused(
+                f"Vehicle {vehicle_id} has not flown a plan that the server knows.",
+                remedy="Upload a plan, or read it back and compare it, then start it.",
+            )
+        return flight.flown()
+
+    def update(self) -> None:
+        """Updates each flight. A fault in one affects only that vehicle."""
+        for vehicle in list(self._vehicles.values()):
+            vehicle.isolation.run("the update of its waypoint flight", self._update_vehicle, vehicle)
+
+    def _update_vehicle(self, vehicle: Vehicle) -> None:
+        flight = self._flights.get(vehicle.id)
+        if flight is not None:
+            flight.update()
+        if vehicle.status.link_lost:
+            return
+        was_flying = self._in_mission.get(vehicle.id, True)
+        flies = vehicle.status.armed and vehicle.status.mode == "mission"
+        self._in_mission[vehicle.id] = flies
+        if flies:
+            self._begin_if_new(vehicle, flight, was_flying)
+
+    def _begin_if_new(self, vehicle: Vehicle, flight: WaypointFlight | None, was_flying: bool) -> None:
+        announcement = self._announced.pop(vehicle.id, None)
+        if flight is not None and not flight.over:
+            if announcement is None or announcement.path is None:
+                return
+            flight.stop(f"{announcement.client} started the plan again.")
+        held = vehicle.mission.held
+        if held is None or vehicle.mission.holds() != "plan":
+            return
+        if flight is not None and was_flying and announcement is None and flight.flies(held):
+            return
+        begun = WaypointFlight(vehicle, held, announcement, seen=announcement is not None or not was_flying)
+        self._flights[vehicle.id] = begun
+        begun.update()
+
+    async def _update_periodically(self) -> None:
+        while True:
+            self.update()
+            await self._clock.sleep(PERIOD_S)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleWaypointFlight:
+    """A vehicle's attribute `waypoint_flight`."""
+
+    flights: WaypointFlights
+    vehicle_id: str
+
+    def status(self) -> WaypointFlightStatus | None:
+        """Current status; None before the first flight."""
+        return self.flights.status(self.vehicle_id)

@@ -1,0 +1,219 @@
+"""Monitors a flight in PX4's Mission mode: progress, deviation from the planned path, corridor. It commands
+nothing."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from missions.frames import Vector3
+from missions.items import ReturnHome
+from missions.plan import Plan
+from missions.runner.corridor import Corridor, CorridorWatch
+from missions.runner.flown import PlannedFlight, PlannedState
+from missions.runner.reading import Reading
+from missions.runner.requests import Notify
+from missions.waypoints.planned import PlannedPasses, item_title
+from missions.waypoints.progress import Match, Progress
+
+State = Literal["flying", "paused", "done", "stopped"]
+COMMANDED = ("command", "pilot", "station", "failsafe")
+"""Causes of a mode that is not the mission's own."""
+
+
+class WaypointMonitor:
+    """One flight of a plan.
+
+    Args:
+        plan: the plan on the vehicle.
+        planned: its planned flight; None: the flight is not compared with its plan.
+        not_compared: why, as a sentence.
+        corridor: corridor of the dry run; None: none is monitored.
+        from_start: whether the monitor has seen the begin of the flight on the ground.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        planned: PlannedPasses | None,
+        *,
+        not_compared: str | None = None,
+        corridor: Corridor | None = None,
+        from_start: bool,
+    ) -> None:
+        self._items = [item for _, item in plan.simple_items()]
+        self._returns = {index for index, item in enumerate(self._items) if isinstance(item, ReturnHome)}
+        self._planned, self._why = planned, not_compared
+        self._corridor = corridor
+        self._watch = None if corridor is None else CorridorWatch(corridor)
+        self._from_start = from_start
+        first = planned is not None and planned.passes[:1]
+        self._starts_at = first[0].items if first else frozenset[int]()
+        self._progress: Progress | None = None
+        self._match: Match | None = None
+        self._here_known = True
+        self.item: int | None = None
+        """Index of the current item."""
+        self.state: State = "flying"
+        self.reason: str | None = None
+        """Why the flight is paused or has stopped."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the flight has ended."""
+        return self.state in ("done", "stopped")
+
+    # --- what it reports ------------------------------------------------------------------------------
+
+    @property
+    def place(self) -> str | None:
+        """Name of the current item in the planned path."""
+        current = None if self._progress is None else self._progress.current
+        if current is not None and self.item in current.items:
+            return current.leg.place
+        return None if self.item is None else f"item {self.item + 1}"
+
+    @property
+    def title(self) -> str | None:
+        """Kind of the current item."""
+        known = self.item is not None and self.item < len(self._items)
+        return item_title(self._items[self.item or 0]) if known else None
+
+    @property
+    def remaining_s(self) -> float | None:
+        """Planned time until the end of the flight; None: not known, or the flight is over."""
+        planned, progress = self._planned, self._progress
+        if planned is None or planned.duration_s is None or progress is None or self.over:
+            return None
+        if not self._from_start and planned.repeats():
+            return None
+        return max(0.0, planned.duration_s - progress.t_s)
+
+    @property
+    def horizontal_m(self) -> float | None:
+        """Horizontal distance from the planned path."""
+        return None if self._match is None else self._match.horizontal_m
+
+    @property
+    def vertical_m(self) -> float | None:
+        """Height above the planned path."""
+        return None if self._match is None else self._match.vertical_m
+
+    @property
+    def outside_corridor_m(self) -> float | None:
+        """Distance outside the corridor; None: it is not monitored now."""
+        return None if self._watch is None or self._match is None else self._watch.outside_m
+
+    @property
+    def not_compared(self) -> str | None:
+        """Why there is no deviation now."""
+        if self.over or self.state == "paused" or self._match is not None:
+            return None
+        if self._planned is None:
+            return self._why
+        if not self._here_known:
+            return "The vehicle has no valid position estimate."
+        if self._progress is not None and not self._progress.on_path:
+            return "The vehicle is flying to the planned path."
+        return "PX4 chooses the path of this item itself."
+
+    def planned_state(self, reading: Reading) -> PlannedState:
+        """What the plan says about this moment."""
+        match = self._match
+        place = self.place if match is None else match.place
+        nearest = None if match is None else match.nearest_ned_m
+        return PlannedState(place, nearest, self.outside_corridor_m, reading.armed)
+
+    def planned_flight(self) -> PlannedFlight:
+        """The planned path, from the item at which the flight began."""
+        if self._planned is None:
+            return PlannedFlight("plan", None, None, ())
+        return self._planned.figures(0 if self._progress is None else self._progress.first)
+
+    # --- what happens ---------------------------------------------------------------------------------
+
+    def update(self, now_s: float, reading: Reading, item: int | None, reached: int | None) -> list[Notify]:
+        """Takes the vehicle's state.
+
+        Args:
+            now_s: time of any clock.
+            reading: the vehicle's state.
+            item: index of the item that it reports as current.
+            reached: index of the item that it last reported as reached.
+
+        Returns:
+            Messages for the pilot.
+        """
+        if self.over:
+            return []
+        if self._flies(reading, item):
+            return self._follow(now_s, reading.position_ned_m, item)
+        if reading.armed is False:
+            landed_by_mission = self.state == "flying" and self._at_end()
+            place = self.place or "an item that is not known"
+            return self._end(
+                "done" if landed_by_mission else "stopped", f"The vehicle was disarmed at {place}."
+            )
+        if self._completed_in_air(reading, reached):
+            return self._end("done", None)
+        return self._pause(reading)
+
+    def stop(self, reason: str) -> None:
+        """Ends the flight, because it is no longer a flight of this plan."""
+        if not self.over:
+            self._end("stopped", reason)
+
+    def _flies(self, reading: Reading, item: int | None) -> bool:
+        if reading.armed is not True:
+            return False
+        returns = item in self._returns and reading.mode_source not in COMMANDED
+        return reading.mode == "mission" or (reading.mode == "rtl" and returns)
+
+    def _follow(self, now_s: float, here: Vector3 | None, item: int | None) -> list[Notify]:
+        notices: list[Notify] = []
+        if self.state == "paused":
+            notices.append(Notify("monitoring_resumed", "The vehicle flies the plan again; it is monitored."))
+        self.state, self.reason = "flying", None
+        self.item = self.item if item is None else item
+        self._here_known = here is not None
+        if self._planned is not None and self._progress is None and item is not None:
+            on_path = self._from_start and item in self._starts_at
+            self._progress = Progress(self._planned, on_path=on_path)
+        self._match = None
+        if self._progress is not None and here is not None:
+            self._match = self._progress.update(now_s, item, here)
+        if self._watch is not None and self._match is not None and self._watch.update(now_s, here):
+            notices.append(self._watch.notification())
+        return notices
+
+    def _pause(self, reading: Reading) -> list[Notify]:
+        was, self.state = self.state, "paused"
+        self._leave_path()
+        self.reason = "The vehicle has left Mission" + (
+            f": {reading.mode_text}." if reading.mode_text else "."
+        )
+        if was == "paused":
+            return []
+        return [Notify("monitoring_paused", f"The flight is not monitored now. {self.reason}")]
+
+    def _end(self, state: State, reason: str | None) -> list[Notify]:
+        self._leave_path()
+        self.state, self.reason = state, None if state == "done" else reason
+        return []
+
+    def _leave_path(self) -> None:
+        self._match = None
+        if self._progress is not None:
+            self._progress.leave()
+        if self._corridor is not None:
+            self._watch = CorridorWatch(self._corridor)
+
+    def _at_end(self) -> bool:
+        """Whether the last item is being flown."""
+        if self._progress is not None:
+            return self._progress.at_last
+        return self.item is not None and self.item >= len(self._items) - 1
+
+    def _completed_in_air(self, reading: Reading, reached: int | None) -> bool:
+        """Whether PX4 has finished the mission in the air, and holds."""
+        by_itself = reading.mode == "hold" and reading.mode_source == "vehicle"
+        return by_itself and self.state == "flying" and self._at_end() and reached == self.item

@@ -1,0 +1,182 @@
+"""The planned flight of a waypoint plan, item by item: from a dry run, or from the plan itself."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.estimates import StepEstimate, step_estimates
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.items import Land, PlacedItem, ReturnHome, Takeoff
+from missions.offboard.samples import Leg
+from missions.plan import Plan, SimpleItem
+from missions.route import follow, is_flown_to
+from missions.runner.flown import PlannedFlight
+from missions.values import HomePosition
+from missions.vehicle import VehicleModel
+
+MAX_POINTS = 3000
+"""Maximum number of points of a dry run's path; longer ones are thinned out."""
+MAX_PASSES = 3000
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """One execution of an item; a repeated item has several."""
+
+    items: frozenset[int]
+    """Indices as uploaded: one, or all items of a pattern."""
+    leg: Leg
+    """Its path; `start_s` counts from the start of the mission on the ground."""
+    compared: bool = True
+    """Whether the vehicle follows this path; False: PX4 chooses its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPasses:
+    """The planned flight, in the vehicle's local frame."""
+
+    by: Literal["dry_run", "plan"]
+    passes: tuple[Pass, ...]
+    duration_s: float | None
+    """From the start to disarming, or to the end of a flight that ends in the air; None: a jump repeats
+    without end."""
+
+    def figures(self, first: int = 0) -> PlannedFlight:
+        """The same for the comparison after a flight that began at this pass."""
+        legs = tuple(each.leg for each in self.passes[first:])
+        if self.duration_s is None or not legs:
+            return PlannedFlight(self.by, None, None, legs)
+        duration_s = self.duration_s - (legs[0].start_s if first else 0.0)
+        return PlannedFlight(self.by, duration_s, sum(_length_m(each) for each in legs), legs)
+
+    def repeats(self) -> bool:
+        """Whether an item is flown more than once."""
+        items = [item for each in self.passes for item in each.items]
+        return len(items) > len(set(items))
+
+
+def _length_m(leg: Leg) -> float:
+    return sum(math.dist(a[1:], b[1:]) for a, b in itertools.pairwise(leg.points))
+
+
+def item_title(item: SimpleItem) -> str:
+    """Kind of an item for people: "Return home"."""
+    return item.kind.replace("_", " ").capitalize()
+
+
+# --- from a dry run -----------------------------------------------------------------------------------
+
+
+def planned_by_dry_run(nominal: Mapping[str, Any], plan: Plan, start_ned_m: Vector3) -> PlannedPasses:
+    """The nominal flight of a dry run.
+
+    Args:
+        nominal: `DryRun.document` of a dry run that has flown the whole plan.
+        plan: the plan that it has flown.
+        start_ned_m: where its start position is in the vehicle's local frame.
+    """
+    items_of_row: dict[int, set[int]] = {}
+    for index, (row, _) in enumerate(plan.simple_items()):
+        items_of_row.setdefault(row, set()).add(index)
+    times = np.array(nominal["path"]["t_s"])
+    path = np.array(nominal["path"]["position_ned_m"]).reshape(-1, 3)
+    rows = np.column_stack((times, path + np.array(start_ned_m)))
+    every = math.ceil(len(rows) / MAX_POINTS)
+    passes = [
+        Pass(
+            frozenset(items_of_row[step["row"]]),
+            _leg(step["place"], step["title"], step["start_s"], _part(rows, step, every)),
+        )
+        for step in nominal["steps"]
+    ]
+    return PlannedPasses("dry_run", tuple(passes), float(nominal["duration_s"]))
+
+
+def _part(rows: NDArray[np.float64], step: Mapping[str, Any], every: int) -> NDArray[np.float64]:
+    """The rows (time, north, east, down) of one step, at least two; the last one begins the next step."""
+    first, last = np.searchsorted(rows[:, 0], (step["start_s"] - 1e-6, step["end_s"] - 1e-6))
+    last = min(int(last), len(rows) - 1)
+    first = min(int(first), max(0, last - 1))
+    kept = np.unique(np.append(np.arange(first, last, every), last))
+    return rows[kept]
+
+
+def _leg(place: str, title: str, start_s: float, rows: NDArray[np.float64]) -> Leg:
+    rows = rows - np.array([start_s, 0.0, 0.0, 0.0])
+    points = tuple((t, n, e, d) for t, n, e, d in np.round(rows, 3).tolist())
+    return Leg(place, title, start_s, points[-1][0], True, points)
+
+
+# --- from the plan ------------------------------------------------------------------------------------
+
+
+def planned_by_plan(
+    plan: Plan, vehicle: VehicleModel, home: HomePosition, origin: LocalOrigin
+) -> PlannedPasses | None:
+    """Straight lines between the items, with estimated times; None: more than MAX_PASSES legs.
+
+    Args:
+        plan: the plan on the vehicle.
+        vehicle: its speeds.
+        home: its home.
+        origin: origin of its local frame.
+    """
+    plan = plan.model_copy(update={"planned_home": home})
+    route = follow(plan)
+    home_ned_m = origin.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    here, now_s = home_ned_m, 0.0
+    passes: list[Pass] = []
+    for each in step_estimates(plan, vehicle, route):
+        way = _way(each, here, home_ned_m, home, origin)
+        if each.time_s <= 0.0 and len(way) < 2:
+            continue
+        points = _timed(way, each.time_s - each.wait_s, each.time_s)
+        leg = Leg(f"item {each.step.seq + 1}", item_title(each.step.item), now_s, each.time_s, True, points)
+        item = each.step.item
+        compared = not isinstance(item, ReturnHome) and (bool(passes) or isinstance(item, Takeoff))
+        passes.append(Pass(frozenset([each.step.seq]), leg, compared))
+        here, now_s = way[-1], now_s + each.time_s
+        if len(passes) > MAX_PASSES:
+            return None
+    endless = route.endless or route.truncated or route.stalled_row is not None
+    return PlannedPasses("plan", tuple(passes), None if endless else now_s)
+
+
+def _way(
+    each: StepEstimate, here: Vector3, home_ned_m: Vector3, home: HomePosition, origin: LocalOrigin
+) -> list[Vector3]:
+    """The corners of one step's path, from `here`."""
+    item, (n, e, d) = each.step.item, here
+    if isinstance(item, ReturnHome):
+        top = d - each.climb_m
+        return [here, (n, e, top), (home_ned_m[0], home_ned_m[1], top), home_ned_m]
+    if not isinstance(item, PlacedItem) or not is_flown_to(item):
+        return [here]
+    amsl_m = item.altitude.amsl_m(home.alt_amsl_m)
+    to = origin.to_ned(item.lat_deg, item.lon_deg, origin.alt_amsl_m - d if amsl_m is None else amsl_m)
+    if isinstance(item, Takeoff):
+        return [here, (n, e, to[2]), to]
+    if isinstance(item, Land):
+        return [here, (to[0], to[1], d), to]
+    return [here, to]
+
+
+def _timed(
+    way: Sequence[Vector3], travel_s: float, time_s: float
+) -> tuple[tuple[float, float, float, float], ...]:
+    """The corners with their times, travelled at constant speed; then the vehicle waits at the last one."""
+    corners = np.array(way)
+    along_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))))
+    times = along_m / max(float(along_m[-1]), 1e-9) * travel_s
+    rows = np.column_stack((times, corners))
+    if len(way) < 2 or time_s > travel_s:
+        rows = np.vstack((rows, (time_s, *way[-1])))
+    return tuple((t, n, e, d) for t, n, e, d in np.round(rows, 3).tolist())

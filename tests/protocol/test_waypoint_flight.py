@@ -1,0 +1,222 @@
+"""A waypoint plan that a simulated PX4 flies is monitored by the server: progress, corridor, comparison."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import dry_run_models, dry_run_routes, mission_models, mission_routes
+from gcs_server.errors import Refused, Rejected, UnknownDryRun
+from gcs_server.plans import dry_runs
+from gcs_server.streamer.waypoints.flight import NOT_SEEN
+from missions.dry_run import task
+from tests.protocol.api_calls import ANNA, MISSION, station_of, view
+from tests.protocol.mission_world import MissionAutopilot, OtherStation
+from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+
+LAT, LON = 47.397742, 8.545594
+NORTH_DEG = 1 / 111_195
+
+
+def item(kind, north_m, alt_m, **more):
+    altitude = {"value_m": alt_m, "reference": "home"}
+    return {"kind": kind, "lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "altitude": altitude, **more}
+
+
+PLAN = {"items": [item("takeoff", 0, 6), item("waypoint", 35, 6), item("land", 35, 0)]}
+POSITION = 3 << 16
+WIND_M_S = (0.0, 16.0, 0.0)
+
+
+async def simulate_here(_command, report, *, request, max_line_bytes):
+    """Replaces the process of a dry run."""
+    return json.loads(json.dumps(task.run(json.loads(request), report)))
+
+
+async def simulated(at, **more):
+    """Id of a dry run of the plan."""
+    body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
+    begun = view(await dry_run_routes.start_dry_run(body, at.station, ANNA))
+    return (await at.station.operations.wait(begun["id"])).result["dry_run"]
+
+
+async def upload(at, plan=PLAN):
+    body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
+    await mission_routes.upload("1", body, at.station, ANNA)
+    await seconds(1.5)
+
+
+async def start(at, **more):
+    body = mission_models.StartRequest.model_validate({"item": 0, **more})
+    await mission_routes.start("1", at.station, ANNA, body)
+
+
+async def flight(at):
+    answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+    mission_models.MissionView.model_validate(answer)
+    return answer["flight"]
+
+
+def codes(at):
+    data = [event.data or {} for event in at.vehicle.events.since()]
+    return [each["code"] for each in data if each.get("source") == "waypoint_flight"]
+
+
+def story(jump, monkeypatch, work):
+    monkeypatch.setattr(dry_runs, "run_process", simulate_here)
+
+    async def run():
+        world = SimulatedWorld()
+        try:
+            vehicle = await world.ready_to_arm()
+            station = station_of(world)
+            station.waypoint_flights.start()
+            await work(SimpleNamespace(world=world, vehicle=vehicle, station=station))
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_a_plan_is_simulated_flown_blown_out_of_its_corridor_landed_and_compared(jump, monkeypatch):
+    async def work(at):
+        assert await flight(at) is None
+        dry_run = await simulated(at, flights=3)
+        with pytest.raises(Refused, match="not made for the plan"):
+            await start(at, dry_run=dry_run, despite=["plan_not_known"])
+        await upload(at)
+        await start(at, dry_run=dry_run)
+        begun = await flight(at)
+        assert (begun["state"], begun["client"], begun["dry_run"]) == ("flying", "anna", dry_run)
+        assert (begun["item"], begun["count"], begun["planned_by"]) == (0, 3, "dry_run")
+        assert begun["remaining_s"] == pytest.approx(begun["duration_s"], abs=4)
+
+        await until(lambda: at.vehicle.topic("mission").value.current == 1, 30)
+        await seconds(3)
+        on_leg = await flight(at)
+        assert (on_leg["place"], on_leg["title"]) == ("item 2", "Waypoint")
+        assert on_leg["deviation_horizontal_m"] < 1.5
+        assert abs(on_leg["deviation_vertical_m"]) < 1.5
+        assert on_leg["outside_corridor_m"] == 0
+        assert on_leg["remaining_s"] < begun["remaining_s"] - 5
+
+        at.world.sim.simulation.set_wind(WIND_M_S)
+        await until(lambda: "corridor_left" in codes(at), 8)
+        outside = await flight(at)
+        assert outside["outside_corridor_m"] > 0
+        assert outside["deviation_horizontal_m"] > outside["outside_corridor_m"]
+        assert at.vehicle.status.mode == "mission", "a warning only"
+        at.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
+        await until(lambda: "corridor_back" in codes(at), 12)
+
+        await until(lambda: not at.vehicle.status.armed, 60)
+        await seconds(0.3)
+        ended = await flight(at)
+        assert (ended["state"], ended["reason"], ended["remaining_s"]) == ("done", None, None)
+        answer = view(await mission_routes.show_flown(at.vehicle, at.station))
+        mission_routes.FlownMissionView.model_validate(answer)
+        flown = answer["flown"]
+        assert (flown["over"], flown["planned_by"]) == (True, "dry_run")
+        assert flown["planned_duration_s"] == begun["duration_s"]
+        assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], abs=4)
+        assert flown["planned_length_m"] == pytest.approx(6 + 35 + 6, abs=4)
+        assert [leg["place"] for leg in flown["planned_legs"]] == ["item 1", "item 2", "item 3"]
+        assert flown["deviation_max_m"] > outside["outside_corridor_m"]
+        assert {each["place"] for each in flown["samples"]} == {"item 1", "item 2", "item 3"}
+        await seconds(2)
+        assert view(await mission_routes.show_flown(at.vehicle, at.station)) == answer, "kept unchanged"
+
+    story(jump, monkeypatch, work)
+
+
+def scripted(jump, work):
+    """Runs a test with a scripted vehicle, which has the simulator's mission service and no position."""
+
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        autopilot = link.autopilots["peer"] = MissionAutopilot(link)
+        try:
+            vehicle = await world.ready()
+            await seconds(1.5)
+            station = station_of(world)
+            station.waypoint_flights.start()
+            await work(SimpleNamespace(world=world, vehicle=vehicle, station=station, autopilot=autopilot))
+        finally:
+            autopilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+def select(at, mode):
+    """The pilot arms the vehicle and selects a mode."""
+    at.autopilot.armed, at.autopilot.mode, at.autopilot.landed = True, mode, 2
+
+
+def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(jump):
+    async def work(at):
+        await upload(at)
+        select(at, MISSION)
+        await seconds(2.5)
+        flown = await flight(at)
+        assert (flown["state"], flown["client"], flown["dry_run"]) == ("flying", None, None)
+        assert (flown["planned_by"], flown["place"], flown["count"]) == ("plan", "item 1", 3)
+        assert flown["not_compared"] == "The vehicle has no valid position estimate."
+        select(at, POSITION)
+        await seconds(2.5)
+        flown = await flight(at)
+        assert flown["state"] == "paused"
+        assert flown["reason"].startswith("The vehicle has left Mission: ")
+        select(at, MISSION)
+        await seconds(2.5)
+        assert (await flight(at))["state"] == "flying"
+        assert codes(at) == ["monitoring_paused", "monitoring_resumed"]
+        items = at.vehicle.mission.held.items["mission"]
+        await OtherStation(at.autopilot).upload(items[:2])
+        await seconds(2.5)
+        ended = await flight(at)
+        assert (ended["state"], ended["reason"]) == ("stopped", "The vehicle has another plan now.")
+        flown = view(await mission_routes.show_flown(at.vehicle, at.station))["flown"]
+        assert (flown["over"], flown["planned_by"], flown["deviation_max_m"]) == (True, "plan", None)
+
+    scripted(jump, work)
+
+
+def test_a_flight_that_began_before_the_server_knew_the_plan_is_not_compared_with_it(jump):
+    async def work(at):
+        await upload(at)
+        select(at, MISSION)
+        await seconds(2.5)
+        at.station.waypoint_flights.detach(at.vehicle)  # as after a restart of the server
+        at.station.waypoint_flights.attach(at.vehicle)
+        await seconds(1)
+        flown = await flight(at)
+        assert (flown["state"], flown["planned_by"], flown["remaining_s"]) == ("flying", None, None)
+        assert flown["not_compared"] == NOT_SEEN
+        at.autopilot.armed = False
+        await seconds(2.5)
+        assert (await flight(at))["state"] == "stopped"
+
+    scripted(jump, work)
+
+
+def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
+    async def work(at):
+        with pytest.raises(Refused, match="has not flown a plan that the server knows"):
+            await mission_routes.show_flown(at.vehicle, at.station)
+        await upload(at)
+        at.autopilot.arm_denied = True
+        with pytest.raises(Rejected):
+            await start(at)
+        await seconds(1)
+        assert await flight(at) is None
+        at.autopilot.arm_denied = False
+        with pytest.raises(UnknownDryRun):
+            await start(at, dry_run="7")
+        assert not at.autopilot.armed
+        await start(at)
+        assert ((await flight(at))["client"], codes(at)) == ("anna", [])
+
+    scripted(jump, work)

@@ -1,0 +1,264 @@
+"""A flight of a waypoint plan beside its planned path, without a vehicle: progress, deviation, corridor,
+states."""
+
+import json
+import math
+
+import pytest
+
+from missions import plan as plan_document
+from missions.estimates import estimate
+from missions.geodesy import LocalOrigin
+from missions.runner.corridor import Corridor
+from missions.runner.reading import Reading
+from missions.values import HomePosition
+from missions.vehicle import VehicleModel
+from missions.waypoints.monitor import WaypointMonitor
+from missions.waypoints.planned import planned_by_dry_run, planned_by_plan
+
+ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
+HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
+VEHICLE = VehicleModel()
+
+
+def at(kind, north_m, east_m, alt_m, **more):
+    lat, lon, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
+    altitude = {"value_m": alt_m, "reference": "home"}
+    return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **more}
+
+
+UP = at("takeoff", 0, 0, 10)
+DOWN = at("land", 40, 40, 0)
+SQUARE = [UP, at("waypoint", 40, 0, 10), at("waypoint", 40, 40, 10, hold_s=5), DOWN]
+LOOP = [
+    UP,
+    at("waypoint", 40, 0, 10),
+    at("waypoint", 40, 40, 10),
+    {"kind": "jump", "target_index": 1, "repeat": 1},
+    DOWN,
+]
+
+
+def plan_of(items):
+    return plan_document.read(json.dumps({"items": items}))
+
+
+def planned(items):
+    found = planned_by_plan(plan_of(items), VEHICLE, HOME, ORIGIN)
+    assert found is not None
+    return found
+
+
+class Flown:
+    """A monitored flight; `see` gives the monitor the vehicle's state."""
+
+    def __init__(self, items=SQUARE, **more):
+        options = {"planned": planned(items), "from_start": True, **more}
+        self.monitor = WaypointMonitor(plan_of(items), options.pop("planned"), **options)
+        self.now_s = 0.0
+        self.codes = []
+
+    def see(self, item, here, seconds=1.0, *, mode="mission", source=None, reached=None, armed=True):
+        reading = Reading(
+            mode=mode, mode_source=source, mode_text="The RC pilot", armed=armed, landed="in_air",
+            position_ned_m=here,
+        )  # fmt: skip
+        for _ in range(round(seconds * 10)):
+            notices = self.monitor.update(self.now_s, reading, item, reached)
+            self.codes += [each.code for each in notices]
+            self.now_s += 0.1
+        return self.monitor
+
+
+def test_the_plan_gives_the_path_and_the_time_of_each_item():
+    found = planned(SQUARE)
+    assert [each.leg.place for each in found.passes] == ["item 1", "item 2", "item 3", "item 4"]
+    whole = plan_of(SQUARE).model_copy(update={"planned_home": HOME})
+    assert found.duration_s == pytest.approx(estimate(whole, VEHICLE).time_s)
+    third = found.passes[2].leg
+    assert third.points[-1][0] - third.points[-2][0] == 5.0, "it holds at the waypoint"
+    assert third.points[-1][1:] == pytest.approx((40.0, 40.0, -10.0), abs=0.01)
+    landing = found.passes[3].leg.points
+    assert [point[3] for point in landing] == pytest.approx([-10.0, -10.0, 0.0], abs=0.01)
+    assert found.figures().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
+
+
+def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
+    endless = [UP, at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
+    assert planned(endless).duration_s is None
+    back = planned([UP, at("waypoint", 40, 0, 10), {"kind": "return_home"}])
+    assert [each.compared for each in back.passes] == [True, True, False]
+    assert back.passes[2].leg.points[1][3] == pytest.approx(-VEHICLE.return_alt_m, abs=0.01)
+
+
+def test_the_deviation_is_split_into_horizontal_and_vertical_and_the_time_left_decreases():
+    flown = Flown()
+    before_s = flown.see(0, (0.0, 0.0, -5.0)).remaining_s
+    seen = flown.see(1, (10.0, 3.0, -11.0))
+    assert (seen.horizontal_m, seen.vertical_m) == (pytest.approx(3.0), pytest.approx(1.0))
+    assert (seen.place, seen.title, seen.not_compared) == ("item 2", "Waypoint", None)
+    state = seen.planned_state(Reading(armed=True))
+    assert (state.planned_ned_m, state.counts) == (pytest.approx((10.0, 0.0, -10.0), abs=0.01), True)
+    assert seen.remaining_s < before_s
+    later = flown.see(1, (39.0, 0.0, -10.0)).remaining_s
+    assert later < seen.planned_flight().duration_s - 8
+
+
+def test_a_late_report_of_the_next_item_is_no_deviation():
+    flown = Flown()
+    flown.see(1, (38.0, 0.0, -10.0))
+    assert flown.see(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    assert flown.see(1, (40.0, 30.0, -10.0)).horizontal_m > 15, "but only its first seconds"
+    assert flown.see(2, (40.0, 30.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+
+
+def test_waiting_at_a_waypoint_uses_up_its_time():
+    flown = Flown()
+    flown.see(1, (40.0, 0.0, -10.0))
+    arrived_s = flown.see(2, (40.0, 40.0, -10.0), 0.1).remaining_s
+    assert flown.see(2, (40.0, 40.0, -10.0), 4.0).remaining_s == pytest.approx(arrived_s - 4.0, abs=0.3)
+
+
+def test_repeated_items_are_told_apart_by_their_order():
+    flown = Flown(LOOP)
+    first_s = flown.see(1, (20.0, 0.0, -10.0)).remaining_s
+    flown.see(2, (40.0, 20.0, -10.0))
+    second_s = flown.see(1, (40.0, 10.0, -10.0)).remaining_s
+    assert second_s < first_s - 10
+    flown.see(2, (40.0, 20.0, -10.0))
+    assert flown.see(4, (40.0, 40.0, -8.0)).remaining_s < second_s - 10
+
+
+def test_a_flight_whose_begin_was_not_seen_has_no_time_left_if_items_repeat():
+    assert Flown(LOOP, from_start=False).see(2, (40.0, 20.0, -10.0)).remaining_s is None
+    assert Flown(SQUARE, from_start=False).see(2, (40.0, 20.0, -10.0)).remaining_s is not None
+
+
+def test_a_start_at_a_later_item_is_compared_from_the_path_on_and_with_the_rest_of_the_plan():
+    flown = Flown()
+    seen = flown.see(2, (10.0, 10.0, -10.0))
+    assert (seen.horizontal_m, seen.not_compared) == (None, "The vehicle is flying to the planned path.")
+    assert flown.see(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    rest, whole = seen.planned_flight(), planned(SQUARE).figures()
+    assert [leg.place for leg in rest.legs] == ["item 3", "item 4"]
+    assert (rest.length_m, whole.duration_s - rest.duration_s) == (
+        pytest.approx(50.0, abs=0.1),
+        pytest.approx(rest.legs[0].start_s),
+    )
+
+
+def test_an_item_that_the_operator_skips_is_compared_again_from_the_path_on():
+    flown = Flown()
+    flown.see(1, (5.0, 0.0, -10.0))
+    assert flown.see(2, (10.0, 2.0, -10.0)).horizontal_m is None
+    assert flown.see(2, (40.0, 30.0, -10.0)).horizontal_m is not None
+
+
+def test_hold_pauses_the_monitor_and_mission_resumes_it_on_the_path():
+    flown = Flown()
+    flown.see(1, (20.0, 0.0, -10.0))
+    held = flown.see(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
+    assert (held.state, held.horizontal_m, held.not_compared) == ("paused", None, None)
+    assert held.reason == "The vehicle has left Mission: The RC pilot."
+    back = flown.see(1, (21.0, 8.0, -10.0))
+    assert (back.state, back.reason, back.horizontal_m) == ("flying", None, None)
+    assert flown.see(1, (22.0, 1.0, -10.0)).horizontal_m == pytest.approx(1.0)
+    assert flown.codes == ["monitoring_paused", "monitoring_resumed"]
+
+
+CORRIDOR = Corridor(((0.0, 0.0, -10.0), (40.0, 0.0, -10.0)), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
+
+
+def test_leaving_the_corridor_is_reported_once_and_so_is_the_way_back():
+    flown = Flown(corridor=CORRIDOR)
+    assert flown.see(1, (5.0, 1.0, -10.0)).outside_corridor_m == 0.0
+    assert flown.see(1, (10.0, 4.5, -10.0), 3.0).outside_corridor_m == pytest.approx(3.0)
+    flown.see(1, (15.0, 0.0, -10.0))
+    assert flown.codes == ["corridor_left", "corridor_back"]
+
+
+def test_outside_the_path_no_corridor_is_monitored():
+    flown = Flown(corridor=CORRIDOR)
+    flown.see(1, (5.0, 0.0, -10.0))
+    assert flown.see(1, (5.0, 30.0, -10.0), 3.0, mode="position", source="pilot").outside_corridor_m is None
+    assert flown.see(1, (5.0, 30.0, -10.0), 3.0).outside_corridor_m is None
+    assert "corridor_left" not in flown.codes
+
+
+def test_a_landed_and_disarmed_vehicle_is_done_only_after_the_last_item():
+    flown = Flown()
+    flown.see(1, (20.0, 0.0, -10.0))
+    flown.see(2, (40.0, 20.0, -10.0))
+    flown.see(3, (40.0, 40.0, 0.0))
+    assert flown.see(3, (40.0, 40.0, 0.0), armed=False).state == "done"
+    early = Flown()
+    early.see(1, (20.0, 0.0, -10.0))
+    ended = early.see(1, (20.0, 0.0, 0.0), armed=False)
+    assert (ended.state, ended.reason) == ("stopped", "The vehicle was disarmed at item 2.")
+    taken = Flown()
+    taken.see(3, (40.0, 40.0, -2.0))
+    taken.see(3, (40.0, 40.0, -2.0), mode="position", source="pilot")
+    assert taken.see(3, (40.0, 40.0, 0.0), armed=False, mode="position").state == "stopped"
+
+
+def test_a_return_of_the_mission_is_a_part_of_it_but_a_failsafes_return_is_not():
+    items = [UP, at("waypoint", 40, 0, 10), {"kind": "return_home"}]
+    flown = Flown(items)
+    flown.see(1, (40.0, 0.0, -10.0))
+    seen = flown.see(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
+    assert (seen.state, seen.not_compared) == ("flying", "PX4 chooses the path of this item itself.")
+    assert seen.remaining_s > 0
+    assert flown.see(2, (20.0, 0.0, -30.0), mode="rtl", source="failsafe").state == "paused"
+
+
+def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
+    items = [UP, at("waypoint", 40, 0, 10)]
+    flown = Flown(items)
+    flown.see(1, (39.0, 0.0, -10.0))
+    assert flown.see(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=0).state == "paused"
+    flown.see(1, (40.0, 0.0, -10.0))
+    assert flown.see(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
+
+
+def test_a_flight_without_a_planned_path_says_why_and_still_ends():
+    flown = Flown(planned=None, not_compared="It was already flying.", from_start=False)
+    seen = flown.see(3, (40.0, 40.0, -5.0))
+    assert (seen.not_compared, seen.remaining_s, seen.horizontal_m) == ("It was already flying.", None, None)
+    assert seen.planned_flight().legs == ()
+    assert flown.see(3, (40.0, 40.0, 0.0), armed=False).state == "done"
+
+
+def test_an_unknown_position_is_no_deviation():
+    flown = Flown()
+    flown.see(1, (20.0, 0.0, -10.0))
+    seen = flown.see(1, None)
+    assert (seen.horizontal_m, seen.not_compared) == (None, "The vehicle has no valid position estimate.")
+
+
+def nominal(seconds=20.0):
+    times = [k / 10 for k in range(int(seconds * 10) + 1)]
+    path = [[2.0 * t, math.sin(t), -5.0] for t in times]
+    steps = [
+        {"place": "item 1", "title": "Takeoff", "row": 0, "start_s": 0.0, "end_s": 5.0},
+        {"place": "item 2", "title": "Complex", "row": 1, "start_s": 5.0, "end_s": seconds},
+    ]
+    return {
+        "path": {"t_s": times, "position_ned_m": path}, "steps": steps, "duration_s": seconds, "landed": True
+    }  # fmt: skip
+
+
+def test_a_dry_run_gives_the_curved_path_and_all_items_of_a_pattern_are_one_pass():
+    pattern = {"kind": "complex", "complex_type": "survey", "original": "{}", "items": SQUARE[1:3]}
+    plan = plan_of([UP, pattern])
+    found = planned_by_dry_run(nominal(), plan, (100.0, 0.0, 1.0))
+    assert [sorted(each.items) for each in found.passes] == [[0], [1, 2]]
+    first, second = (each.leg for each in found.passes)
+    assert first.points[-1][1:] == pytest.approx(second.points[0][1:], abs=0.01)
+    assert second.points[0][1:] == pytest.approx((110.0, math.sin(5.0), -4.0), abs=0.01)
+    monitor = WaypointMonitor(plan, found, from_start=True)
+    reading = Reading(
+        mode="mission", armed=True, landed="in_air", position_ned_m=(120.0, math.sin(10.0), -6.0)
+    )
+    monitor.update(0.0, reading, 2, None)
+    monitor.update(0.1, reading, 2, None)
+    assert monitor.remaining_s is not None
