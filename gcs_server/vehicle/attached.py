@@ -30,7 +30,7 @@ class AttachedStream(Protocol):
 
 
 class AttachedMission(Protocol):
-    """A vehicle's `offboard_mission` and `waypoint_flight`."""
+    """A vehicle's `offboard_mission`."""
 
     def status(self) -> object | None:
         """Status of the newest mission; None before the first."""
@@ -39,6 +39,14 @@ class AttachedMission(Protocol):
     @property
     def flown_by_pilot(self) -> bool:
         """Whether a pilot or another station has started the mission that is flown now."""
+        ...
+
+
+class AttachedFlight(Protocol):
+    """A vehicle's `waypoint_flight`."""
+
+    def status(self) -> object | None:
+        """Status of the newest flight of a waypoint plan; None before the first."""
         ...
 
 

@@ -16,7 +16,7 @@ from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.attached import AttachedControl, AttachedMission, AttachedStream
+from gcs_server.vehicle.attached import AttachedControl, AttachedFlight, AttachedMission, AttachedStream
 from gcs_server.vehicle.components import Components
 from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, preferred
 from gcs_server.vehicle.event_logger import EventLogger
@@ -74,7 +74,7 @@ class Vehicle:
         """Its setpoint stream; set by `Streamer.attach`."""
         self.offboard_mission: AttachedMission | None = None
         """Its offboard mission; set by `OffboardMissions`."""
-        self.waypoint_flight: AttachedMission | None = None
+        self.waypoint_flight: AttachedFlight | None = None
         """Its flight of a waypoint plan; set by `WaypointFlights`."""
         self.control: AttachedControl | None = None
         """Its control; set by `Authority`."""

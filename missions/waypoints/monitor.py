@@ -179,7 +179,7 @@ class WaypointMonitor:
             on_path = self._from_start and item in self._starts_at
             self._progress = Progress(self._planned, on_path=on_path)
         self._match = None
-        if self._progress is not None and here is not None:
+        if self._progress is not None:
             self._match = self._progress.update(now_s, item, here)
         if self._watch is not None and self._match is not None and self._watch.update(now_s, here):
             notices.append(self._watch.notification())

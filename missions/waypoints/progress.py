@@ -71,16 +71,16 @@ class Progress:
         """The vehicle has left the path (Hold, another mode): it has to fly back to it."""
         self.on_path, self._updated_s = False, None
 
-    def update(self, now_s: float, item: int | None, here: Vector3) -> Match | None:
+    def update(self, now_s: float, item: int | None, here: Vector3 | None) -> Match | None:
         """The position on the path; None: the vehicle is on its way to the path, or PX4 chooses the path.
 
         Args:
             now_s: time of any clock.
             item: index of the current item, as reported.
-            here: the vehicle's position.
+            here: the vehicle's position; None: not known.
         """
-        self._advance(item, np.array(here))
-        if self._index is None:
+        self._advance(item, None if here is None else np.array(here))
+        if self._index is None or here is None:
             return None
         passed_s = 0.0 if self._updated_s is None else now_s - self._updated_s
         self._updated_s = now_s
@@ -95,7 +95,7 @@ class Progress:
         sideways_m = float(np.hypot(offset[0], offset[1]))
         return Match(self._passes[index].leg.place, (north, east, down), sideways_m, -float(offset[2]))
 
-    def _advance(self, item: int | None, here: NDArray[np.float64]) -> None:
+    def _advance(self, item: int | None, here: NDArray[np.float64] | None) -> None:
         """Finds the execution of the reported item: the present one, or the next one, or, after a jump that
         the plan does not contain, the first one."""
         current = self.current
@@ -108,7 +108,7 @@ class Progress:
             (each for each in executions if self._index is None or each > self._index), executions[0]
         )
         if self._index is not None:
-            away_m = float(np.linalg.norm(self._rows[chosen][0, 1:] - here))
+            away_m = 0.0 if here is None else float(np.linalg.norm(self._rows[chosen][0, 1:] - here))
             self.on_path = chosen == self._index + 1 and away_m < SKIPPED_M
         else:
             self.first = chosen

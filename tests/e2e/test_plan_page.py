@@ -169,10 +169,15 @@ def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
     """Uploads the plan, starts it after confirmation, and holds by the key H."""
     flown(page, uploaded(room), station)
     page.keyboard.press("w")
-    expect(page.get_by_role("region", name="Mission", exact=True)).to_contain_text("of 3")
-    page.keyboard.press("w")
+    card = page.get_by_role("region", name="Mission", exact=True)
+    expect(card).to_contain_text("of 3")
+    expect(card).to_contain_text("the straight lines of the plan")
     page.keyboard.press("h")
     wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+    expect(card.get_by_role("status")).to_have_text("Not monitored now")
+    page.reload()
+    expect(card.get_by_role("status")).to_have_text("Not monitored now")
+    expect(card).to_contain_text("The vehicle has left Mission")
 
 
 def drag_and_undo(page: Page, room: Locator) -> None:

@@ -220,3 +220,38 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
         assert ((await flight(at))["client"], codes(at)) == ("anna", [])
 
     scripted(jump, work)
+
+
+def kept_dry_run(at, plan=PLAN, north_m=0.0):
+    """Stores the result of a dry run that began this far north of the vehicle's home; its id."""
+    origin = {"lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "alt_amsl_m": 489.0}
+    steps = [
+        {"place": f"item {n}", "title": "Item", "row": n - 1, "start_s": 4.0 * (n - 1), "end_s": 4.0 * n}
+        for n in (1, 2, 3)
+    ]
+    path = {"t_s": [0.0, 4.0, 8.0, 12.0], "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]]}
+    nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
+    result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
+    at.station.dry_runs._kept["1"], at.station.dry_runs._plans["1"] = result, json.dumps(plan)
+    return "1"
+
+
+def test_in_flight_a_start_that_names_a_dry_run_begins_a_new_flight_and_any_other_continues_it(jump):
+    async def work(at):
+        await upload(at)
+        select(at, MISSION)
+        await seconds(2.5)
+        first = await flight(at)
+        await start(at, item=1)
+        assert (await flight(at))["started_unix_s"] == first["started_unix_s"]
+        await start(at, item=1, dry_run=kept_dry_run(at))
+        second = await flight(at)
+        assert second["started_unix_s"] > first["started_unix_s"]
+        assert (second["client"], second["dry_run"], second["duration_s"]) == ("anna", "1", 12.0)
+        assert second["remaining_s"] == 8.0, "without a position, the begin of the item counts"
+        for wrong in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
+            with pytest.raises(Refused, match=r"began 6 m|not made for the plan"):
+                await start(at, item=1, dry_run=kept_dry_run(at, **wrong))
+        assert (await flight(at))["started_unix_s"] == second["started_unix_s"], "nothing was sent"
+
+    scripted(jump, work)

@@ -58,7 +58,8 @@ class WaypointFlights:
         self._announced[vehicle_id] = announcement
         try:
             yield
-            self._update_vehicle(self._vehicles[vehicle_id])
+            if (vehicle := self._vehicles.get(vehicle_id)) is not None:
+                self._update_vehicle(vehicle)
         finally:
             self._announced.pop(vehicle_id, None)
 

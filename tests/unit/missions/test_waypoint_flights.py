@@ -83,6 +83,16 @@ def test_the_plan_gives_the_path_and_the_time_of_each_item():
     assert found.figures().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
 
 
+def test_each_execution_of_a_repeated_item_has_its_own_way():
+    far = at("waypoint", 40, 80, 10)
+    repeated = [UP, SQUARE[1], far, {"kind": "jump", "target_index": 1, "repeat": 1}, at("land", 40, 80, 0)]
+    whole = plan_of(repeated).model_copy(update={"planned_home": HOME})
+    assert estimate(whole, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
+    found = planned(repeated)
+    assert found.figures().length_m == pytest.approx(300, abs=0.2)
+    assert found.passes[3].leg.duration_s > found.passes[1].leg.duration_s + 5
+
+
 def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
     endless = [UP, at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
     assert planned(endless).duration_s is None
