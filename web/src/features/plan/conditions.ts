@@ -15,8 +15,16 @@ export interface Conditions {
   readonly mass_percent: number;
   /** 100: the full capacity. */
   readonly battery_percent: number;
+  /** 100: the usual sensor noise. */
+  readonly noise_percent: number;
   /** Number of Monte Carlo flights; 0: one flight under exactly these conditions. */
   readonly flights: number;
+  /** Standard deviations of the Monte Carlo flights around these conditions; 0: no variation. Wind: on each axis. */
+  readonly spread_wind_m_s: number;
+  readonly spread_gusts_percent: number;
+  readonly spread_mass_percent: number;
+  readonly spread_battery_percent: number;
+  readonly spread_noise_percent: number;
   /** Of the real vehicle; null if it is not known. */
   readonly hover_power_w: number | null;
   readonly battery_wh: number | null;
@@ -31,7 +39,13 @@ export const DEFAULT_CONDITIONS: Conditions = {
   gusts_m_s: 0,
   mass_percent: 100,
   battery_percent: 100,
+  noise_percent: 100,
   flights: 0,
+  spread_wind_m_s: 1.5,
+  spread_gusts_percent: 30,
+  spread_mass_percent: 3,
+  spread_battery_percent: 5,
+  spread_noise_percent: 20,
   hover_power_w: null,
   battery_wh: null,
   mass_kg: null,
@@ -56,11 +70,21 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'gusts_m_s', label: 'Gusts (one sigma)', unit: 'm/s', min: 0, max: 20, step: 0.5 },
   { name: 'mass_percent', label: 'Mass scale', unit: '%', min: 30, max: 300, step: 5 },
   { name: 'battery_percent', label: 'Battery capacity scale', unit: '%', min: 5, max: 300, step: 5 },
+  { name: 'noise_percent', label: 'Sensor noise scale', unit: '%', min: 0, max: 1000, step: 10 },
   { name: 'flights', label: 'Flights (wind, mass and battery vary)', unit: '', min: 0, max: 200, step: 10 },
   { name: 'hover_power_w', label: 'Hover power', unit: 'W', min: 1, max: 1e6, step: 10, optional: true },
   { name: 'battery_wh', label: 'Battery capacity', unit: 'Wh', min: 1, max: 1e6, step: 5, optional: true },
   { name: 'mass_kg', label: 'Mass with battery and load', unit: 'kg', min: 0.01, max: 1e4, step: 0.1, optional: true },
   { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
+];
+
+/** The rows below the number of flights: how much each condition varies, one sigma. Their bounds are those of the server. */
+export const SPREAD_ROWS: readonly ConditionRow[] = [
+  { name: 'spread_wind_m_s', label: 'Wind varies by', unit: 'm/s', min: 0, max: 10, step: 0.5 },
+  { name: 'spread_gusts_percent', label: 'Gusts vary by', unit: '%', min: 0, max: 50, step: 5 },
+  { name: 'spread_mass_percent', label: 'Mass varies by', unit: '%', min: 0, max: 50 },
+  { name: 'spread_battery_percent', label: 'Battery capacity varies by', unit: '%', min: 0, max: 50 },
+  { name: 'spread_noise_percent', label: 'Sensor noise varies by', unit: '%', min: 0, max: 50, step: 5 },
 ];
 
 /** The conditions with one value changed. An empty value is ignored unless the row is optional. */
@@ -90,7 +114,14 @@ export function asDryRun(conditions: Conditions) {
       gusts_m_s: conditions.gusts_m_s,
       mass_scale: conditions.mass_percent / 100,
       battery_scale: conditions.battery_percent / 100,
-      sensor_noise: 1,
+      sensor_noise: conditions.noise_percent / 100,
+    },
+    spread: {
+      wind_m_s: conditions.spread_wind_m_s,
+      gusts: conditions.spread_gusts_percent / 100,
+      mass: conditions.spread_mass_percent / 100,
+      battery: conditions.spread_battery_percent / 100,
+      sensor_noise: conditions.spread_noise_percent / 100,
     },
     flights: flights === 0 ? null : flights,
     endurance_s: hover_power_w === null || battery_wh === null ? null : Math.min(100_000, (battery_wh / hover_power_w) * 3600),
@@ -101,11 +132,12 @@ export function asDryRun(conditions: Conditions) {
 /** Text about all conditions that differ from the defaults; empty if none do. */
 export function conditionsText(conditions: Conditions): string {
   const parts: string[] = [];
-  const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, flights } = conditions;
+  const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, noise_percent, flights } = conditions;
   if (wind_m_s > 0) parts.push(`wind ${wind_m_s} m/s from ${from_deg}°`);
   if (gusts_m_s > 0) parts.push(`gusts ${gusts_m_s} m/s`);
   if (mass_percent !== 100) parts.push(`mass ${mass_percent} %`);
   if (battery_percent !== 100) parts.push(`battery ${battery_percent} %`);
+  if (noise_percent !== 100) parts.push(`sensor noise ${noise_percent} %`);
   if (flights > 0) parts.push(`${flights} flights`);
   return parts.length === 0 ? '' : `: ${parts.join(', ')}`;
 }

@@ -1,3 +1,4 @@
+import schema from '../../api/schema.d.ts?raw';
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
@@ -166,13 +167,24 @@ describe('a dry run', () => {
   it('sends mass, battery and endurance as entered', () => {
     const stated = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
     expect(asDryRun(stated)).toMatchObject({ conditions: { mass_scale: 1.1, battery_scale: 0.9 }, flights: 20, endurance_s: 1800, battery_reserve: 0.3 });
-    expect(asDryRun(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null });
+    expect(asDryRun(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null, conditions: { sensor_noise: 1 } });
+    const varied = { ...DEFAULT_CONDITIONS, noise_percent: 200, spread_wind_m_s: 3, spread_mass_percent: 10, spread_noise_percent: 0 };
+    expect(asDryRun(varied)).toMatchObject({
+      conditions: { sensor_noise: 2 },
+      spread: { wind_m_s: 3, gusts: 0.3, mass: 0.1, battery: 0.05, sensor_noise: 0 },
+    });
     expect(powerOf(stated)).toBeNull();
     expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
     const row = (name: string) => ROWS.filter((one) => one.name === name)[0] as ConditionRow;
     expect(withCondition(stated, row('flights'), 7.6).flights).toBe(8);
     expect(withCondition(stated, row('hover_power_w'), null).hover_power_w).toBeNull();
     expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
+  });
+
+  it('varies many flights by default as the server does', () => {
+    const server = [...schema.matchAll(/DryRunSpread: \{[\s\S]*?\n {8}\};/g)][0]?.[0] ?? '';
+    const { spread } = asDryRun(DEFAULT_CONDITIONS);
+    for (const [name, value] of Object.entries(spread)) expect(server, name).toMatch(new RegExp(`@default ${value}\\s+\\*/\\s+readonly ${name}:`));
   });
 
   it('shows its result for exactly the document that was simulated', async () => {
