@@ -41,14 +41,30 @@ MISSION: dict[str, Any] = {
 }
 
 
+TAKES_OFF: dict[str, Any] = {
+    **MISSION,
+    "steps": [
+        {"step": "take_off", "height_m": 4},
+        {"step": "fly", "points": [{"offset_ned_m": [6, 0, -4]}], "speed_m_s": 3},
+        {"step": "land"},
+    ],
+}
+
+
 class OtherStation:
     """Another ground station, or a transmitter: it reaches the vehicle over MAVLink, the server does not."""
 
     def __init__(self, port: int) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port))
+        station.wait_until(lambda: self._connected(port), "the simulator's port", 30.0)
         self._socket.settimeout(0.5)
         self._mavlink = mavlink.MAVLink(None, srcSystem=254)
         self._mavlink.robust_parsing = True
+
+    def _connected(self, port: int) -> bool:
+        with contextlib.suppress(ConnectionRefusedError):
+            self._socket = socket.create_connection(("127.0.0.1", port))
+            return True
+        return False
 
     def command(self, command: int, *params: float) -> None:
         filled = (*params, *(0.0,) * (7 - len(params)))
@@ -185,6 +201,31 @@ def test_a_registered_mission_is_a_mode_of_another_station_and_both_can_start_it
     assert vehicle.modes()["modes"][0]["state"] == "registered"
     assert vehicle.call("mission_modes/unregister", {"name": NAME})["modes"] == []
     station.wait_until(lambda: NAME not in vehicle.other.names(), "its removal", 10.0)
+
+
+@pytest.mark.realtime
+def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_over_to_hold(
+    vehicle: Vehicle,
+) -> None:
+    station.wait_until(vehicle.ready, "readiness", 60.0)
+    body = {"mission": TAKES_OFF, "name": NAME}
+    (mode,) = vehicle.call("mission_modes/register", body)["modes"]
+    assert (mode["state"], mode["takes_off"]) == ("registered", True)
+    vehicle.other.choose(mode["mode"])
+    station.wait_until(lambda: vehicle.status["mode"] == mode["mode"], "the mode", 5.0)
+    assert (vehicle.status["armed"], vehicle.mission()) == (False, None)
+    begun_m = vehicle.north_m()
+    vehicle.other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    vehicle.until_mission("taking_off")
+    mission = vehicle.get("/vehicles/1/offboard_mission")["mission"]
+    assert (mission["mode"], mission["executor_in_charge"]) == (mode["mode"], True)
+    vehicle.until_mission("flying")
+    vehicle.until_mission("landing")
+    assert vehicle.north_m() == pytest.approx(begun_m + 6.0, abs=1.5)
+    vehicle.until_mission("done")
+    station.wait_until(lambda: vehicle.status["mode"] == "hold", "Hold", 5.0)
+    assert vehicle.status["armed"] is False
+    assert vehicle.modes()["modes"][0]["state"] == "registered"
 
 
 @pytest.mark.realtime
