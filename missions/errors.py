@@ -14,10 +14,12 @@ class PlanError(Exception):
         place: The part concerned: "item 3 (waypoint), field lat_deg". Items are numbered from 1.
         reason: What is wrong, without a full stop.
         fix: How to correct it, as a sentence.
+        field: The field of the document, "coverage.side_overlap"; None: the error concerns no single field.
     """
 
-    def __init__(self, place: str, reason: str, fix: str) -> None:
+    def __init__(self, place: str, reason: str, fix: str, *, field: str | None = None) -> None:
         super().__init__(f"{place}: {reason}. {fix}")
+        self.field = field
         self.place = place
         self.reason = reason
         self.fix = fix

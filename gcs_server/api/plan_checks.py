@@ -12,14 +12,24 @@ from gcs_server.vehicle.samples import Home
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import documents
 from missions.documents import Document
+from missions.geodesy import distance_m
 from missions.offboard.document import OffboardMission
 from missions.offboard.state import OperatorArea
+from missions.patterns.document import (
+    CorridorPattern,
+    OrbitPattern,
+    PatternDocument,
+    PerimeterPattern,
+    StructurePattern,
+)
 from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
 from missions.vehicle import PARAMETERS
 
 SMALL_ITEMS = 300
 """Maximum number of items and corners of a plan that is checked or written in a thread, in about 30 ms;
 larger plans need a process."""
+SMALL_CORNERS, SMALL_LINES = 50, 60
+"""Maximum numbers of corners and lines of a pattern that is generated in a thread."""
 SMALL_MISSION_BYTES = 8_192
 """Maximum size of a mission that is written in a thread [bytes]; a mission is always checked in a process."""
 
@@ -81,6 +91,23 @@ def is_small(document: Document) -> bool:
     corners += sum(len(obstacle.polygon) for obstacle in document.obstacles)
     weight = documents.count(document) + corners + len(document.fence) + len(document.rally_points)
     return weight <= SMALL_ITEMS
+
+
+def is_small_pattern(pattern: PatternDocument) -> bool:
+    """Whether a pattern is generated in a thread, in about 50 ms; larger ones need a process. A form
+    generates a pattern after each change, and a process takes a second to start."""
+    if isinstance(pattern, OrbitPattern | PerimeterPattern):
+        return True
+    if isinstance(pattern, StructurePattern):
+        return len(pattern.outline) <= SMALL_CORNERS
+    spacing_m = pattern.coverage.values().spacing_m
+    if isinstance(pattern, CorridorPattern):
+        return len(pattern.points) <= SMALL_CORNERS and pattern.width_m <= SMALL_LINES * spacing_m
+    corners = [*pattern.outer, *(corner for hole in pattern.holes for corner in hole)]
+    lats, lons = [each.lat_deg for each in corners], [each.lon_deg for each in corners]
+    if not 0 < len(corners) <= SMALL_CORNERS:
+        return False
+    return distance_m(min(lats), min(lons), max(lats), max(lons)) <= SMALL_LINES * spacing_m
 
 
 def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:

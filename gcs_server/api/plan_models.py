@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import AnswerBody, StrictBody
@@ -58,7 +59,18 @@ DocumentBody = Annotated[
     Field(description="A waypoint plan or an offboard mission, depending on `format` (docs/missions.md)."),
 ]
 AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
-PatternBody = Annotated[pattern_document.PatternDocument, _as_json(pattern_document.read)]
+
+
+def _read_pattern(value: object) -> object:
+    """Reads a pattern; the error has its invalid field, which a form shows it beside."""
+    try:
+        return pattern_document.read(json.dumps(value))
+    except PlanError as error:
+        context = {"field": error.field or "body", "text": f"{error.reason}. {error.fix}"}
+        raise PydanticCustomError("document_field", "{text}", context) from None
+
+
+PatternBody = Annotated[pattern_document.PatternDocument, BeforeValidator(_read_pattern)]
 Name = Annotated[
     str,
     Field(
@@ -292,11 +304,19 @@ class PatternFigures(AnswerBody):
     trigger_m: float = Field(description="Distance between two pictures on a line [m]; 0: no pictures.")
     resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
     heading_deg: float | None = Field(description="Direction of the lines, clockwise from north [deg].")
+    area_m2: float | None = Field(description="Area that the pictures show [m²]; null: no pictures.")
+    length_m: float = Field(description="Length of the path with all turns [m].")
+    time_s: float = Field(description="Estimated flight time without wind, as for a waypoint plan [s].")
 
 
 class PatternPlan(AnswerBody):
-    """A plan that contains only the items of a pattern."""
+    """A document that contains only a pattern; nothing is saved."""
 
-    plan: Plan = Field(description="The plan with the items.")
+    plan: AnyDocument = Field(
+        description="A waypoint plan with the items of the pattern, or an offboard mission with its steps. "
+        "The steps begin in the air: insert them after a take-off."
+    )
     lines: list[tuple[Point, Point]] = Field(description="The lines on which pictures are taken.")
+    path: list[Point] = Field(description="The positions that the vehicle flies to, in order.")
     figures: PatternFigures = Field(description="Figures of the pattern.")
+    notes: list[str] = Field(description="What could not be computed; sentences.")

@@ -11,7 +11,7 @@ from msgspec import Raw
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.plan_checks import check_document, is_small, plan_context_of, text_of
+from gcs_server.api.plan_checks import check_document, is_small, is_small_pattern, plan_context_of, text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
@@ -21,7 +21,6 @@ from gcs_server.plans.files import PlanVersion
 from missions import documents
 from missions.documents import PlanKind
 from missions.formats.any_format import FormatName
-from missions.patterns.document import OrbitPattern, PerimeterPattern
 from missions.values import Altitude, Reference
 
 router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
@@ -190,12 +189,36 @@ async def export_plan(
 async def make_pattern(
     pattern: Annotated[m.PatternBody, Body(description="`kind` and the fields of that pattern.")],
     station: StationDep,
+    document: Annotated[
+        PlanKind, Query(description="Items of a waypoint plan, or steps of an offboard mission.")
+    ] = "waypoint_plan",
+    vehicle: Annotated[
+        str | None,
+        Query(description="Its parameters are used for times and rounded corners; default: PX4's defaults."),
+    ] = None,
+    tolerance_m: Annotated[
+        float | None,
+        Query(
+            gt=0,
+            le=1000,
+            allow_inf_nan=False,
+            description="Resolves altitudes above the ground with the elevation files, and adds waypoints "
+            "until the lines keep their height within this [m]; default: altitudes stay unresolved.",
+        ),
+    ] = None,
 ) -> Response:
-    """Generates items from an area, a line or a point: survey, corridor, perimeter, orbit or structure
-    scan."""
-    arguments = {"pattern": pattern.model_dump_json()}
-    small = isinstance(pattern, OrbitPattern | PerimeterPattern)
-    result = await station.plan_work.run("pattern", arguments, small=small, field="body")
+    """Generates items or steps from an area, a line or a point: survey, corridor, perimeter, orbit or
+    structure scan. Saves nothing."""
+    known = plan_context_of(station, None if vehicle is None else station.fleet.get(vehicle))
+    arguments = {
+        "pattern": pattern.model_dump_json(),
+        "kind": document,
+        "parameters": known.parameters,
+        "tolerance_m": tolerance_m,
+    }
+    task = "pattern" if tolerance_m is None else "pattern_on_ground"
+    small = tolerance_m is None and is_small_pattern(pattern)
+    result = await station.plan_work.run(task, arguments, small=small, field="body")
     return answer({**result, "plan": Raw(result["plan"].encode())})
 
 

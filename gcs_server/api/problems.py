@@ -171,6 +171,8 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
         message = str(item["msg"]).removeprefix("Value error, ")
         if item["type"] == "json_invalid":
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
+        if item["type"] == "document_field":
+            parts = [item["ctx"]["field"]]
         problems.append({"field": _short(".".join(parts) or "body"), "message": _short(message)})
     if len(errors) > MAX_ERRORS:
         problems.append({"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"})

@@ -262,8 +262,25 @@ class SyncPlans:
         """
         return self._portal.call(lambda: self._inner.write_file(plan, format))
 
-    def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
-        """Generates a survey, corridor, perimeter, orbit or structure scan: `plan` with the items, `lines`,
-        `figures`.
+    def pattern(
+        self,
+        kind: str,
+        *,
+        document: str = "waypoint_plan",
+        vehicle_id: str | None = None,
+        tolerance_m: float | None = None,
+        **fields: Any,
+    ) -> dict[str, Any]:
+        """Generates a survey, corridor, perimeter, orbit or structure scan: `plan`, `lines`, `path`,
+        `figures`, `notes`. Saves nothing.
+
+        `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
+        steps; its steps begin in the air and belong after a take-off. With `vehicle_id`, the vehicle's
+        parameters are used. With `tolerance_m`, altitudes above the ground are resolved, as in
+        `follow_ground`.
         """
-        return self._portal.call(lambda: self._inner.pattern(kind, **fields))
+        return self._portal.call(
+            lambda: self._inner.pattern(
+                kind, document=document, vehicle_id=vehicle_id, tolerance_m=tolerance_m, **fields
+            )
+        )

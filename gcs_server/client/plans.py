@@ -115,7 +115,23 @@ class Plans:
         path = f"/plans/export?{urlencode({'format': format})}"
         return await self._gcs.raw("POST", path, body={"plan": dict(plan)})
 
-    async def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
-        """Generates a survey, corridor, perimeter, orbit or structure scan: `plan` with the items, `lines`,
-        `figures`."""
-        return await self._gcs.request("POST", "/plans/pattern", {"kind": kind, **fields})
+    async def pattern(
+        self,
+        kind: str,
+        *,
+        document: str = "waypoint_plan",
+        vehicle_id: str | None = None,
+        tolerance_m: float | None = None,
+        **fields: Any,
+    ) -> dict[str, Any]:
+        """Generates a survey, corridor, perimeter, orbit or structure scan: `plan`, `lines`, `path`,
+        `figures`, `notes`. Saves nothing.
+
+        `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
+        steps; its steps begin in the air and belong after a take-off. With `vehicle_id`, the vehicle's
+        parameters are used. With `tolerance_m`, altitudes above the ground are resolved, as in
+        `follow_ground`.
+        """
+        options = {"document": document, "vehicle": vehicle_id, "tolerance_m": tolerance_m}
+        query = urlencode({name: value for name, value in options.items() if value is not None})
+        return await self._gcs.request("POST", f"/plans/pattern?{query}", {"kind": kind, **fields})

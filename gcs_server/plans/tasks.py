@@ -1,6 +1,6 @@
 """Computations on plans, with JSON values as input and output, so that they can run in a thread or a process.
 
-An unusable plan or file is reported as an answer: `{"fault": {"place", "reason", "fix"}}`.
+An unusable plan or file is reported as an answer: `{"fault": {"place", "reason", "fix", "field"}}`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
     try:
         return TASKS[task](arguments)
     except PlanError as error:
-        return {"fault": {"place": error.place, "reason": error.reason, "fix": error.fix}}
+        fault = {"place": error.place, "reason": error.reason, "fix": error.fix, "field": error.field}
+        return {"fault": fault}
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
@@ -228,21 +229,9 @@ def _export(arguments: Mapping[str, Any]) -> Values:
 
 
 def _pattern(arguments: Mapping[str, Any]) -> Values:
-    """Generates a pattern. Argument: `pattern` (JSON text)."""
-    from missions.patterns import document  # shapely takes 0.2 s to import, and only patterns need it
+    from gcs_server.plans import pattern_task
 
-    found = document.make(document.read(arguments["pattern"]))
-    plan = plan_document.Plan(items=found.items)
-    figures = {
-        each.name: getattr(found, each.name)
-        for each in dataclasses.fields(found)
-        if each.name not in ("items", "lines")
-    }
-    return {
-        "plan": plan_document.write(plan).decode(),
-        "lines": [[start.model_dump(), end.model_dump()] for start, end in found.lines],
-        "figures": figures,
-    }
+    return pattern_task.generate(arguments)
 
 
 def _convert(arguments: Mapping[str, Any]) -> Values:
@@ -369,7 +358,9 @@ def _elevation_files(arguments: Mapping[str, Any]) -> Values:
     return terrain_tasks.files(arguments)
 
 
-WITH_ELEVATION = frozenset({"check", "compile", "compile_roles", "elevation_files", "follow_ground"})
+WITH_ELEVATION = frozenset(
+    {"check", "compile", "compile_roles", "elevation_files", "follow_ground", "pattern_on_ground"}
+)
 """Tasks that take the paths of the operator's elevation files; they run in a process if there are any."""
 TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "check": _check,
@@ -381,4 +372,5 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "import": _import,
     "export": _export,
     "pattern": _pattern,
+    "pattern_on_ground": _pattern,
 }

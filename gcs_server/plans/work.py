@@ -46,7 +46,7 @@ class PlanWork:
             task: one of `tasks.TASKS`.
             arguments: arguments of the task.
             small: whether the task takes only milliseconds for any content, so that it can run in a thread.
-            field: the field of the request that errors name.
+            field: the field that an error names if it concerns no single field of the document.
 
         Raises:
             InvalidRequest: the plan or file cannot be used; the error contains the part, the reason and the
@@ -73,7 +73,8 @@ class PlanWork:
             self._pending -= 1
         fault = answer.get("fault")
         if fault is not None:
-            raise InvalidRequest(field, f"{fault['place']}: {fault['reason']}.", remedy=fault["fix"])
+            text = f"{fault['place']}: {fault['reason']}."
+            raise InvalidRequest(fault["field"] or field, text, remedy=fault["fix"])
         return answer
 
     async def elevation_paths(self) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -91,20 +92,7 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
         PlanError: The plan has no item that can be flown, repeats without end, or has a terrain altitude
             without elevation data.
     """
-    vehicle = vehicle or VehicleModel()
-    route = follow(plan)
-    if route.endless or route.truncated or route.stalled_row is not None:
-        raise PlanError("the plan", "it repeats without end", "Give its jumps a number of repeats.")
-    speed_m_s = None if plan.hover_speed_m_s is None else min(FASTEST_M_S, plan.hover_speed_m_s)
-    builder = _MissionBuilder(plan, vehicle, speed_m_s=speed_m_s)
-    for step in route.steps:
-        _add_item(builder, step.item, f"item {step.row + 1} ({step.item.kind.replace('_', ' ')})")
-    builder.flush()
-    if len(builder.steps) > s.MAX_STEPS:
-        reason = f"it becomes {len(builder.steps)} steps, the maximum is {s.MAX_STEPS}"
-        raise PlanError("the plan", reason, "Split the plan.")
-    if not any(isinstance(step, s.Fly) for step in builder.steps):
-        raise PlanError("the plan", "it has no item that is flown to", "Add a waypoint.")
+    builder = _built(plan, vehicle, in_air=False)
     mission = OffboardMission(
         name=name,
         home=plan.planned_home,
@@ -118,6 +106,36 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
     if len(plan.fence) > 100:
         builder.notes.append("Only the first 100 fence zones are kept.")
     return Converted(mission, tuple(dict.fromkeys(builder.notes)))
+
+
+def steps_in_air(
+    items: Sequence[SimpleItem], vehicle: VehicleModel | None = None
+) -> tuple[s.MissionStep, ...]:
+    """The steps that fly items, for a part of a mission that begins in the air: without a take-off.
+
+    Raises:
+        PlanError: As `from_plan`.
+    """
+    return tuple(_built(Plan(items=tuple(items)), vehicle, in_air=True).steps)
+
+
+def _built(plan: Plan, vehicle: VehicleModel | None, *, in_air: bool) -> _MissionBuilder:
+    """The steps and notes of a plan."""
+    vehicle = vehicle or VehicleModel()
+    route = follow(plan)
+    if route.endless or route.truncated or route.stalled_row is not None:
+        raise PlanError("the plan", "it repeats without end", "Give its jumps a number of repeats.")
+    speed_m_s = None if plan.hover_speed_m_s is None else min(FASTEST_M_S, plan.hover_speed_m_s)
+    builder = _MissionBuilder(plan, vehicle, speed_m_s=speed_m_s, in_air=in_air)
+    for step in route.steps:
+        _add_item(builder, step.item, f"item {step.row + 1} ({step.item.kind.replace('_', ' ')})")
+    builder.flush()
+    if len(builder.steps) > s.MAX_STEPS:
+        reason = f"it becomes {len(builder.steps)} steps, the maximum is {s.MAX_STEPS}"
+        raise PlanError("the plan", reason, "Split the plan.")
+    if not any(isinstance(step, s.Fly) for step in builder.steps):
+        raise PlanError("the plan", "it has no item that is flown to", "Add a waypoint.")
+    return builder
 
 
 def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> None:

@@ -47,13 +47,13 @@ class Coverage:
     def __post_init__(self) -> None:
         for name, value in (("front_overlap", self.front_overlap), ("side_overlap", self.side_overlap)):
             if not 0.0 <= value <= 0.95:
-                raise PlanError(
-                    f"field {name}", f"{value:g} is not between 0 and 0.95", "Correct this value."
-                )
+                reason = f"{value:g} is not between 0 and 0.95"
+                raise PlanError(f"field {name}", reason, "Correct this value.", field=f"coverage.{name}")
         camera = self.camera
         sizes = (camera.sensor_width_mm, camera.sensor_height_mm, camera.focal_length_mm, self.distance_m)
         if not all(0.0 < size < 1e6 for size in sizes):
-            raise PlanError("the camera", "a size or the distance is not above 0", "Correct them.")
+            reason = "a size or the distance is not above 0"
+            raise PlanError("the camera", reason, "Correct them.", field="coverage")
 
     @property
     def spacing_m(self) -> float:

@@ -39,13 +39,17 @@ def corridor(
     """
     if not 0.0 < width_m <= 10_000.0:
         raise PlanError(
-            "field width_m", f"{width_m:g} m is not between 0 and 10,000 m", "Correct this value."
+            "field width_m",
+            f"{width_m:g} m is not above 0 and at most 10,000 m",
+            "Correct this value.",
+            field="width_m",
         )
-    chart = Map.about(points, "the line")
+    chart = Map.about(points, "the line", "points")
     center_line = chart.line(points)
     count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
     if count > MAX_LINES:
-        raise PlanError("the lines", f"there would be {count}, the maximum is {MAX_LINES}", "Fly higher.")
+        reason = f"there would be {count}, the maximum is {MAX_LINES}"
+        raise PlanError("the lines", reason, "Fly higher.", field="coverage")
     spacing_m = width_m / count
     items: list[SimpleItem] = []
     lines: list[tuple[Point, Point]] = []
@@ -67,6 +71,7 @@ def corridor(
         spacing_m=spacing_m,
         trigger_m=coverage.trigger_m,
         resolution_m_px=coverage.camera.resolution_m_px(coverage.distance_m),
+        area_m2=center_line.length * width_m,
     )
 
 
@@ -79,9 +84,10 @@ def _offset(center_line: LineString, offset_m: float) -> list[EastNorth]:
     before, after = np.vstack([right[:1], right]), np.vstack([right, right[-1:]])
     cos_bend = np.sum(before * after, axis=1)
     if cos_bend.min() < SHARPEST:
-        raise PlanError("the line", "it bends by more than 120 degrees", "Split it at the bend.")
+        reason = "it bends by more than 120 degrees"
+        raise PlanError("the line", reason, "Split it at the bend.", field="points")
     parallel = corners + offset_m * (before + after) / (1.0 + cos_bend[:, None])
     if np.sum(np.diff(parallel, axis=0) * ahead, axis=1).min() <= 0.0:
         reason = "it is so wide that the lines on the inside of a bend would run backwards"
-        raise PlanError("the line", reason, "Make it narrower, or split it at the bend.")
+        raise PlanError("the line", reason, "Make it narrower, or split it at the bend.", field="width_m")
     return [(float(x), float(y)) for x, y in parallel]

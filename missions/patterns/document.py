@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from missions.bounded_json import load
-from missions.errors import PlanError, from_validation
+from missions.errors import PlanError, field_path, from_validation
 from missions.patterns import corridor, rounds, survey
 from missions.patterns.camera import Camera, Coverage
 from missions.patterns.ground import MAX_POINTS
@@ -136,9 +136,14 @@ def read(data: str | bytes) -> PatternDocument:
     try:
         return _adapter.validate_json(data)
     except ValidationError as error:
-        invalid = from_validation(error)
-        place = invalid.place.replace("the plan", "the pattern")
-        raise PlanError(place, invalid.reason, invalid.fix) from None
+        invalid, field = from_validation(error), _field_of(error)
+        place = "the pattern" if field is None else f"field {field}"
+        raise PlanError(place, invalid.reason, invalid.fix, field=field) from None
+
+
+def _field_of(error: ValidationError) -> str | None:
+    """The first invalid field, without the kind, which Pydantic adds to its path."""
+    return field_path(list(error.errors(include_url=False)[0]["loc"][1:])) or None
 
 
 def make(pattern: PatternDocument) -> Pattern:

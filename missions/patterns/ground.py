@@ -29,15 +29,23 @@ class Map:
     origin: LocalOrigin
 
     @classmethod
-    def about(cls, points: Sequence[Point], what: str) -> Map:
+    def about(cls, points: Sequence[Point], what: str, field: str) -> Map:
         """A map around the centre of some points.
+
+        Args:
+            points: the points.
+            what: the name of the points in errors.
+            field: the field of the pattern that contains them.
 
         Raises:
             PlanError: There are too many points, or they are too far apart.
         """
         if not 1 <= len(points) <= MAX_POINTS:
             raise PlanError(
-                what, f"it has {len(points)} points, 1 to {MAX_POINTS} are possible", "Redraw it."
+                what,
+                f"it has {len(points)} points, 1 to {MAX_POINTS} are possible",
+                "Redraw it.",
+                field=field,
             )
         first = points[0]
         lons = [first.lon_deg + math.remainder(each.lon_deg - first.lon_deg, 360.0) for each in points]
@@ -45,10 +53,10 @@ class Map:
         middle_lon = math.remainder((min(lons) + max(lons)) / 2.0, 360.0)
         chart = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon, 0.0))
         if max(abs(lat) for lat in lats) > 85.0:
-            raise PlanError(what, "it is beyond 85 degrees of latitude", "Choose another area.")
+            raise PlanError(what, "it is beyond 85 degrees of latitude", "Choose another area.", field=field)
         if max(math.hypot(*chart.local(each)) for each in points) > MAX_EXTENT_M:
             reason = f"it extends more than {MAX_EXTENT_M / 1000:.0f} km from its centre"
-            raise PlanError(what, reason, "Split it into smaller ones.")
+            raise PlanError(what, reason, "Split it into smaller ones.", field=field)
         return chart
 
     def local(self, point: Point) -> EastNorth:
@@ -68,20 +76,43 @@ class Map:
             lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude, yaw_ned_deg=yaw_ned_deg
         )
 
-    def polygon(self, outer: Sequence[Point], holes: Sequence[Sequence[Point]] = ()) -> Polygon:
-        """An area with holes.
+    def polygon(self, outer: Sequence[Point], *, field: str = "outer") -> Polygon:
+        """An area without holes.
 
         Raises:
             PlanError: The sides of the polygon cross, or it has no area.
         """
-        if len(outer) < 3 or any(len(hole) < 3 for hole in holes):
-            raise PlanError("the area", "an outline has fewer than 3 corners", "Draw it again.")
-        shape = Polygon(
-            [self.local(each) for each in outer], [[self.local(each) for each in hole] for hole in holes]
-        )
-        if not shape.is_valid or shape.area < 1.0:
-            reason = shapely.is_valid_reason(shape) if not shape.is_valid else "it is smaller than 1 m²"
-            raise PlanError("the area", f"its sides cross or touch ({reason})", "Draw it again.")
+        return self._area(outer, "the area", field)
+
+    def polygon_with_holes(self, outer: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Polygon:
+        """An area with holes inside it.
+
+        Raises:
+            PlanError: The sides of a polygon cross, it has no area, or a hole is not inside the area.
+        """
+        area = self.polygon(outer)
+        for number, hole in enumerate(holes, 1):
+            cut = self._area(hole, f"hole {number}", "holes")
+            if not area.contains(cut):
+                reason = "it is not completely inside the area"
+                raise PlanError(f"hole {number}", reason, "Move its corners into the area.", field="holes")
+        shape = Polygon(area.exterior, [[self.local(each) for each in hole] for hole in holes])
+        if not shape.is_valid:
+            reason = "they overlap, or touch each other or the edge of the area"
+            raise PlanError("the holes", reason, "Move them apart.", field="holes")
+        return shape
+
+    def _area(self, outline: Sequence[Point], what: str, field: str) -> Polygon:
+        if len(outline) < 3:
+            raise PlanError(
+                what, "its outline has fewer than 3 corners", "Add corners to the outline.", field=field
+            )
+        shape = Polygon([self.local(each) for each in outline])
+        if not shape.is_valid:
+            reason = f"its sides cross or touch ({shapely.is_valid_reason(shape)})"
+            raise PlanError(what, reason, "Move its corners.", field=field)
+        if shape.area < 1.0:
+            raise PlanError(what, "it is smaller than 1 m²", "Draw it larger.", field=field)
         return shape
 
     def line(self, points: Sequence[Point]) -> LineString:
@@ -91,10 +122,10 @@ class Map:
             PlanError: The line has no length.
         """
         if len(points) < 2:
-            raise PlanError("the line", "it has fewer than 2 points", "Draw it again.")
+            raise PlanError("the line", "it has fewer than 2 points", "Add points to it.", field="points")
         shape = LineString([self.local(each) for each in points])
         if shape.length < 1.0:
-            raise PlanError("the line", "it is shorter than 1 m", "Draw it again.")
+            raise PlanError("the line", "it is shorter than 1 m", "Draw it again.", field="points")
         return shape
 
 

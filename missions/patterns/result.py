@@ -31,6 +31,8 @@ class Pattern:
     """Ground sampling distance."""
     heading_deg: float | None = None
     """Direction of the lines, clockwise from north."""
+    area_m2: float | None = None
+    """Area that the pictures show; None: the pattern takes no pictures."""
 
 
 def photographed(

@@ -31,8 +31,9 @@ def perimeter(outer: Sequence[Point], offset_m: float, altitude: Altitude, round
     Raises:
         PlanError: The area is invalid, nothing is left inside, or there are too many rounds.
     """
-    chart = Map.about(outer, "the area")
-    ring = _ring(chart.polygon(outer), offset_m)
+    chart = Map.about(outer, "the area", "outer")
+    area = chart.polygon(outer)
+    ring = _ring(area, offset_m, "offset_m")
     path = ring * _checked_rounds(rounds) + ring[:1]
     items = [chart.waypoint(position, altitude) for position in path]
     length_m = sum(math.dist(a, b) for a, b in pairwise(path))
@@ -61,10 +62,13 @@ def orbit(
     """
     if not 1.0 <= radius_m <= 10_000.0 or not 0.0 < deviation_m <= radius_m:
         raise PlanError(
-            "field radius_m", f"{radius_m:g} m with {deviation_m:g} m is not possible", "Set 1 to 10,000 m."
+            "field radius_m",
+            f"{radius_m:g} m with {deviation_m:g} m is not possible",
+            "Set 1 to 10,000 m.",
+            field="radius_m",
         )
     corners = max(8, math.ceil(math.pi / math.acos(1.0 - deviation_m / radius_m)))
-    chart = Map.about([center], "the centre")
+    chart = Map.about([center], "the centre", "center")
     step = math.tau / corners * (1.0 if clockwise else -1.0)
     items: list[SimpleItem] = []
     if look_at is not None:
@@ -105,12 +109,13 @@ def structure(scan: StructureScan) -> Pattern:
     Raises:
         PlanError: The outline or a height is invalid.
     """
-    if not 0.0 < scan.lowest_m <= 10_000.0 or not 0.0 < scan.height_m <= 10_000.0:
-        raise PlanError(
-            "field height_m", f"{scan.height_m:g} m with {scan.lowest_m:g} m is not possible", "Correct it."
-        )
-    chart = Map.about(scan.outline, "the outline")
-    ring = _ring(chart.polygon(scan.outline), scan.coverage.distance_m)
+    for name, height_m in (("height_m", scan.height_m), ("lowest_m", scan.lowest_m)):
+        if not 0.0 < height_m <= 10_000.0:
+            reason = f"{height_m:g} m is not above 0 and at most 10,000 m"
+            raise PlanError(f"field {name}", reason, "Correct this value.", field=name)
+    chart = Map.about(scan.outline, "the outline", "outline")
+    outline = chart.polygon(scan.outline, field="outline")
+    ring = _ring(outline, scan.coverage.distance_m, "coverage.distance_m")
     path = [*ring, ring[0]]
     heights, coverage = layer_heights(scan), _sideways(scan.coverage)
     items: list[SimpleItem] = [
@@ -133,6 +138,7 @@ def structure(scan: StructureScan) -> Pattern:
         spacing_m=heights[1] - heights[0] if len(heights) > 1 else 0.0,
         trigger_m=coverage.trigger_m,
         resolution_m_px=scan.coverage.camera.resolution_m_px(scan.coverage.distance_m),
+        area_m2=outline.exterior.length * scan.height_m,
     )
 
 
@@ -144,7 +150,10 @@ def layer_heights(scan: StructureScan) -> list[float]:
     count = 1 + max(0, math.ceil((highest_m - scan.lowest_m) / spacing_m - 1e-9))
     if count > MAX_ROUNDS:
         raise PlanError(
-            "the layers", f"there would be {count}, the maximum is {MAX_ROUNDS}", "Reduce the overlap."
+            "the layers",
+            f"there would be {count}, the maximum is {MAX_ROUNDS}",
+            "Reduce the overlap.",
+            field="coverage.side_overlap",
         )
     step_m = (highest_m - scan.lowest_m) / max(1, count - 1)
     return [scan.lowest_m + number * step_m for number in range(count)]
@@ -165,12 +174,18 @@ def raised_altitude(base: Altitude, above_m: float) -> Altitude:
     )
 
 
-def _ring(area: Polygon, offset_m: float) -> list[EastNorth]:
-    """The corners of the enlarged area's outline, clockwise; the first corner is not repeated."""
+def _ring(area: Polygon, offset_m: float, field: str) -> list[EastNorth]:
+    """The corners of the enlarged area's outline, clockwise; the first corner is not repeated.
+
+    `field` is the field of the distance, for errors.
+    """
     grown = area.buffer(offset_m, join_style="mitre", mitre_limit=MITRE_LIMIT)
     if grown.geom_type != "Polygon" or grown.is_empty:
         raise PlanError(
-            "field offset_m", "at this distance the area is empty or in several parts", "Reduce the distance."
+            f"field {field}",
+            "at this distance the area is empty or in several parts",
+            "Reduce the distance.",
+            field=field,
         )
     corners = [(float(x), float(y)) for x, y in grown.exterior.coords[:-1]]
     return corners if not grown.exterior.is_ccw else corners[::-1]
@@ -178,5 +193,6 @@ def _ring(area: Polygon, offset_m: float) -> list[EastNorth]:
 
 def _checked_rounds(rounds: int) -> int:
     if not 1 <= rounds <= MAX_ROUNDS:
-        raise PlanError("field rounds", f"{rounds} is not between 1 and {MAX_ROUNDS}", "Correct this value.")
+        reason = f"{rounds} is not between 1 and {MAX_ROUNDS}"
+        raise PlanError("field rounds", reason, "Correct this value.", field="rounds")
     return rounds

@@ -40,8 +40,8 @@ def make(survey: Survey) -> Pattern:
         PlanError: The area is invalid, or there would be too many lines.
     """
     corners = [*survey.outer, *(point for hole in survey.holes for point in hole)]
-    chart = Map.about(corners, "the area")
-    area = chart.polygon(survey.outer, survey.holes)
+    chart = Map.about(corners, "the area", "outer")
+    area = chart.polygon_with_holes(survey.outer, survey.holes)
     coverage = survey.coverage
     sweeps: list[Sweep] = [sweep(area, coverage.spacing_m, survey.heading_deg)]
     if survey.crosshatch:
@@ -63,4 +63,5 @@ def make(survey: Survey) -> Pattern:
         trigger_m=coverage.trigger_m,
         resolution_m_px=coverage.camera.resolution_m_px(coverage.distance_m),
         heading_deg=sweeps[0].heading_deg,
+        area_m2=area.area,
     )

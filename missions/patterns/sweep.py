@@ -93,7 +93,8 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
     count = max(1, math.ceil((y_max - y_min) / spacing_m - 1e-9))
     if count > MAX_LINES:
         fix = "Fly higher, reduce the overlap, or split the area."
-        raise PlanError("the lines", f"there would be {count} of them, the maximum is {MAX_LINES}", fix)
+        reason = f"there would be {count} of them, the maximum is {MAX_LINES}"
+        raise PlanError("the lines", reason, fix, field="coverage")
     first = (y_min + y_max) / 2.0 - (count - 1) * spacing_m / 2.0
     back = math.radians(-turn_deg)
     cos, sin = math.cos(back), math.sin(back)
@@ -105,7 +106,8 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
             total += 1
             if total > MAX_LINES:
                 fix = "Fly higher, reduce the overlap, or split the area."
-                raise PlanError("the lines", f"there are more than {MAX_LINES} of them", fix)
+                reason = f"there are more than {MAX_LINES} of them"
+                raise PlanError("the lines", reason, fix, field="coverage")
             yield (
                 (low * cos - y * sin, low * sin + y * cos),
                 (high * cos - y * sin, high * sin + y * cos),

@@ -75,6 +75,10 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
         center = {"lat_deg": 47.4, "lon_deg": 8.5}
         around = await plans.pattern("orbit", center=center, radius_m=20, altitude=AT_20_M)
         assert around["figures"]["lines_length_m"] > 50
+        circles = await plans.pattern(
+            "orbit", document="offboard_mission", center=center, radius_m=20, altitude=AT_20_M
+        )
+        assert [step["step"] for step in circles["plan"]["steps"]] == ["orbit"]
         await plans.delete(kept["id"], base_version=2)
         with pytest.raises(Unknown):
             await plans.get(kept["id"])

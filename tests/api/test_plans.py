@@ -225,6 +225,19 @@ def test_patterns_become_items(client):
     refused = client.post("plans/pattern", json={**survey, "outer": SQUARE[:2]})
     assert refused.status_code == 422
     assert "fewer than 3 corners" in refused.json()["detail"]
+    assert refused.json()["field"] == "outer"
+    beyond = client.post("plans/pattern", json={**orbit, "radius_m": 20_000_000})
+    assert (beyond.status_code, beyond.json()["field"]) == (422, "radius_m")
+    cut = client.post("plans/pattern", json={**survey, "holes": [[{**SQUARE[0], "lat_deg": 47.41}] * 3]})
+    assert (cut.status_code, cut.json()["field"]) == (422, "holes")
+
+    steps = client.post("plans/pattern", json=survey, params={"document": "offboard_mission"})
+    assert steps.status_code == 200, steps.text
+    assert steps.json()["plan"]["steps"][1]["name"] == "Survey line 1"
+    assert steps.json()["figures"] == made.json()["figures"]
+    terrain = {**orbit, "altitude": {"value_m": 20, "reference": "terrain"}}
+    unknown = client.post("plans/pattern", json=terrain, params={"document": "offboard_mission"})
+    assert (unknown.status_code, unknown.json()["field"]) == (422, "altitude")
 
 
 def test_an_offboard_mission_is_stored_in_the_same_list_as_plans(client):

@@ -41,21 +41,31 @@ def test_each_kind_gives_items_with_positions(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "changes", "place"),
+    ("kind", "changes", "field"),
     [
-        ("survey", {"outer": CORNERS[:2]}, "the area"),
-        ("survey", {"coverage": {**COVERAGE, "side_overlap": 0.99}}, "side_overlap"),
+        ("survey", {"outer": CORNERS[:2]}, "outer"),
+        ("survey", {"holes": [CORNERS[:2]]}, "holes"),
+        ("survey", {"holes": [CORNERS]}, "holes"),
+        ("survey", {"coverage": {**COVERAGE, "side_overlap": 0.99}}, "coverage.side_overlap"),
+        ("survey", {"coverage": {**COVERAGE, "distance_m": 0.1}}, "coverage"),
         ("orbit", {"radius_m": 0}, "radius_m"),
         ("orbit", {"speed": 3}, "speed"),
         ("corridor", {"width_m": "60"}, "width_m"),
         ("perimeter", {"rounds": 0}, "rounds"),
+        ("perimeter", {"offset_m": -100}, "offset_m"),
         ("structure", {"height_m": 0}, "height_m"),
+        ("structure", {"outline": CORNERS[:2]}, "outline"),
+        (
+            "structure",
+            {"coverage": {**COVERAGE, "side_overlap": 0.95, "distance_m": 0.5}},
+            "coverage.side_overlap",
+        ),
     ],
 )
-def test_the_error_for_an_invalid_value_names_its_field_and_a_fix(kind, changes, place):
+def test_the_error_for_an_invalid_value_names_its_field_and_a_fix(kind, changes, field):
     with pytest.raises(PlanError) as raised:
         document.make(document.read(text(kind, **changes)))
-    assert place in raised.value.place
+    assert raised.value.field == field
     assert raised.value.fix.endswith(".")
 
 

@@ -29,7 +29,7 @@ from missions.values import Altitude, HomePosition, Point
 CAMERA = Camera(13.2, 8.8, 8.8, 5472, 3648)
 HIGH = Altitude(value_m=60.0, reference="home")
 COVERAGE = Coverage(CAMERA, distance_m=60.0)
-CHART = Map.about([Point(lat_deg=47.4, lon_deg=8.5)], "the test")
+CHART = Map.about([Point(lat_deg=47.4, lon_deg=8.5)], "the test", "outer")
 
 
 def points(corners: list[tuple[float, float]]) -> list[Point]:
@@ -278,7 +278,7 @@ FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
         (lambda: perimeter(FIELD, 5.0, HIGH, rounds=0), "field rounds: 0 is not between"),
         (lambda: orbit(FIELD[0], math.nan, HIGH), "field radius_m"),
         (lambda: corridor(FIELD[:1], 50.0, COVERAGE, HIGH), "the line: it has fewer than 2 points"),
-        (lambda: corridor(FIELD, 0.0, COVERAGE, HIGH), "field width_m: 0 m is not between"),
+        (lambda: corridor(FIELD, 0.0, COVERAGE, HIGH), "field width_m: 0 m is not above 0"),
     ],
 )
 def test_impossible_patterns_are_refused_with_a_reason(make_it: object, message: str) -> None:

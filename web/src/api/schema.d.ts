@@ -1582,8 +1582,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Make Pattern
-         * @description Generates items from an area, a line or a point: survey, corridor, perimeter, orbit or structure
-         *     scan.
+         * @description Generates items or steps from an area, a line or a point: survey, corridor, perimeter, orbit or
+         *     structure scan. Saves nothing.
          */
         readonly post: operations["make_pattern_api_v1_plans_pattern_post"];
         readonly delete?: never;
@@ -9499,14 +9499,32 @@ export interface components {
              * @description Direction of the lines, clockwise from north [deg].
              */
             readonly heading_deg: number | null;
+            /**
+             * Area M2
+             * @description Area that the pictures show [m²]; null: no pictures.
+             */
+            readonly area_m2: number | null;
+            /**
+             * Length M
+             * @description Length of the path with all turns [m].
+             */
+            readonly length_m: number;
+            /**
+             * Time S
+             * @description Estimated flight time without wind, as for a waypoint plan [s].
+             */
+            readonly time_s: number;
         };
         /**
          * PatternPlan
-         * @description A plan that contains only the items of a pattern.
+         * @description A document that contains only a pattern; nothing is saved.
          */
         readonly PatternPlan: {
-            /** @description The plan with the items. */
-            readonly plan: components["schemas"]["Plan"];
+            /**
+             * Plan
+             * @description A waypoint plan with the items of the pattern, or an offboard mission with its steps. The steps begin in the air: insert them after a take-off.
+             */
+            readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Lines
              * @description The lines on which pictures are taken.
@@ -9515,8 +9533,18 @@ export interface components {
                 components["schemas"]["Point"],
                 components["schemas"]["Point"]
             ])[];
+            /**
+             * Path
+             * @description The positions that the vehicle flies to, in order.
+             */
+            readonly path: readonly components["schemas"]["Point"][];
             /** @description Figures of the pattern. */
             readonly figures: components["schemas"]["PatternFigures"];
+            /**
+             * Notes
+             * @description What could not be computed; sentences.
+             */
+            readonly notes: readonly string[];
         };
         /**
          * PerimeterPattern
@@ -18532,7 +18560,14 @@ export interface operations {
     };
     readonly make_pattern_api_v1_plans_pattern_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description Items of a waypoint plan, or steps of an offboard mission. */
+                readonly document?: "waypoint_plan" | "offboard_mission";
+                /** @description Its parameters are used for times and rounded corners; default: PX4's defaults. */
+                readonly vehicle?: string | null;
+                /** @description Resolves altitudes above the ground with the elevation files, and adds waypoints until the lines keep their height within this [m]; default: altitudes stay unresolved. */
+                readonly tolerance_m?: number | null;
+            };
             readonly header?: never;
             readonly path?: never;
             readonly cookie?: never;

@@ -1,0 +1,73 @@
+"""Generates a pattern: its items or steps, its path and its figures.
+
+Shapely takes 0.2 s to import, so this module is imported when the first pattern is generated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from missions import documents
+from missions import plan as plan_document
+from missions.estimates import estimate
+from missions.items import PlacedItem
+from missions.offboard.document import OffboardMission
+from missions.offboard.from_pattern import steps_of
+from missions.patterns import document
+from missions.plan import Plan
+from missions.route import is_flown_to
+from missions.vehicle import VehicleModel
+
+Values = dict[str, Any]
+
+
+def generate(arguments: Mapping[str, Any]) -> Values:
+    """Generates a pattern. Arguments: `pattern` (JSON text); `kind` of the document; `parameters` of the
+    vehicle; `tolerance_m`: largest deviation from the height above the ground (null: altitudes stay
+    unresolved), with `elevation`, the paths of elevation files."""
+    pattern = document.read(arguments["pattern"])
+    found = document.make(pattern)
+    plan, notes = _on_ground(Plan(items=found.items), arguments)
+    vehicle = VehicleModel.from_parameters(arguments["parameters"])
+    flown = estimate(plan, vehicle)
+    figures = {
+        each.name: getattr(found, each.name)
+        for each in dataclasses.fields(found)
+        if each.name not in ("items", "lines")
+    }
+    written = documents.write(plan)
+    if arguments["kind"] == "offboard_mission":
+        items = [item for _, item in plan.simple_items()]
+        mission = OffboardMission(name=pattern.kind.capitalize(), steps=steps_of(pattern, items, vehicle))
+        written = documents.write(mission)
+    return {
+        "plan": written.decode(),
+        "lines": [[start.model_dump(), end.model_dump()] for start, end in found.lines],
+        "path": _path(plan),
+        "figures": {**figures, "length_m": flown.length_m, "time_s": flown.time_s},
+        "notes": list(notes),
+    }
+
+
+def _path(plan: Plan) -> list[dict[str, float]]:
+    """The positions that the vehicle flies to, in order."""
+    items = [item for _, item in plan.simple_items() if isinstance(item, PlacedItem) and is_flown_to(item)]
+    return [{"lat_deg": item.lat_deg, "lon_deg": item.lon_deg} for item in items]
+
+
+def _on_ground(plan: Plan, arguments: Mapping[str, Any]) -> tuple[Plan, Sequence[str]]:
+    """The plan with resolved altitudes above the ground, and sentences about missing elevation data."""
+    if arguments["tolerance_m"] is None:
+        return plan, ()
+    from gcs_server.plans import terrain_tasks
+
+    followed = terrain_tasks.follow({**arguments, "plan": plan_document.write(plan).decode()})
+    unknown = followed["unknown"]
+    missing = (
+        (f"{unknown} altitudes above the ground are not resolved: no elevation file covers them.",)
+        if unknown
+        else ()
+    )
+    return plan_document.read(followed["plan"]), (*missing, *followed["notes"])

@@ -1,0 +1,121 @@
+"""Converts a pattern to the steps of an offboard mission: the same lines, flown by setpoints.
+
+The steps belong into a mission after its take-off. As in a waypoint plan, the nose points along the path,
+or towards the position that the camera looks at; the pictures then have the orientation that the pattern
+assumes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from missions.errors import PlanError
+from missions.items import PlacedItem
+from missions.offboard import steps as s
+from missions.offboard.from_plan import steps_in_air
+from missions.offboard.positions import MissionPosition
+from missions.patterns.document import OrbitPattern, PatternDocument, StructurePattern
+from missions.plan import SimpleItem
+from missions.values import Altitude, Point
+from missions.vehicle import VehicleModel
+
+TITLES = {
+    "survey": "Survey line",
+    "corridor": "Corridor line",
+    "perimeter": "Perimeter",
+    "orbit": "Orbit",
+    "structure": "Structure scan, round",
+}
+"""Names of the steps that the pilot sees."""
+
+
+def steps_of(
+    pattern: PatternDocument, items: Sequence[SimpleItem], vehicle: VehicleModel | None = None
+) -> tuple[s.MissionStep, ...]:
+    """The steps of a pattern.
+
+    Args:
+        pattern: the document of the pattern.
+        items: its items (`patterns.document.make`), with resolved altitudes if they are above the ground.
+        vehicle: the vehicle's parameters; None: PX4's defaults.
+
+    Raises:
+        PlanError: There are too many steps, or an altitude above the ground is not resolved.
+    """
+    if isinstance(pattern, OrbitPattern) and not _is_above_ground(pattern):
+        return _orbit(pattern)
+    _check_altitudes(pattern, items)
+    try:
+        steps = steps_in_air(items, vehicle)
+    except PlanError as error:
+        raise PlanError("the pattern", error.reason, error.fix.replace("plan", "pattern")) from None
+    return _named(steps, TITLES[pattern.kind])
+
+
+def _check_altitudes(pattern: PatternDocument, items: Sequence[SimpleItem]) -> None:
+    """Refuses altitudes that cannot be converted; an unresolved terrain altitude has no height to fly at."""
+    altitudes = [item.altitude for item in items if isinstance(item, PlacedItem)]
+    if any(each.reference == "terrain" and each.resolved_amsl_m is None for each in altitudes):
+        reason = "it is above the ground, whose elevation is not known here"
+        fix = "Put elevation files of this area into the data folder, or choose another reference."
+        field = "base" if isinstance(pattern, StructurePattern) else "altitude"
+        raise PlanError(f"field {field}", reason, fix, field=field)
+
+
+def _is_above_ground(orbit: OrbitPattern) -> bool:
+    altitudes = (orbit.altitude, orbit.look_at)
+    return any(each is not None and each.reference == "terrain" for each in altitudes)
+
+
+def _orbit(orbit: OrbitPattern) -> tuple[s.MissionStep, ...]:
+    """Exact circles in one step, which can be edited, instead of their corners."""
+    look_at = None if orbit.look_at is None else _position(orbit.center, orbit.look_at)
+    circles = s.Orbit(
+        name=TITLES["orbit"],
+        center=_position(orbit.center, orbit.altitude),
+        radius_m=orbit.radius_m,
+        turns=float(orbit.rounds),
+        clockwise=orbit.clockwise,
+        start_angle_ned_rad=math.remainder(math.radians(orbit.start_deg), math.tau),
+        heading="along_path" if look_at is None else "keep",
+        look_at=look_at,
+    )
+    if look_at is None:
+        return (circles,)
+    return (s.Gimbal(track="look_at", place=look_at), circles, s.Gimbal(track="release"))
+
+
+def _position(point: Point, altitude: Altitude) -> MissionPosition:
+    above_home = altitude.reference == "home"
+    return MissionPosition(
+        lat_deg=point.lat_deg,
+        lon_deg=point.lon_deg,
+        alt_home_m=altitude.value_m if above_home else None,
+        alt_amsl_m=None if above_home else altitude.value_m,
+    )
+
+
+def _named(steps: Sequence[s.MissionStep], title: str) -> tuple[s.MissionStep, ...]:
+    """The steps with headings, and names that count the lines with pictures."""
+    takes_pictures = any(isinstance(step, s.Fly) and step.photo_every_m is not None for step in steps)
+    line, looked_at, named = 0, None, list[s.MissionStep]()
+    for step in steps:
+        if isinstance(step, s.Gimbal):
+            looked_at = step.place
+        if isinstance(step, s.Fly):
+            line += step.photo_every_m is not None
+            name = title
+            if takes_pictures:
+                on_line = step.photo_every_m is not None
+                name = f"{title} {line}" if on_line else f"To {title[0].lower()}{title[1:]} {line + 1}"
+            step = step.model_copy(update={"name": name, **_heading(step, looked_at)})
+        named.append(step)
+    return tuple(named)
+
+
+def _heading(step: s.Fly, looked_at: MissionPosition | None) -> dict[str, object]:
+    """The fields of the heading; none if the points have their own."""
+    if any(point.yaw_ned_rad is not None for point in step.points):
+        return {}
+    return {"heading": "along_path"} if looked_at is None else {"look_at": looked_at}

@@ -1,0 +1,123 @@
+"""Patterns as steps of an offboard mission: the same path and pictures as the items of a waypoint plan."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from missions.errors import PlanError
+from missions.estimates import estimate
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.from_pattern import steps_of
+from missions.offboard.segments import CurveSegment
+from missions.offboard.steps import Fly, Gimbal, MissionStep, Orbit, TakeOff
+from missions.offboard.timeline import Timeline
+from missions.patterns import document
+from missions.plan import Plan
+from missions.setpoints import Trajectory
+from missions.vehicle import VehicleModel
+from tests.support.offboard_missions import HOME, codes
+
+M = 1.0 / 111_194.9
+EAST = M / math.cos(math.radians(47.0))
+CORNERS = [
+    {"lat_deg": 47.0 + n * M, "lon_deg": 8.0 + e * EAST} for n, e in ((20, 0), (20, 80), (70, 80), (70, 0))
+]
+CAMERA = {
+    "sensor_width_mm": 13.2,
+    "sensor_height_mm": 8.8,
+    "focal_length_mm": 8.8,
+    "image_width_px": 5472,
+    "image_height_px": 3648,
+}
+COVERAGE = {"camera": CAMERA, "distance_m": 30}
+UP = {"value_m": 30, "reference": "home"}
+PATTERNS: dict[str, dict[str, Any]] = {
+    "survey": {"outer": CORNERS, "coverage": COVERAGE, "altitude": UP, "speed_m_s": 4, "turnaround_m": 5},
+    "corridor": {"points": CORNERS[:3], "width_m": 40, "coverage": COVERAGE, "altitude": UP},
+    "perimeter": {"outer": CORNERS, "offset_m": 5, "altitude": UP, "rounds": 2},
+    "orbit": {
+        "center": CORNERS[0],
+        "radius_m": 25,
+        "altitude": UP,
+        "look_at": {**UP, "value_m": 5},
+        "rounds": 2,
+    },
+    "structure": {"outline": CORNERS, "coverage": COVERAGE, "base": {**UP, "value_m": 10}, "height_m": 30},
+}
+
+
+def made(kind: str, **changes: Any) -> tuple[document.PatternDocument, Plan, tuple[MissionStep, ...]]:
+    pattern = document.read(json.dumps({"kind": kind, **PATTERNS[kind], **changes}))
+    plan = Plan(items=document.make(pattern).items)
+    items = [item for _, item in plan.simple_items()]
+    return pattern, plan, steps_of(pattern, items)
+
+
+def compiled(steps: tuple[MissionStep, ...]) -> Timeline:
+    return compile_mission(OffboardMission(name="Pattern", home=HOME, steps=(TakeOff(height_m=30.0), *steps)))
+
+
+@pytest.mark.parametrize("kind", PATTERNS)
+def test_a_pattern_is_flown_without_errors_along_the_length_of_its_items(kind: str) -> None:
+    _, plan, steps = made(kind)
+    found = compiled(steps)
+    assert codes(found) == {"landing_missing"}
+    approach_m = next(each for each in found.segments if isinstance(each, CurveSegment)).length_m
+    flown_m = sum(each.length_m for each in found.segments if isinstance(each, CurveSegment)) - approach_m
+    assert flown_m == pytest.approx(estimate(plan, VehicleModel()).length_m, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["survey", "corridor", "structure"])
+def test_the_mission_takes_the_pictures_of_the_pattern(kind: str) -> None:
+    pattern, _, steps = made(kind)
+    lines = [step for step in steps if isinstance(step, Fly) and step.photo_every_m is not None]
+    assert compiled(steps).photos == pytest.approx(document.make(pattern).photos, abs=len(lines))
+    title = {"survey": "Survey line", "corridor": "Corridor line", "structure": "Structure scan, round"}[kind]
+    assert [step.name for step in lines] == [f"{title} {number + 1}" for number in range(len(lines))]
+
+
+def test_the_nose_points_along_the_lines_of_a_survey() -> None:
+    """The pattern assumes that the picture's width is across the line."""
+    pattern, _, steps = made("survey")
+    heading_deg = document.make(pattern).heading_deg
+    assert heading_deg is not None
+    pictured = [each for each in compiled(steps).segments if any(e.kind == "photo" for e in each.events)]
+    assert len(pictured) > 2
+    for segment in pictured:
+        setpoint = segment.at(segment.events[0].t_s)
+        assert isinstance(setpoint, Trajectory)
+        turned_deg = math.degrees(setpoint.yaw_ned_rad or 0.0) - heading_deg
+        assert abs(math.remainder(turned_deg, 180.0)) < 1.0
+
+
+def test_an_orbit_becomes_one_step_that_can_be_edited() -> None:
+    _, _, steps = made("orbit", clockwise=False, start_deg=90)
+    pointed, circles, released = steps
+    assert isinstance(circles, Orbit)
+    assert isinstance(pointed, Gimbal)
+    assert isinstance(released, Gimbal)
+    assert (circles.radius_m, circles.turns, circles.clockwise) == (25.0, 2.0, False)
+    assert circles.start_angle_ned_rad == pytest.approx(math.pi / 2)
+    assert circles.look_at == pointed.place
+    assert (pointed.track, released.track) == ("look_at", "release")
+    _, _, plain = made("orbit", look_at=None)
+    assert [step.step for step in plain] == ["orbit"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "field"), [("survey", "altitude"), ("structure", "base"), ("orbit", "altitude")]
+)
+def test_an_altitude_above_unknown_ground_is_refused(kind: str, field: str) -> None:
+    with pytest.raises(PlanError, match="elevation files") as raised:
+        made(kind, **{field: {"value_m": 30, "reference": "terrain"}})
+    assert raised.value.field == field
+
+
+def test_a_pattern_with_too_many_steps_is_refused() -> None:
+    with pytest.raises(PlanError, match="the maximum is 1000"):
+        made("survey", coverage={**COVERAGE, "distance_m": 0.2, "front_overlap": 0.1}, crosshatch=True)
