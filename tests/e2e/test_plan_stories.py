@@ -48,12 +48,13 @@ MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its p
 def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
-        choose(room.get_by_role("button", name="Add step"), "Survey of an area")
+        choose(room.get_by_role("button", name="Add step"), "Survey")
         for place in FIELD:
             page.mouse.click(*on_map(page, place))
-        expect(room.get_by_text("(4 so far)")).to_be_visible()
-        room.get_by_label("Altitude above home").fill("15")
-        room.get_by_role("button", name="Add survey").click()
+        expect(room.get_by_text("4 corners")).to_be_visible()
+        room.get_by_label("Altitude", exact=True).fill("15")
+        expect(room.get_by_role("group", name="Figures of the pattern")).to_contain_text("cm/px")
+        room.get_by_role("button", name="Insert survey").click()
         waypoints = steps_of(room).filter(has_text="Waypoint")
         expect(waypoints.nth(3)).to_contain_text("15.0 m above home")
 

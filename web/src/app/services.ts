@@ -42,6 +42,8 @@ export interface Services {
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
     showPositions: (positions: readonly GeoPosition[]) => void;
+    /** The middle of the part of the map that no panel covers, and the distance to its edge; null: no map is shown. */
+    visibleMiddle: () => { readonly at: GeoPosition; readonly reach_m: number } | null;
   };
 }
 

@@ -9,12 +9,12 @@ import type { Power } from './conditions';
 import type { Document, PlanKind } from './document-kinds';
 import type { Flight } from './offboard/compiled-path';
 import type { Mission } from './offboard/mission';
+import type { Pattern } from './patterns/shape';
 
 type Schemas = components['schemas'];
 
 /** Metadata of one version of a plan. */
 export type PlanVersion = Readonly<Schemas['PlanVersion']>;
-export type Pattern = Schemas['SurveyPattern'];
 export type Estimates = Readonly<Schemas['PlanEstimates']>;
 
 export interface Check {
@@ -35,6 +35,15 @@ export interface Area {
 export interface Imported {
   readonly plan: Document;
   readonly areas: readonly Area[];
+  readonly notes: readonly string[];
+}
+
+/** A pattern with its items or steps; the positions and lines are those of the map. */
+export interface MadePattern {
+  readonly plan: Document;
+  readonly path: readonly GeoPosition[];
+  readonly lines: readonly (readonly [GeoPosition, GeoPosition])[];
+  readonly figures: Readonly<Schemas['PatternFigures']>;
   readonly notes: readonly string[];
 }
 
@@ -136,7 +145,13 @@ export class PlanApi {
     return this.api.download('/plans/export', { params: { query: { format } }, body: { plan: toApi(plan) } }, 'X-Plan-Notes');
   }
 
-  pattern(pattern: Pattern): Promise<Outcome<{ plan: Plan }>> {
-    return fromApi(this.api.post('/plans/pattern', { body: pattern }));
+  /**
+   * Generates a pattern as items or steps.
+   * @param tolerance_m largest deviation of the lines from their height above the ground; null: altitudes above the
+   * ground stay unresolved.
+   */
+  pattern(pattern: Pattern, document: PlanKind, vehicle: string | null, tolerance_m: number | null): Promise<Outcome<MadePattern>> {
+    const query = { document, ...(vehicle === null ? {} : { vehicle }), ...(tolerance_m === null ? {} : { tolerance_m }) };
+    return fromApi(this.api.post('/plans/pattern', { params: { query }, body: pattern }));
   }
 }

@@ -9,14 +9,14 @@ import { PlanApi } from './api';
 import { DryRun } from './dry-run.svelte';
 import { PlanEditor } from './editor.svelte';
 import { VehicleMission } from './plan-transfer.svelte';
+import { PatternDrawing } from './patterns/drawing.svelte';
 import { Plans } from './plans.svelte';
 
 export const editor = new PlanEditor();
-export const plans = new Plans(
-  new PlanApi(page.api),
-  editor,
-  memory(() => localStorage),
-);
+const planApi = new PlanApi(page.api);
+const browserMemory = memory(() => localStorage);
+export const plans = new Plans(planApi, editor, browserMemory);
+export const drawing = new PatternDrawing(planApi, editor, browserMemory);
 
 export const mission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);

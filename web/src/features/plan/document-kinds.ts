@@ -82,6 +82,20 @@ export function insertAt(document: Document, id: string, at: GeoPosition, frame:
   return { document: edit.insertItem(document, where.row, newItem('waypoint', at, altitudeBefore(document, where.row))), id: `item:${where.row}` };
 }
 
+/**
+ * Inserts the items or steps of another document after the selection, else at the end, but before a final landing or
+ * return. @returns the ids of the inserted ones.
+ */
+export function insertAll(document: Document, added: Document, selected: readonly string[]): { document: Document; ids: string[] } {
+  if (isMission(document)) {
+    const found = offboard.addSteps(document, isMission(added) ? added.steps : [], selected);
+    return { document: found.mission, ids: found.ids };
+  }
+  const items = isMission(added) ? [] : added.items;
+  const row = edit.rowToInsert(document, selected);
+  return { document: edit.insertItems(document, row, items), ids: items.map((_, i) => `item:${row + i}`) };
+}
+
 export function isInsertion(id: string): boolean {
   return insertionOf(id) !== null || missionPicture.betweenOf(id) !== null;
 }

@@ -93,6 +93,25 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
   return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
 }
 
+/** Items that end the flight: no item is added after them. */
+export const FLIGHT_ENDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_home']);
+
+/** The row after the selected ones, else at the end, but before a final landing or return. */
+export function rowToInsert(plan: Plan, selected: readonly string[]): number {
+  const { items } = plan;
+  const last = items.at(-1);
+  const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;
+  const rows = selected.flatMap((id) => ((ref) => (ref?.of === 'item' ? [ref.row] : []))(refOf(id)));
+  return rows.length > 0 ? Math.min(Math.max(...rows) + 1, end) : end;
+}
+
+/** Inserts several items, for example those of a pattern; jumps keep their targets. */
+export function insertItems(plan: Plan, row: number, items: readonly Item[]): Plan {
+  const { length } = items;
+  const shifted = shiftJumps(plan, (target) => (target >= row ? target + length : target));
+  return { ...shifted, items: [...shifted.items.slice(0, row), ...items, ...shifted.items.slice(row)] };
+}
+
 export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, at: GeoPosition): D {
   const old = plan.fence[zone];
   if (old?.shape !== 'polygon') return plan;

@@ -29,7 +29,7 @@ export type Placing =
   | { readonly of: 'rally' }
   | { readonly of: 'area'; readonly use: AreaUse }
   | { readonly of: 'circle' };
-export type AreaUse = 'inclusion' | 'exclusion' | 'obstacle' | 'survey';
+export type AreaUse = 'inclusion' | 'exclusion' | 'obstacle';
 
 const NEW_NAME = 'New plan';
 const NEW_MISSION = 'New mission';
@@ -37,8 +37,6 @@ const NEW_MISSION = 'New mission';
 const CIRCLE_RADIUS_M = 50;
 /** Top of a new obstacle: a house of two floors. */
 const OBSTACLE_TOP: Altitude = { value_m: 10, reference: 'home' };
-/** Items that end the flight: no item is added after them. */
-const FLIGHT_ENDS: ReadonlySet<ItemKind> = new Set(['land', 'return_home']);
 const NONE: ReadonlySet<string> = new Set();
 
 export class PlanEditor implements LayerEditor {
@@ -70,9 +68,7 @@ export class PlanEditor implements LayerEditor {
     }),
   );
   readonly sketch: Sketch | null = $derived(
-    this.placing?.of === 'area'
-      ? { corners: this.corners, tone: this.placing.use === 'survey' ? 'target' : this.placing.use === 'inclusion' ? 'caution' : 'danger' }
-      : null,
+    this.placing?.of === 'area' ? { corners: this.corners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
   );
   readonly picture = $derived(kinds.pictureOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
 
@@ -193,10 +189,7 @@ export class PlanEditor implements LayerEditor {
 
   /** Adds the item after the selection, else at the end, but before a final landing or return. */
   addItem(kind: ItemKind, at: GeoPosition | null): void {
-    const { items } = this.plan;
-    const last = items.at(-1);
-    const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;
-    const row = kind === 'takeoff' ? 0 : FLIGHT_ENDS.has(kind) ? items.length : this.rows.length > 0 ? Math.min(Math.max(...this.rows) + 1, end) : end;
+    const row = kind === 'takeoff' ? 0 : edit.FLIGHT_ENDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
     this.change(edit.insertItem(this.plan, row, newItem(kind, at, altitudeBefore(this.plan, row))));
     this.select([`item:${row}`]);
     if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
@@ -214,7 +207,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Uses the drawn area as geofence or as obstacle. */
-  addArea(use: Exclude<AreaUse, 'survey'>, polygon: readonly GeoPosition[]): void {
+  addArea(use: AreaUse, polygon: readonly GeoPosition[]): void {
     if (use !== 'obstacle') return this.addZone(use === 'inclusion', polygon);
     this.change(edit.addObstacle(this.document, { name: '', polygon, top: OBSTACLE_TOP }));
     const index = obstaclesOf(this.document).length - 1;
@@ -227,6 +220,13 @@ export class PlanEditor implements LayerEditor {
     this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
     this.select([]);
     this.stopPlacing();
+  }
+
+  /** Inserts the items or steps of a pattern after the selection, as one change. */
+  insertPattern(added: Document): void {
+    const inserted = kinds.insertAll(this.document, added, [...this.selected]);
+    this.change(inserted.document);
+    this.select(inserted.ids);
   }
 
   /** @returns false if nothing was selected. */
@@ -332,5 +332,4 @@ const AREAS: Readonly<Record<AreaUse, string>> = {
   inclusion: 'the area to stay inside',
   exclusion: 'the area to stay outside',
   obstacle: 'the obstacle',
-  survey: 'the area to survey',
 };

@@ -8,7 +8,6 @@ import * as history from './history';
 import { newItem } from './items';
 import { picture, ringOf } from './layer';
 import { groundAreas, polylines, profile } from './profile';
-import { surveyOf, SURVEY } from './survey';
 import { treeOf } from './list-entries';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -192,16 +191,5 @@ describe('the terrain below a plan', () => {
     const moved = movePoint(planOf(item), 'item:0', at(50)).items[0];
     expect(moved).toMatchObject({ altitude: { value_m: 30, resolved_amsl_m: null } });
     expect(movePoint(planOf(waypoint(0)), 'item:0', at(50)).items[0]).toMatchObject({ altitude: { value_m: 30, reference: 'home' } });
-  });
-});
-
-describe('a survey', () => {
-  it('has its altitude above home and its overlaps as fractions', () => {
-    expect(surveyOf([at(0), at(50), at(50, 50)], SURVEY)).toMatchObject({
-      kind: 'survey',
-      altitude: { value_m: 40, reference: 'home' },
-      coverage: { distance_m: 40, front_overlap: 0.75, camera: { image_height_px: 3648 } },
-    });
-    expect(surveyOf([at(0), at(50), at(50, 50)], { ...SURVEY, follows_ground: true })).toMatchObject({ altitude: { value_m: 40, reference: 'terrain' } });
   });
 });

@@ -3,9 +3,9 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, GroundPlan, Imported, Pattern, PlanApi, PlanVersion } from './api';
+import type { Area, Check, Format, GroundPlan, Imported, PlanApi, PlanVersion } from './api';
 import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './conditions';
-import { EMPTY, type PlannedHome, type Plan } from './document';
+import { EMPTY, type PlannedHome } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './document-kinds';
 import type { Downloaded } from './plan-transfer.svelte';
@@ -205,32 +205,12 @@ export class Plans {
   }
 
   /**
-   * Adds a survey pattern at the end of the plan.
-   * @param tolerance_m largest deviation of its lines from their height above ground; null: the pattern does not
-   * follow the terrain.
-   */
-  async pattern(pattern: Pattern, tolerance_m: number | null = null): Promise<boolean> {
-    const answer = await this.call(this.api.pattern(pattern));
-    if (!answer.ok) {
-      this.showProblem('The survey was not created.', answer.problem);
-      return false;
-    }
-    const { plan } = this.editor;
-    const extended = { ...plan, items: [...plan.items, ...answer.value.plan.items] };
-    this.notice = null;
-    if (tolerance_m === null) this.editor.change(extended);
-    else if (!(await this.followGround(tolerance_m, extended))) return false;
-    this.editor.stopPlacing();
-    return true;
-  }
-
-  /**
    * Resolves altitudes above terrain with the server's elevation files.
    * @param tolerance_m waypoints are added where a straight line deviates more from its height above ground; null:
    * none are added.
    */
-  async followGround(tolerance_m: number | null, plan: Plan = this.editor.plan): Promise<boolean> {
-    const { draft } = this.editor;
+  async followGround(tolerance_m: number | null): Promise<boolean> {
+    const { draft, plan } = this.editor;
     const answer = await this.call(this.api.followGround(plan, tolerance_m));
     if (!answer.ok) {
       this.showProblem('The altitudes were not resolved.', answer.problem);

@@ -24,6 +24,8 @@ export interface MapCommands {
   northUp: () => void;
   /** Fits positions into the uncovered area. */
   show: (positions: readonly GeoPosition[]) => void;
+  /** The middle of the uncovered area and the distance to its edge; null: the map is not drawn, or is the inset. */
+  middle: () => { at: GeoPosition; reach_m: number } | null;
 }
 
 const RETRY_MS = 5000;
@@ -63,6 +65,10 @@ class StageState {
 
   showPositions(positions: readonly GeoPosition[]): void {
     this.map?.show(positions);
+  }
+
+  visibleMiddle(): { at: GeoPosition; reach_m: number } | null {
+    return this.map?.middle() ?? null;
   }
 
   /** Assigns only a changed value, because each assignment makes a new menu layout. */

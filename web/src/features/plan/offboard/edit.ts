@@ -116,11 +116,7 @@ function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, aft
  */
 export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
-  const last =
-    selected
-      .map((id) => nodeOf(mission, id))
-      .filter((node) => node !== null)
-      .at(-1) ?? null;
+  const last = lastOf(mission, selected);
   if (kind === 'fly' && at !== null && last?.step.step === 'fly') {
     const ref = selected
       .map(pointOf)
@@ -131,22 +127,45 @@ export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null
   }
   const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
   const step = newStep(kind, PLACED.has(kind) ? newPosition(mission, at, frame, order, nodes) : undefined);
+  const { mission: next, places } = insertSteps(mission, [step], last);
+  const place = places[0] ?? '';
+  return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
+}
+
+/** The last selected step; null: none is selected. */
+function lastOf(mission: Mission, selected: readonly string[]): StepNode | null {
+  return (
+    selected
+      .map((id) => nodeOf(mission, id))
+      .filter((node) => node !== null)
+      .at(-1) ?? null
+  );
+}
+
+/** Inserts steps, for example those of a pattern, with the rule of `addStep`. @returns their ids. */
+export function addSteps(mission: Mission, steps: readonly Step[], selected: readonly string[]): { mission: Mission; ids: string[] } {
+  const last = lastOf(mission, selected);
+  const { mission: next, places } = insertSteps(mission, steps, last);
+  return { mission: next, ids: places.map(stepId) };
+}
+
+/** Inserts steps after another one, into its empty branch, or at the end, but before a final landing. */
+function insertSteps(mission: Mission, added: readonly Step[], after: StepNode | null): { mission: Mission; places: string[] } {
+  const kind = added[0]?.step;
   const [role] = roleNames(mission);
   let list: Path = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
-  if (last !== null && kind !== 'take_off') {
-    const inside = last.step.step === 'branch' && (last.step.then ?? []).length === 0;
-    list = inside ? [...last.path, 'then'] : listOf(last.path);
-    index = inside ? 0 : indexOf(last.path) + 1;
+  if (after !== null && kind !== 'take_off') {
+    const inside = after.step.step === 'branch' && (after.step.then ?? []).length === 0;
+    list = inside ? [...after.path, 'then'] : listOf(after.path);
+    index = inside ? 0 : indexOf(after.path) + 1;
   }
   if (kind === 'take_off') index = 0;
   const steps = (valueAt(mission, list) ?? []) as readonly Step[];
   if (kind !== 'land' && steps[index - 1]?.step === 'land' && list.length === (list[0] === 'roles' ? 3 : 1)) index -= 1;
-  const next = withValue(mission, list, spliced(steps, index, 0, step));
-  const path = key([...list, index]);
-  const added = nodesOf(next).find((node) => key(node.path) === path);
-  const place = added?.place ?? '';
-  return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
+  const next = withValue(mission, list, spliced(steps, index, 0, ...added));
+  const placeOf = new Map(nodesOf(next).map((node) => [key(node.path), node.place]));
+  return { mission: next, places: added.map((_, i) => placeOf.get(key([...list, index + i])) ?? '') };
 }
 
 /** Adds a first step to an empty branch, or one more at its end. */

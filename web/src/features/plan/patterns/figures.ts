@@ -1,0 +1,31 @@
+/** The figures of a pattern as texts. Pure. */
+
+import { duration, fixed, metres } from '../../../ui/format';
+import type { MadePattern } from '../api';
+
+export interface Figure {
+  readonly label: string;
+  readonly value: string;
+}
+
+/** Square metres, hectares from 10,000 m², square kilometres from 1,000,000 m². */
+export function areaText(area_m2: number): string {
+  if (area_m2 >= 1e6) return `${fixed(area_m2 / 1e6, 2)} km²`;
+  return area_m2 >= 1e4 ? `${fixed(area_m2 / 1e4, 2)} ha` : `${fixed(area_m2, 0)} m²`;
+}
+
+/** A pattern without pictures has no pictures, resolution and area. */
+export function figuresOf(figures: MadePattern['figures']): Figure[] {
+  const length = metres(figures.length_m);
+  const all: (Figure | null)[] = [
+    { label: 'Length', value: `${length.text} ${length.unit}` },
+    { label: 'Time', value: duration(figures.time_s) },
+    figures.photos > 0 ? { label: 'Photos', value: fixed(figures.photos, 0) } : null,
+    figures.resolution_m_px === null ? null : { label: 'Resolution', value: `${fixed(figures.resolution_m_px * 100, 2)} cm/px` },
+    figures.area_m2 === null ? null : { label: 'Area', value: areaText(figures.area_m2) },
+    figures.trigger_m > 0 ? { label: 'Photo every', value: `${fixed(figures.trigger_m, 1)} m` } : null,
+    figures.spacing_m > 0 ? { label: 'Line spacing', value: `${fixed(figures.spacing_m, 1)} m` } : null,
+    figures.heading_deg === null ? null : { label: 'Heading', value: `${fixed(figures.heading_deg, 0)}°` },
+  ];
+  return all.filter((figure) => figure !== null);
+}

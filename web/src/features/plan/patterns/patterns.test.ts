@@ -1,0 +1,276 @@
+import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../../../api/client';
+import { positionAt } from '../../../vehicle/geo';
+import { PlanApi } from '../api';
+import { EMPTY } from '../document';
+import { PlanEditor } from '../editor.svelte';
+import { newItem } from '../items';
+import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
+import { areaText, figuresOf } from './figures';
+import { shapePicture } from './pattern-layer';
+import { fitting, KINDS, missingPoints, namedPoints, PATTERNS, rectangle, type PatternKind } from './shape';
+import { DEFAULT_VALUES, placeOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
+
+const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
+const AREA = [at(0, 0), at(50, 0), at(50, 80), at(0, 80)];
+const HOLE = [at(10, 10), at(20, 10), at(20, 20)];
+const FIGURES = {
+  lines_length_m: 400,
+  lower_bound_m: 390,
+  photos: 41,
+  spacing_m: 21,
+  trigger_m: 10,
+  resolution_m_px: 0.01096,
+  heading_deg: 90,
+  area_m2: 40_000,
+  length_m: 512.4,
+  time_s: 125,
+};
+const WAYPOINTS = [at(0), at(0, 80)].map((place) => newItem('waypoint', place, { value_m: 40, reference: 'home' }));
+const MADE = { plan: { ...EMPTY, items: WAYPOINTS }, path: [at(0), at(0, 80)], lines: [[at(0), at(0, 80)]], figures: FIGURES, notes: [] };
+const STEPS = ['To survey line 1', 'Survey line 1'].map((name) => ({ step: 'fly', name, points: [{ lat_deg: 47.4, lon_deg: 8.5, alt_home_m: 40 }] }));
+
+type Answer = readonly [number, unknown];
+
+/** A drawing with a fake server, which gives these answers in order and records the questions. */
+function drawn(kind: PatternKind, ...answers: readonly Answer[]) {
+  const asked: { url: string; body: Record<string, unknown> }[] = [];
+  const api = new ApiClient('p', undefined, (url, init) => {
+    const [status, body] = answers[asked.length] ?? [500, {}];
+    asked.push({ url, body: JSON.parse(init.body as string) as Record<string, unknown> });
+    return Promise.resolve(new Response(JSON.stringify(body), { status }));
+  });
+  const stored = new Map<string, string>();
+  const memory = { getItem: (key: string) => stored.get(key) ?? null, setItem: (key: string, value: string) => void stored.set(key, value) };
+  const editor = new PlanEditor();
+  editor.begin(HOME);
+  const drawing = new PatternDrawing(new PlanApi(api), editor, memory);
+  drawing.begin(kind);
+  return { drawing, editor, asked, memory, api };
+}
+
+describe('the shape of a pattern', () => {
+  it('is drawn by clicks, corrected by drags and midpoints, and reduced by Delete', () => {
+    const { drawing } = drawn('survey');
+    for (const [count, corner] of AREA.slice(0, 3).entries()) {
+      expect(drawing.missing).toBe(3 - count);
+      drawing.press(corner);
+    }
+    expect(drawing.missing).toBe(0);
+    expect(drawing.grab('between:0:3')).toBe('shape:0:3');
+    drawing.drag('shape:0:3', at(0, 80));
+    drawing.drop(true);
+    expect(drawing.rings[0]?.[3]).toEqual(at(0, 80));
+    drawing.grab('shape:0:0');
+    drawing.drag('shape:0:0', at(99, 99));
+    drawing.drop(false);
+    expect(drawing.rings[0]?.[0]).toEqual(at(0, 0));
+    drawing.pick('shape:0:3');
+    expect(drawing.remove()).toBe(true);
+    expect(drawing.rings[0]).toHaveLength(3);
+    expect(drawing.selected).toEqual({ ring: 0, index: 2 });
+  });
+
+  it('has holes, to which clicks add corners while one of them is edited', () => {
+    const { drawing } = drawn('survey');
+    drawing.draw(AREA);
+    drawing.addHole();
+    expect(drawing.missing).toBe(0);
+    for (const corner of HOLE) drawing.press(corner);
+    expect(drawing.rings.map((ring) => ring.length)).toEqual([4, 3]);
+    expect(namedPoints(drawing.rings, 'area').at(-1)).toEqual({ value: '1:2', text: 'Hole 1, corner 3' });
+    drawing.choose({ ring: 0, index: 0 });
+    drawing.press(at(-10, 0));
+    expect(drawing.rings.map((ring) => ring.length)).toEqual([5, 3]);
+    for (let i = 0; i < 3; i += 1) {
+      drawing.choose({ ring: 1, index: 0 });
+      drawing.remove();
+    }
+    expect(drawing.rings).toHaveLength(1);
+  });
+
+  it('keeps what the next kind of pattern can use', () => {
+    expect(fitting([AREA, HOLE], 'survey')).toEqual([AREA, HOLE]);
+    expect(fitting([AREA, HOLE], 'perimeter')).toEqual([AREA]);
+    expect(fitting([AREA], 'orbit')).toEqual([[AREA[0]]]);
+    const { drawing } = drawn('orbit');
+    drawing.press(at(1));
+    drawing.press(at(2));
+    expect(drawing.rings).toEqual([[at(2)]]);
+  });
+
+  it('is entered without a map: a rectangle, then exact coordinates', () => {
+    const { drawing } = drawn('survey');
+    drawing.draw(rectangle(HOME, 60, 40));
+    expect([drawing.missing, drawing.at?.lat_deg]).toEqual([0, at(40).lat_deg]);
+    drawing.moveTo({ lat_deg: 47.5, lon_deg: 8.4 });
+    expect(drawing.rings[0]?.[0]).toEqual({ lat_deg: 47.5, lon_deg: 8.4 });
+  });
+
+  it('is drawn as a closed outline with its path, and with a circle for an orbit', () => {
+    const picture = shapePicture([AREA], 'area', { ring: 0, index: 1 }, MADE as never, true, null);
+    expect(picture.lines.map(({ style, positions }) => [style, positions.length])).toEqual([
+      ['dashed', 5],
+      ['dotted', 2],
+      ['solid', 2],
+    ]);
+    expect(picture.points.filter((point) => point.selected).map(({ id }) => id)).toEqual(['shape:0:1']);
+    expect(shapePicture([[at(0)]], 'point', null, null, false, 30).lines).toMatchObject([{ style: 'dashed', positions: { length: 73 } }]);
+  });
+});
+
+describe('the settings of a pattern', () => {
+  const request = (kind: PatternKind, changes: Partial<PatternValues> = {}) => requestOf(kind, [AREA, HOLE], { ...DEFAULT_VALUES, ...changes });
+
+  it('become a pattern of the API', () => {
+    expect(request('survey', { orientation: 'portrait', heading_deg: 30, crosshatch: true, speed_m_s: 4 })).toEqual({
+      ok: true,
+      pattern: {
+        kind: 'survey',
+        outer: AREA,
+        holes: [HOLE],
+        altitude: { value_m: 40, reference: 'home' },
+        coverage: {
+          camera: { sensor_width_mm: 13.2, sensor_height_mm: 8.8, focal_length_mm: 8.8, image_width_px: 5472, image_height_px: 3648, landscape: false },
+          distance_m: 40,
+          front_overlap: 0.75,
+          side_overlap: 0.65,
+        },
+        heading_deg: 30,
+        turnaround_m: 0,
+        crosshatch: true,
+        speed_m_s: 4,
+      },
+    });
+    expect(request('orbit', { direction: 'counterclockwise', look_at_m: 5 })).toMatchObject({ pattern: { clockwise: false, look_at: { value_m: 5 } } });
+    expect(request('orbit', { looks_at_center: false })).toMatchObject({ pattern: { look_at: null } });
+    expect(request('structure', { order: 'down', sides_m: 12 })).toMatchObject({ pattern: { from_top: true, coverage: { distance_m: 12 } } });
+    expect(request('corridor')).toMatchObject({ pattern: { points: AREA, width_m: 50 } });
+    expect(request('perimeter', { offset_m: -5 })).toMatchObject({ pattern: { outer: AREA, offset_m: -5, rounds: 1 } });
+  });
+
+  it('are refused on the page where the server could only guess', () => {
+    expect(request('survey', { reference: 'amsl' })).toMatchObject({ ok: false, problem: { place: 'distance_m' } });
+    expect(request('survey', { reference: 'amsl', distance_m: 50 })).toMatchObject({ ok: true });
+    expect(request('corridor', { altitude_m: -3 })).toMatchObject({ ok: false, problem: { place: 'altitude_m' } });
+    expect(request('perimeter', { reference: 'amsl', altitude_m: -3 })).toMatchObject({ ok: true });
+  });
+
+  it('all have a row in the form of a pattern that uses them', () => {
+    const shown = new Set(KINDS.flatMap((kind) => sectionsOf(kind, DEFAULT_VALUES)).flatMap(({ rows }) => rows.map(({ name }) => name)));
+    expect([...shown].sort()).toEqual([...Object.keys(DEFAULT_VALUES), 'camera'].sort());
+  });
+
+  it('have a camera of the list, or other values', () => {
+    const cameraRow = (values: PatternValues) =>
+      sectionsOf('survey', values)
+        .flatMap(({ rows }) => rows)
+        .find(({ name }) => name === 'camera')?.field.value;
+    const full = withRow(DEFAULT_VALUES, 'camera', 'Full frame, 42 MP, 35 mm');
+    expect([full.sensor_width_mm, cameraRow(full)]).toEqual([35.9, 'Full frame, 42 MP, 35 mm']);
+    expect(cameraRow(withRow(full, 'focal_length_mm', 50))).toBe('other');
+    expect(withRow(full, 'rounds', 2.6).rounds).toBe(3);
+  });
+
+  it.each<[PatternKind, string | null, RowName | 'shape' | null]>([
+    ['survey', 'outer', 'shape'],
+    ['survey', 'holes', 'shape'],
+    ['survey', 'coverage.side_overlap', 'side_percent'],
+    ['survey', 'coverage.camera.focal_length_mm', 'focal_length_mm'],
+    ['survey', 'coverage', 'side_percent'],
+    ['survey', 'coverage.distance_m', 'distance_m'],
+    ['structure', 'coverage.distance_m', 'sides_m'],
+    ['structure', 'base', 'base_m'],
+    ['orbit', 'radius_m', 'radius_m'],
+    ['orbit', 'look_at.value_m', 'look_at_m'],
+    ['perimeter', 'body', null],
+    ['perimeter', null, null],
+  ])('show a problem of a %s in %s beside %s', (kind, field, place) => expect(placeOf(kind, field)).toBe(place));
+});
+
+describe('the preview of a pattern', () => {
+  it('shows the figures before anything is inserted, and inserts what it shows as one change', async () => {
+    const { drawing, editor, asked } = drawn('survey', [200, MADE]);
+    editor.addItem('takeoff', HOME);
+    editor.addItem('return_home', null);
+    editor.select([]);
+    const before = editor.plan;
+    drawing.vehicle = '7';
+    drawing.draw(AREA);
+    await drawing.refresh();
+    expect(asked[0]?.url).toBe('/api/v1/plans/pattern?document=waypoint_plan&vehicle=7');
+    expect(drawing.isCurrent).toBe(true);
+    expect(figuresOf(FIGURES).map(({ value }) => value)).toEqual(['512 m', '02:05', '41', '1.10 cm/px', '4.00 ha', '10.0 m', '21.0 m', '90°']);
+    expect(editor.plan).toBe(before);
+    expect(await drawing.insert()).not.toBeNull();
+    expect(asked).toHaveLength(1);
+    expect(editor.plan.items.map((item) => item.kind)).toEqual(['takeoff', 'waypoint', 'waypoint', 'return_home']);
+    expect([...editor.selected]).toEqual(['item:1', 'item:2']);
+    expect([drawing.kind, drawing.rings]).toEqual([null, [[]]]);
+    editor.undo();
+    expect(editor.plan).toEqual(before);
+    editor.redo();
+    expect(editor.plan.items).toHaveLength(4);
+  });
+
+  it('inserts steps into an offboard mission, before its landing', async () => {
+    const { drawing, editor, asked } = drawn('survey', [200, { ...MADE, plan: { format: 'offboard-gcs-mission', name: 'Survey', steps: STEPS } }]);
+    editor.beginMission(HOME);
+    drawing.begin('survey');
+    drawing.draw(AREA);
+    await drawing.insert();
+    expect(asked[0]?.url).toBe('/api/v1/plans/pattern?document=offboard_mission');
+    expect(editor.mission?.steps.map(({ step, name }) => name ?? step)).toEqual(['take_off', 'To survey line 1', 'Survey line 1', 'land']);
+    expect([...editor.selected]).toEqual(['step:step 2', 'step:step 3']);
+    editor.undo();
+    expect(editor.mission?.steps).toHaveLength(2);
+  });
+
+  it('shows the reason of a refusal beside its field, and inserts nothing', async () => {
+    const refusal = { code: 'invalid_request', field: 'outer', detail: 'the area: its sides cross or touch.', remedy: 'Move its corners.' };
+    const { drawing, editor } = drawn('survey', [422, refusal], [200, MADE]);
+    const before = editor.plan;
+    drawing.draw(AREA);
+    expect(await drawing.insert()).toBeNull();
+    expect(drawing.problem).toEqual({ place: 'shape', text: 'The area: its sides cross or touch. Move its corners.' });
+    expect(editor.plan).toBe(before);
+    drawing.moveTo(at(-5, 0));
+    expect(drawing.problem).toBeNull();
+    await drawing.refresh();
+    expect(drawing.made?.figures.photos).toBe(41);
+  });
+
+  it('discards an answer to an earlier question', async () => {
+    const { drawing } = drawn('survey', [200, MADE], [200, { ...MADE, figures: { ...FIGURES, photos: 5 } }]);
+    drawing.draw(AREA);
+    const first = drawing.refresh();
+    drawing.set('altitude_m', 60);
+    await Promise.all([first, drawing.refresh()]);
+    expect([drawing.isCurrent, drawing.busy, drawing.made?.figures.photos]).toEqual([true, false, 5]);
+  });
+
+  it('follows the ground if the altitude is above it', async () => {
+    const { drawing, asked } = drawn('perimeter', [200, MADE]);
+    drawing.draw(AREA);
+    drawing.set('reference', 'terrain');
+    await drawing.refresh();
+    expect(asked[0]?.url).toContain(`tolerance_m=${GROUND_TOLERANCE_M}`);
+  });
+
+  it('asks nothing while the shape is incomplete, and keeps the camera for the next load of the page', async () => {
+    const { drawing, asked, memory, api, editor } = drawn('survey');
+    drawing.press(at(0));
+    await drawing.refresh();
+    expect([asked.length, missingPoints(drawing.rings, 'area')]).toEqual([0, 2]);
+    drawing.set('camera', 'Full frame, 42 MP, 35 mm');
+    expect(new PatternDrawing(new PlanApi(api), editor, memory).values.focal_length_mm).toBe(35);
+    memory.setItem('gcs.pattern-camera', '{');
+    expect(new PatternDrawing(new PlanApi(api), editor, memory).values).toEqual(DEFAULT_VALUES);
+  });
+});
+
+it('states areas in a unit of their size', () => {
+  expect([420, 25_000, 2_500_000].map(areaText)).toEqual(['420 m²', '2.50 ha', '2.50 km²']);
+  expect(Object.keys(PATTERNS)).toEqual(['survey', 'corridor', 'perimeter', 'orbit', 'structure']);
+});

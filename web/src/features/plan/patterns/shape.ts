@@ -1,0 +1,136 @@
+/** The shape that a pattern is made from, as it is drawn: outline and holes of an area, a line, or a point. Pure. */
+
+import type { components } from '../../../api/schema';
+import { positionAt, type GeoPosition } from '../../../vehicle/geo';
+import { midpoint } from '../edit';
+
+export type Pattern = components['schemas']['SurveyPattern'] | Others;
+type Others = components['schemas']['CorridorPattern' | 'PerimeterPattern' | 'OrbitPattern' | 'StructurePattern'];
+export type PatternKind = Pattern['kind'];
+export type ShapeKind = 'area' | 'line' | 'point';
+
+export interface PatternType {
+  readonly title: string;
+  /** Its name in a sentence. */
+  readonly noun: string;
+  readonly shape: ShapeKind;
+  /** What the pattern is for. */
+  readonly hint: string;
+}
+
+export const PATTERNS: Readonly<Record<PatternKind, PatternType>> = {
+  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping pictures.' },
+  corridor: { title: 'Corridor', noun: 'corridor', shape: 'line', hint: 'Parallel lines along a road, a river or a power line, with pictures.' },
+  perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.' },
+  orbit: { title: 'Orbit around a point', noun: 'orbit', shape: 'point', hint: 'Circles around a point.' },
+  structure: {
+    title: 'Structure scan',
+    noun: 'structure scan',
+    shape: 'area',
+    hint: 'Rounds around a structure at several heights, with pictures of its sides.',
+  },
+};
+export const KINDS = Object.keys(PATTERNS) as PatternKind[];
+
+/** The outline, the line or the point first, then the holes of an area. */
+export type Rings = readonly (readonly GeoPosition[])[];
+export const NO_RINGS: Rings = [[]];
+
+/** One point of the shape. */
+export interface ShapePoint {
+  readonly ring: number;
+  readonly index: number;
+}
+
+const FEWEST: Readonly<Record<ShapeKind, number>> = { area: 3, line: 2, point: 1 };
+
+/** Number of points that the shape still needs; a hole without points counts as none. */
+export function missingPoints(rings: Rings, kind: ShapeKind): number {
+  return Math.max(0, ...rings.map((ring, i) => (i > 0 && ring.length === 0 ? 0 : FEWEST[kind] - ring.length)));
+}
+
+const plain = ({ lat_deg, lon_deg }: GeoPosition): GeoPosition => ({ lat_deg, lon_deg });
+const withRing = (rings: Rings, ring: number, points: readonly GeoPosition[]): Rings => rings.map((one, i) => (i === ring ? points : one));
+
+/** Adds a point at the end of a ring; the only point of an orbit moves instead. */
+export function addPoint(rings: Rings, kind: ShapeKind, ring: number, at: GeoPosition): Rings {
+  return withRing(rings, ring, kind === 'point' ? [plain(at)] : [...(rings[ring] ?? []), plain(at)]);
+}
+
+export function insertPoint(rings: Rings, { ring, index }: ShapePoint, at: GeoPosition): Rings {
+  const points = rings[ring] ?? [];
+  return withRing(rings, ring, [...points.slice(0, index), plain(at), ...points.slice(index)]);
+}
+
+export function movePoint(rings: Rings, { ring, index }: ShapePoint, to: GeoPosition): Rings {
+  return withRing(
+    rings,
+    ring,
+    (rings[ring] ?? []).map((point, i) => (i === index ? plain(to) : point)),
+  );
+}
+
+/** Removes a point; a hole without points is removed. */
+export function removePoint(rings: Rings, { ring, index }: ShapePoint): Rings {
+  const left = withRing(
+    rings,
+    ring,
+    (rings[ring] ?? []).filter((_, i) => i !== index),
+  );
+  return left.filter((points, i) => i === 0 || points.length > 0 || i !== ring);
+}
+
+/** Begins an empty hole, unless the last one is still empty. */
+export function addHole(rings: Rings): Rings {
+  return rings.at(-1)?.length === 0 ? rings : [...rings, []];
+}
+
+/** A rectangle around a position, clockwise from its north-west corner. */
+export function rectangle(around: GeoPosition, half_east_m: number, half_north_m: number): GeoPosition[] {
+  const corners = [
+    [-1, 1],
+    [1, 1],
+    [1, -1],
+    [-1, -1],
+  ] as const;
+  return corners.map(([east, north]) => positionAt(around, { east_m: east * half_east_m, north_m: north * half_north_m }));
+}
+
+/** Only areas have holes, and a point is a single one. */
+export function fitting(rings: Rings, kind: PatternKind): Rings {
+  const { shape } = PATTERNS[kind];
+  const [first = [], ...holes] = rings;
+  if (shape === 'point') return [first.slice(0, 1)];
+  return kind === 'survey' ? [first, ...holes] : [first];
+}
+
+/** The points with their names for a person. */
+export function namedPoints(rings: Rings, kind: ShapeKind): { value: string; text: string }[] {
+  const noun = kind === 'line' ? 'Point' : kind === 'point' ? 'Centre' : 'Corner';
+  return rings.flatMap((points, ring) =>
+    points.map((_, index) => ({
+      value: `${ring}:${index}`,
+      text: kind === 'point' ? noun : `${ring > 0 ? `Hole ${ring}, corner` : noun} ${index + 1}`,
+    })),
+  );
+}
+
+export const pointId = ({ ring, index }: ShapePoint): string => `shape:${ring}:${index}`;
+
+/** @returns the point of an id of the map, and whether it is a midpoint, which inserts a point there. */
+export function pointOfId(id: string): { point: ShapePoint; inserts: boolean } | null {
+  const match = /^(shape|between):(\d+):(\d+)$/.exec(id);
+  return match === null ? null : { point: { ring: Number(match[2]), index: Number(match[3]) }, inserts: match[1] === 'between' };
+}
+
+/** The midpoints of the sides, at which a point can be inserted. */
+export function midpoints(rings: Rings, kind: ShapeKind): { id: string; at: GeoPosition }[] {
+  if (kind === 'point') return [];
+  return rings.flatMap((points, ring) => {
+    const closes = kind === 'area' && points.length > 2;
+    return points.flatMap((a, index) => {
+      const b = points[index + 1] ?? (closes ? points[0] : undefined);
+      return b === undefined ? [] : [{ id: `between:${ring}:${index + 1}`, at: midpoint(a, b) }];
+    });
+  });
+}

@@ -1,0 +1,290 @@
+/** The settings of patterns: their rows in the form, and the pattern in the API's format. Pure. */
+
+import type { GeoPosition } from '../../../vehicle/geo';
+import type { Altitude, Reference } from '../document';
+import { REFERENCE_CHOICES } from '../items';
+import type { FieldValue, ShownField } from '../offboard/fields';
+import { PATTERNS, type Pattern, type PatternKind, type Rings } from './shape';
+
+/** One value for each setting of any pattern. Overlaps are per cent here and fractions in the API. */
+export interface PatternValues {
+  readonly altitude_m: number;
+  readonly reference: Reference;
+  /** Distance from the camera to the ground; null: the altitude. */
+  readonly distance_m: number | null;
+  readonly front_percent: number;
+  readonly side_percent: number;
+  readonly orientation: 'landscape' | 'portrait';
+  readonly sensor_width_mm: number;
+  readonly sensor_height_mm: number;
+  readonly focal_length_mm: number;
+  readonly image_width_px: number;
+  readonly image_height_px: number;
+  /** Null: the direction with the shortest path. */
+  readonly heading_deg: number | null;
+  readonly turnaround_m: number;
+  readonly crosshatch: boolean;
+  readonly speed_m_s: number | null;
+  readonly width_m: number;
+  readonly offset_m: number;
+  readonly rounds: number;
+  readonly radius_m: number;
+  readonly direction: 'clockwise' | 'counterclockwise';
+  readonly start_deg: number;
+  readonly looks_at_center: boolean;
+  readonly look_at_m: number;
+  readonly base_m: number;
+  readonly height_m: number;
+  readonly lowest_m: number;
+  readonly sides_m: number;
+  readonly order: 'up' | 'down';
+  readonly gimbal_pitch_deg: number;
+}
+export type ValueName = keyof PatternValues;
+export type RowName = ValueName | 'camera';
+/** A part of the form that a problem belongs to; `shape` is what is drawn on the map. */
+export type ProblemPlace = ValueName | 'shape' | null;
+
+type CameraValues = Pick<PatternValues, 'sensor_width_mm' | 'sensor_height_mm' | 'focal_length_mm' | 'image_width_px' | 'image_height_px'>;
+const camera = (sensor_width_mm: number, sensor_height_mm: number, focal_length_mm: number, image_width_px: number, image_height_px: number): CameraValues => ({
+  sensor_width_mm,
+  sensor_height_mm,
+  focal_length_mm,
+  image_width_px,
+  image_height_px,
+});
+/** Common sensors and lenses. */
+const CAMERAS: Readonly<Record<string, CameraValues>> = {
+  '1-inch, 20 MP, 8.8 mm': camera(13.2, 8.8, 8.8, 5472, 3648),
+  '4/3-inch, 20 MP, 12.3 mm': camera(17.3, 13, 12.3, 5280, 3956),
+  'APS-C, 24 MP, 16 mm': camera(23.5, 15.6, 16, 6000, 4000),
+  'Full frame, 42 MP, 35 mm': camera(35.9, 24, 35, 7952, 5304),
+  '1/2.3-inch, 12 MP, 4.7 mm': camera(6.17, 4.55, 4.7, 4000, 3000),
+};
+const CAMERA_NAMES = Object.keys(camera(0, 0, 0, 0, 0)) as (keyof CameraValues)[];
+
+/** Overlaps that photogrammetry programs recommend. */
+export const DEFAULT_VALUES: PatternValues = {
+  altitude_m: 40,
+  reference: 'home',
+  distance_m: null,
+  front_percent: 75,
+  side_percent: 65,
+  orientation: 'landscape',
+  ...camera(13.2, 8.8, 8.8, 5472, 3648),
+  heading_deg: null,
+  turnaround_m: 0,
+  crosshatch: false,
+  speed_m_s: null,
+  width_m: 50,
+  offset_m: 0,
+  rounds: 1,
+  radius_m: 30,
+  direction: 'clockwise',
+  start_deg: 0,
+  looks_at_center: true,
+  look_at_m: 0,
+  base_m: 0,
+  height_m: 20,
+  lowest_m: 3,
+  sides_m: 10,
+  order: 'up',
+  gimbal_pitch_deg: 0,
+};
+
+type Spec = Omit<ShownField, 'value'>;
+const number = (label: string, unit: string, min: number, max: number, more: Partial<Spec> = {}): Spec => ({ label, of: 'number', unit, min, max, ...more });
+const choice = (label: string, options: readonly { value: string; text: string }[]): Spec => ({ label, of: 'choice', options });
+const options = (texts: Readonly<Record<string, string>>) => Object.entries(texts).map(([value, text]) => ({ value, text }));
+
+const SPECS: Readonly<Record<ValueName, Spec>> = {
+  altitude_m: number('Altitude', 'm', -12_000, 100_000),
+  reference: choice('Reference', REFERENCE_CHOICES),
+  distance_m: number('Camera to ground', 'm', 0.1, 100_000, { placeholder: 'altitude' }),
+  front_percent: number('Front overlap', '%', 0, 95),
+  side_percent: number('Side overlap', '%', 0, 95),
+  orientation: choice('Picture across the line', options({ landscape: 'long side', portrait: 'short side' })),
+  sensor_width_mm: number('Sensor width', 'mm', 0.1, 1000, { step: 0.1 }),
+  sensor_height_mm: number('Sensor height', 'mm', 0.1, 1000, { step: 0.1 }),
+  focal_length_mm: number('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
+  image_width_px: number('Picture width', 'px', 1, 1_000_000, { decimals: 0 }),
+  image_height_px: number('Picture height', 'px', 1, 1_000_000, { decimals: 0 }),
+  heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'best' }),
+  turnaround_m: number('Turnaround', 'm', 0, 1000),
+  crosshatch: { label: 'Second set of lines across', of: 'switch' },
+  speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'vehicle’s', step: 0.5 }),
+  width_m: number('Width', 'm', 0.1, 10_000),
+  offset_m: number('Distance from the edge', 'm', -10_000, 10_000),
+  rounds: number('Rounds', '', 1, 100, { decimals: 0 }),
+  radius_m: number('Radius', 'm', 1, 10_000),
+  direction: choice('Direction', options({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
+  start_deg: number('Start, bearing', '°', -360, 360),
+  looks_at_center: { label: 'Camera looks at the centre', of: 'switch' },
+  look_at_m: number('Altitude looked at', 'm', -12_000, 100_000),
+  base_m: number('Altitude of the base', 'm', -12_000, 100_000),
+  height_m: number('Height of the structure', 'm', 0.1, 10_000),
+  lowest_m: number('Lowest round above base', 'm', 0.1, 10_000),
+  sides_m: number('Distance to the sides', 'm', 0.1, 10_000),
+  order: choice('Order', options({ up: 'from the bottom', down: 'from the top' })),
+  gimbal_pitch_deg: number('Gimbal pitch', '°', -90, 90),
+};
+const WHOLE: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
+
+interface SectionSpec {
+  readonly title: string;
+  readonly rows: readonly RowName[];
+  /** Shown only when it is opened. */
+  readonly folded?: boolean;
+}
+const CAMERA_DATA: SectionSpec = { title: 'Camera data', rows: CAMERA_NAMES, folded: true };
+const pictures = (...more: RowName[]): SectionSpec => ({ title: 'Pictures', rows: ['camera', ...more, 'front_percent', 'side_percent'] });
+const HEIGHT: readonly RowName[] = ['altitude_m', 'reference'];
+const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
+  survey: [
+    { title: 'Height', rows: [...HEIGHT, 'distance_m'] },
+    pictures('orientation'),
+    { title: 'Lines', rows: ['heading_deg', 'turnaround_m', 'speed_m_s', 'crosshatch'] },
+    CAMERA_DATA,
+  ],
+  corridor: [
+    { title: 'Corridor', rows: ['width_m', 'turnaround_m'] },
+    { title: 'Height', rows: [...HEIGHT, 'distance_m'] },
+    pictures('orientation'),
+    CAMERA_DATA,
+  ],
+  perimeter: [{ title: 'Path', rows: [...HEIGHT, 'offset_m', 'rounds'] }],
+  orbit: [
+    { title: 'Path', rows: ['radius_m', ...HEIGHT, 'rounds', 'direction', 'start_deg'] },
+    { title: 'Camera', rows: ['looks_at_center', 'look_at_m'] },
+  ],
+  structure: [
+    { title: 'Structure', rows: ['base_m', 'reference', 'height_m'] },
+    { title: 'Rounds', rows: ['sides_m', 'lowest_m', 'order', 'gimbal_pitch_deg'] },
+    pictures(),
+    CAMERA_DATA,
+  ],
+};
+
+export interface Row {
+  readonly name: RowName;
+  readonly field: ShownField;
+}
+export interface Section extends Omit<SectionSpec, 'rows'> {
+  readonly rows: readonly Row[];
+}
+
+/** The form of a pattern. */
+export function sectionsOf(kind: PatternKind, values: PatternValues): Section[] {
+  return SECTIONS[kind].map((section) => ({
+    ...section,
+    rows: section.rows
+      .filter((name) => name !== 'look_at_m' || values.looks_at_center)
+      .map((name): Row => ({ name, field: name === 'camera' ? cameraField(values) : { ...SPECS[name], value: values[name] } })),
+  }));
+}
+
+function cameraField(values: PatternValues): ShownField {
+  const known = Object.entries(CAMERAS).find(([, one]) => CAMERA_NAMES.every((name) => one[name] === values[name]))?.[0];
+  const names = [...Object.keys(CAMERAS), ...(known === undefined ? ['other'] : [])];
+  return { label: 'Camera', of: 'choice', value: known ?? 'other', options: names.map((value) => ({ value, text: value })) };
+}
+
+/** The values after a row was edited. */
+export function withRow(values: PatternValues, name: RowName, value: FieldValue): PatternValues {
+  if (name === 'camera') return { ...values, ...CAMERAS[String(value)] };
+  return { ...values, [name]: WHOLE.has(name) ? Math.round(Number(value)) : value };
+}
+
+/** Reads the camera that was stored in the browser; anything else is ignored. */
+export function withCamera(values: PatternValues, stored: unknown): PatternValues {
+  const given = (stored ?? {}) as Readonly<Record<string, unknown>>;
+  const isUsable = CAMERA_NAMES.every((name) => typeof given[name] === 'number' && Number.isFinite(given[name]) && given[name] > 0);
+  return isUsable ? { ...values, ...Object.fromEntries(CAMERA_NAMES.map((name) => [name, given[name]])) } : values;
+}
+
+export function cameraOf(values: PatternValues): CameraValues {
+  return Object.fromEntries(CAMERA_NAMES.map((name) => [name, values[name]])) as unknown as CameraValues;
+}
+
+/** Why the server is not asked yet. */
+export interface FieldProblem {
+  readonly place: ProblemPlace;
+  readonly text: string;
+}
+export type PatternRequest = { readonly ok: true; readonly pattern: Pattern } | { readonly ok: false; readonly problem: FieldProblem };
+
+/** The pattern in the API's format. */
+export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues): PatternRequest {
+  const [outline = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
+  const altitude: Altitude = { value_m: values.altitude_m, reference: values.reference };
+  if ((kind === 'survey' || kind === 'corridor') && values.reference === 'amsl' && values.distance_m === null) {
+    const text = 'Enter the distance from the camera to the ground: an altitude AMSL does not state it.';
+    return { ok: false, problem: { place: 'distance_m', text } };
+  }
+  const coverage = coverageOf(values, kind === 'structure' ? values.sides_m : (values.distance_m ?? values.altitude_m));
+  if (kind !== 'structure' && PATTERNS[kind].shape !== 'point' && kind !== 'perimeter' && coverage.distance_m <= 0)
+    return { ok: false, problem: { place: 'altitude_m', text: 'Enter an altitude above 0: the camera looks down at the ground.' } };
+  return { ok: true, pattern: patternOf(kind, outline, holes, values, altitude, coverage) };
+}
+
+type Coverage = ReturnType<typeof coverageOf>;
+function coverageOf(values: PatternValues, distance_m: number) {
+  return {
+    camera: { ...cameraOf(values), landscape: values.orientation === 'landscape' },
+    distance_m,
+    front_overlap: values.front_percent / 100,
+    side_overlap: values.side_percent / 100,
+  };
+}
+
+function patternOf(kind: PatternKind, outline: GeoPosition[], holes: GeoPosition[][], values: PatternValues, altitude: Altitude, coverage: Coverage): Pattern {
+  const { turnaround_m, rounds } = values;
+  switch (kind) {
+    case 'survey': {
+      const { heading_deg, crosshatch, speed_m_s } = values;
+      return { kind, outer: outline, holes, coverage, altitude, heading_deg, turnaround_m, crosshatch, speed_m_s };
+    }
+    case 'corridor':
+      return { kind, points: outline, width_m: values.width_m, coverage, altitude, turnaround_m };
+    case 'perimeter':
+      return { kind, outer: outline, offset_m: values.offset_m, altitude, rounds };
+    case 'orbit': {
+      const look_at = values.looks_at_center ? { value_m: values.look_at_m, reference: values.reference } : null;
+      const { radius_m, start_deg } = values;
+      const clockwise = values.direction === 'clockwise';
+      return { kind, center: outline[0] ?? { lat_deg: 0, lon_deg: 0 }, radius_m, altitude, look_at, rounds, clockwise, start_deg };
+    }
+    case 'structure': {
+      const base = { value_m: values.base_m, reference: values.reference };
+      const { height_m, lowest_m, gimbal_pitch_deg } = values;
+      return { kind, outline, coverage, base, height_m, lowest_m, from_top: values.order === 'down', gimbal_pitch_deg };
+    }
+  }
+}
+
+/** Fields of the API by the beginning of their path, the longest first. */
+const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
+  ['coverage.front_overlap', 'front_percent'],
+  ['coverage.side_overlap', 'side_percent'],
+  ['coverage.distance_m', 'distance_m'],
+  ['coverage', 'side_percent'],
+  ['altitude', 'altitude_m'],
+  ['look_at', 'look_at_m'],
+  ['base', 'base_m'],
+  ['outer', 'shape'],
+  ['holes', 'shape'],
+  ['points', 'shape'],
+  ['outline', 'shape'],
+  ['center', 'shape'],
+  ['clockwise', 'direction'],
+  ['from_top', 'order'],
+];
+
+/** The row beside which a problem of this field is shown; null: the form as a whole. */
+export function placeOf(kind: PatternKind, field: string | null): ProblemPlace {
+  if (field === null) return null;
+  const last = field.split('.').at(-1) ?? '';
+  if (field.startsWith('coverage.camera.') && last in SPECS) return last as ValueName;
+  const found = API_FIELDS.find(([start]) => field.startsWith(start))?.[1] ?? (field in SPECS ? (field as ValueName) : null);
+  return found === 'distance_m' && kind === 'structure' ? 'sides_m' : found;
+}
