@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import choose, hold_space, opened, press, tab_to
+from tests.e2e.browser import choose, hold_space, in_both_themes, opened, press, tab_to
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     dry_run,
@@ -201,6 +201,51 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
         wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
         keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+
+
+def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station: Station) -> None:
+    home = home_of(station)
+    with opened(browser, station.url, scene=False, size=(1024, 768)) as page:
+        room = plan_room(page)
+        keyboard = page.keyboard
+        tab_to(page, "Add step")
+        keyboard.press("Enter")
+        expect(page.get_by_role("menuitem").first).to_be_focused()
+        keyboard.type("surv")
+        expect(page.get_by_role("menuitem", name="Survey", exact=True)).to_be_focused()
+        keyboard.press("Enter")
+        expect(room.get_by_label("Pattern", exact=True)).to_be_focused()
+        figures = room.get_by_role("group", name="Figures of the pattern")
+        expect(figures).to_contain_text("Add 3 more corners")
+        tab_to(page, "Add rectangle")
+        keyboard.press("Enter")
+        expect(figures).to_contain_text("cm/px")
+        typed(page, "Latitude", f"{home['lat_deg'] + 0.0002:.7f}")
+        typed(page, "Altitude", "15")
+        typed(page, "Side overlap", "96")
+        expect(room.get_by_text("Enter a number from 0 to 95.")).to_be_visible()
+        typed(page, "Side overlap", "50")
+        typed(page, "Heading of the lines", "90")
+        expect(figures).to_contain_text("90°")
+        assert in_both_themes(page) == []
+        tab_to(page, "Insert survey")
+        keyboard.press("Enter")
+        expect(steps_of(room).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
+        findings = room.get_by_role("region", name="Findings")
+        tab_to(page, "Take off at the beginning")
+        keyboard.press("Enter")
+        expect(findings).not_to_contain_text("The plan has no take-off")
+        expect(findings).not_to_contain_text("Error:")
+        tab_to(page, "Dry run")
+        keyboard.press("Enter")
+        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Flown: ", timeout=120_000)
+
+
+def typed(page: Page, label: str, text: str) -> None:
+    """Replaces the text of a field by keyboard."""
+    tab_to(page, label)
+    page.keyboard.press("Control+a")
+    page.keyboard.type(text)
 
 
 def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser, station: Station) -> None:

@@ -73,7 +73,7 @@ def test_keys_in_an_open_menu_choose_in_it_and_ask_no_flight_command(
         page.keyboard.press("w")
         menu = opened_menu(page)
         assert in_both_themes(page) == []
-        for key, title in (("End", "Rally point"), ("ArrowUp", "Geofence circle"), ("t", "Take off")):
+        for key, title in (("End", "Rally point"), ("ArrowUp", "Obstacle"), ("t", "Take off")):
             page.keyboard.press(key)
             expect(menu.get_by_role("menuitem", name=title, exact=True)).to_be_focused()
         expect(page.get_by_role("alertdialog")).to_have_count(0)

@@ -118,6 +118,7 @@ const PLAN_EDITS: Edits = {
 const SHARED_EDITS: Edits = {
   'add an inclusion zone': ({ editor }) => editor.addZone(true, AREA),
   'add an exclusion zone': ({ editor }) => editor.addZone(false, AREA.slice(0, 3)),
+  'add an obstacle': ({ editor }) => editor.addArea('obstacle', AREA),
   'add a circle': ({ editor }) => {
     editor.place({ of: 'circle' });
     editor.press(at(5, 5));
