@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import hold_space, in_both_themes, opened
+from tests.e2e.browser import choose, hold_space, in_both_themes, opened
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     EXAMPLES,
@@ -213,3 +213,38 @@ def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
     expect(room).to_contain_text("Saved as version 1.")
     assert len(station.gcs.request("GET", path)["plan"]["items"]) == 0
     assert len(station.gcs.request("GET", "/plans")["plans"]) == 2
+
+
+def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, station: Station) -> None:
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        for place in ((0.35, 0.5), (0.65, 0.5)):
+            page.mouse.click(*on_map(page, place))
+            page.wait_for_timeout(400)  # two quick clicks are a double click
+        page.keyboard.press("Escape")
+        choose(room.get_by_role("button", name="Add step"), "Obstacle")
+        for place in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
+            page.mouse.click(*on_map(page, place))
+            page.wait_for_timeout(400)
+        room.get_by_role("button", name="Add obstacle").click()
+        obstacle = steps_of(room).filter(has_text="obstacle, top")
+        expect(obstacle).to_contain_text("Obstacle 1")
+
+        card = page.get_by_role("group", name="Selection")
+        card.get_by_label("Name", exact=True).fill("Barn")
+        findings = room.get_by_role("region", name="Findings")
+        expect(findings).not_to_contain_text("Barn")
+        card.get_by_label("Top", exact=True).fill("40")
+        expect(obstacle).to_contain_text("top 40.0 m above home")
+        expect(findings).to_contain_text("passes through Barn")
+        assert in_both_themes(page) == []
+        finding = findings.get_by_role("listitem").filter(has_text="passes through Barn")
+        finding.get_by_role("button", name="Show").click()
+        expect(steps_of(room).filter(has_text="Waypoint").nth(1)).to_have_attribute("aria-selected", "true")
+
+        obstacle.click()
+        page.keyboard.press("Delete")
+        expect(obstacle).to_have_count(0)
+        expect(findings).not_to_contain_text("Barn")
+        page.keyboard.press("Control+z")
+        expect(findings).to_contain_text("passes through Barn")
