@@ -40,14 +40,18 @@ def click(page: Page, places: tuple[tuple[float, float], ...]) -> None:
 
 
 def plan(at: PictureSetup) -> None:
-    """A waypoint plan: a survey, a geofence that it leaves, a selected point, the altitudes."""
+    """A waypoint plan: the form of a survey, a geofence that it leaves, a selected point, the altitudes."""
     page = at.page
+    at.drone.request("POST", "/params/refresh", {"wait": True})
     room = opened_room(page, "Zoom out")
     room.get_by_label("Name of the plan").fill("Field survey")
     add = room.get_by_role("button", name="Add step")
     choose(add, "Survey")
     click(page, FIELD)
     room.get_by_label("Altitude", exact=True).fill("25")
+    page.mouse.move(0, 0)
+    wait_until_unchanged(page, 3)
+    save_in_both_themes(page, at.folder, "pattern")
     room.get_by_role("button", name="Insert survey").click()
     findings = room.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Take off at the beginning").click()

@@ -41,7 +41,7 @@ def test_the_example_flies_and_ends_disarmed_on_the_ground(
 
 
 @pytest.mark.parametrize(
-    ("example", "flags", "said"),
+    ("example", "flags", "expected_text"),
     [
         ("figure_eight", [], "step 2: Two rounds"),
         ("tower_inspection", ["--yes"], "step 8: Down around the mast"),
