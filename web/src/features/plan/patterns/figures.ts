@@ -14,8 +14,11 @@ export function areaText(area_m2: number): string {
   return area_m2 >= 1e4 ? `${fixed(area_m2 / 1e4, 2)} ha` : `${fixed(area_m2, 0)} m²`;
 }
 
-/** A pattern without pictures has no pictures, resolution and area. */
-export function figuresOf(figures: MadePattern['figures']): Figure[] {
+/**
+ * A pattern without pictures has no pictures, resolution and area.
+ * @param spacing name of the distance between lines or rounds.
+ */
+export function figuresOf(figures: MadePattern['figures'], spacing: string): Figure[] {
   const length = metres(figures.length_m);
   const all: (Figure | null)[] = [
     { label: 'Length', value: `${length.text} ${length.unit}` },
@@ -24,7 +27,7 @@ export function figuresOf(figures: MadePattern['figures']): Figure[] {
     figures.resolution_m_px === null ? null : { label: 'Resolution', value: `${fixed(figures.resolution_m_px * 100, 2)} cm/px` },
     figures.area_m2 === null ? null : { label: 'Area', value: areaText(figures.area_m2) },
     figures.trigger_m > 0 ? { label: 'Photo every', value: `${fixed(figures.trigger_m, 1)} m` } : null,
-    figures.spacing_m > 0 ? { label: 'Line spacing', value: `${fixed(figures.spacing_m, 1)} m` } : null,
+    figures.spacing_m > 0 ? { label: spacing, value: `${fixed(figures.spacing_m, 1)} m` } : null,
     figures.heading_deg === null ? null : { label: 'Heading', value: `${fixed(figures.heading_deg, 0)}°` },
   ];
   return all.filter((figure) => figure !== null);

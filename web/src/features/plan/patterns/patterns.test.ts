@@ -201,7 +201,16 @@ describe('the preview of a pattern', () => {
     await drawing.refresh();
     expect(asked[0]?.url).toBe('/api/v1/plans/pattern?document=waypoint_plan&vehicle=7');
     expect(drawing.isCurrent).toBe(true);
-    expect(figuresOf(FIGURES).map(({ value }) => value)).toEqual(['512 m', '02:05', '41', '1.10 cm/px', '4.00 ha', '10.0 m', '21.0 m', '90°']);
+    expect(figuresOf(FIGURES, PATTERNS.survey.spacing).map(({ value }) => value)).toEqual([
+      '512 m',
+      '02:05',
+      '41',
+      '1.10 cm/px',
+      '4.00 ha',
+      '10.0 m',
+      '21.0 m',
+      '90°',
+    ]);
     expect(editor.plan).toBe(before);
     expect(await drawing.insert()).not.toBeNull();
     expect(asked).toHaveLength(1);

@@ -16,18 +16,27 @@ export interface PatternType {
   readonly shape: ShapeKind;
   /** What the pattern is for. */
   readonly hint: string;
+  /** Name of the distance between its lines or rounds. */
+  readonly spacing: string;
 }
 
 export const PATTERNS: Readonly<Record<PatternKind, PatternType>> = {
-  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping pictures.' },
-  corridor: { title: 'Corridor', noun: 'corridor', shape: 'line', hint: 'Parallel lines along a road, a river or a power line, with pictures.' },
-  perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.' },
-  orbit: { title: 'Orbit around a point', noun: 'orbit', shape: 'point', hint: 'Circles around a point.' },
+  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping pictures.', spacing: 'Line spacing' },
+  corridor: {
+    title: 'Corridor',
+    noun: 'corridor',
+    shape: 'line',
+    hint: 'Parallel lines along a road, a river or a power line, with pictures.',
+    spacing: 'Line spacing',
+  },
+  perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.', spacing: 'Line spacing' },
+  orbit: { title: 'Orbit around a point', noun: 'orbit', shape: 'point', hint: 'Circles around a point.', spacing: 'Line spacing' },
   structure: {
     title: 'Structure scan',
     noun: 'structure scan',
     shape: 'area',
     hint: 'Rounds around a structure at several heights, with pictures of its sides.',
+    spacing: 'Height between rounds',
   },
 };
 export const KINDS = Object.keys(PATTERNS) as PatternKind[];
