@@ -21,6 +21,14 @@ UPDATE_PERIOD_S = 0.2
 """Minimum time between two updates [s]; numbers that change faster cannot be read."""
 
 
+def origin_text(origin_deg_m: Vector3 | None) -> str:
+    """`lat_deg,lon_deg,alt_amsl_m` to a millimetre; empty if the position is not known."""
+    if origin_deg_m is None:
+        return ""
+    lat_deg, lon_deg, alt_amsl_m = origin_deg_m
+    return f"{lat_deg:.9f},{lon_deg:.9f},{alt_amsl_m:.3f}"
+
+
 class Label:
     """A name tag at a point of the scene.
 
@@ -68,14 +76,17 @@ class Board:
         self._next_s = now_s + UPDATE_PERIOD_S
         return True
 
-    def update(self, labels: list[Label], *, mode: str, scale: str) -> None:
+    def update(self, labels: list[Label], *, mode: str, scale: str, origin: str) -> None:
         """Sends the texts if one has changed.
 
         Args:
             mode: mode of the view; `gimbal` has a mark at the centre.
             scale: text with the size of the grid's squares.
+            origin: geographic position of the world's origin, for layers that the page draws over the view;
+                empty while it is not known.
         """
-        view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
+        place = f'data-gcs-mode="{html.escape(mode)}" data-gcs-origin="{html.escape(origin)}"'
+        view = f"<i {place}>{html.escape(scale)}</i>"
         text = view + "".join(label.html() for label in labels)
         if text != self._sent_text:
             self._sent_text = text

@@ -38,9 +38,12 @@ _BOOT = """
 
   // Panels cover parts of the view, so the camera's target is shown in the middle of the free part. The
   // framing page sends this point: its offset to the right and down from the middle, as shares of the view.
-  let middle = [0, 0];
+  // While the framing page edits a plan, it gets the clicks, and the server none.
+  let middle = [0, 0], editing = false;
   addEventListener('message', (event) => {
-    const point = event.source === parent && event.origin === location.origin && event.data?.gcsMiddle;
+    if (event.source !== parent || event.origin !== location.origin) return;
+    if (typeof event.data?.gcsEditing === 'boolean') editing = event.data.gcsEditing;
+    const point = event.data?.gcsMiddle;
     if (!Array.isArray(point) || point.length !== 2 || !point.every((share) => Math.abs(share) < 0.5)) return;
     middle = point;
     point.forEach((share, i) => page.style.setProperty(['--gcs-x', '--gcs-y'][i], `${50 + 100 * share}%`));
@@ -66,6 +69,8 @@ _BOOT = """
     const view = document.querySelector('[data-gcs-mode]');
     if (view && view.textContent !== scale.textContent) scale.textContent = view.textContent;
     if (view && view.dataset.gcsMode !== layer.dataset.mode) layer.dataset.mode = view.dataset.gcsMode;
+    const origin = view?.dataset.gcsOrigin ?? '';
+    if (origin !== page.dataset.gcsOrigin) page.dataset.gcsOrigin = origin;
     for (const source of document.querySelectorAll('[data-gcs-tag]')) {
       const name = source.dataset.gcsTag;
       wanted.add(name);
@@ -114,6 +119,7 @@ _BOOT = """
   let down = null;
   const turned = (m, [x, y, z]) => [0, 1, 2].map((c) => m[c * 4] * x + m[c * 4 + 1] * y + m[c * 4 + 2] * z);
   const sendClick = (event) => {
+    if (editing) return parent.postMessage({ gcsClick: [event.clientX, event.clientY] }, location.origin);
     const viser = window.__viserMutable;
     const world = viser && viser.nodeRefFromName['/world'];
     if (!token || !viser.camera || !world) return;
@@ -150,6 +156,8 @@ _BOOT = """
 _STYLE = """
 html, body { margin: 0; height: 100%; overflow: hidden; }
 canvas { outline: none; }
+html[data-gcs-cursor="point"] canvas { cursor: grab; }
+html[data-gcs-cursor="height"] canvas { cursor: ns-resize; }
 .mantine-Paper-root, .mantine-Notifications-root, .mantine-Modal-root, .mantine-Spotlight-root {
   display: none !important;
 }

@@ -120,6 +120,11 @@ class Placement:
                 if at is not None:
                     yield at
 
+    @property
+    def origin_deg_m(self) -> tuple[float, float, float] | None:
+        """(lat_deg, lon_deg, alt_amsl_m) of the world's origin; None if it has no global position."""
+        return self._world_origin_deg_m
+
     def geodetic(self, point_enu_m: Vector3) -> tuple[float, float, float] | None:
         """(lat_deg, lon_deg, alt_amsl_m) of a point of the world; None if the world's origin has no global
         position."""

@@ -104,7 +104,7 @@ class Scene:
                 known = (token, Stage(client, view, self._tracks.isolation, before))
                 self._stages[client_id] = known
             start_m = self._tracks.enu(view.dry_run.paths[0].origin_deg_m) if view.dry_run else None
-            known[1].update(view, drawn, now_s, start_m)
+            known[1].update(view, drawn, now_s, start_m, self._tracks.origin_deg_m)
 
     def set_view(self, token: str, wanted: ViewRequest) -> View:
         """Sets the content of the view with a token."""

@@ -17,7 +17,7 @@ from gcs_server.isolation import Isolation
 from gcs_server.scene.dry_run_node import DryRunNode
 from gcs_server.scene.dry_runs import pose_at
 from gcs_server.scene.frames import enu_from_ned
-from gcs_server.scene.labels import Board, Label
+from gcs_server.scene.labels import Board, Label, origin_text
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
@@ -110,12 +110,14 @@ class Stage:
         fleet: Mapping[str, Track],
         now_s: float,
         dry_run_start_m: Vector3 | None = None,
+        origin_deg_m: Vector3 | None = None,
     ) -> None:
         """Sends changes.
 
         Args:
             fleet: vehicles by id; their order determines the colours.
             dry_run_start_m: start of the dry run that the view shows, in the world's ENU frame.
+            origin_deg_m: geographic position of the world's origin; None: it is not known.
         """
         followed_id = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
         with self._client.atomic():
@@ -144,7 +146,8 @@ class Stage:
                 self._fit_grid()
                 self._show_marks(view.mode)
             if self._board.is_due(now_s):
-                self._board.update(self._labels(), mode=view.mode, scale=self._scale)
+                origin = origin_text(origin_deg_m)
+                self._board.update(self._labels(), mode=view.mode, scale=self._scale, origin=origin)
 
     def _labels(self) -> list[Label]:
         preview = [] if self._preview is None else [self._preview.label]

@@ -118,6 +118,12 @@ class Tracks:
         vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
         return None if vehicle_id is None else (vehicle_id, self._tracks[vehicle_id])
 
+    @property
+    def origin_deg_m(self) -> tuple[float, float, float] | None:
+        """(lat_deg, lon_deg, alt_amsl_m) of the world's origin; None until a vehicle has reported a global
+        position."""
+        return self._placement.origin_deg_m
+
     def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
         """Position at which (lat_deg, lon_deg, alt_amsl_m) is drawn; None until a vehicle has reported a
         global position.

@@ -1,6 +1,6 @@
 /**
- * Layers that features show on the large map: points, lines and areas, which may be editable. The stage draws them
- * and handles the pointer.
+ * Layers that features show on the large map and in the 3D view: points, lines and areas, which may be editable. The
+ * stage draws them and handles the pointer.
  */
 
 import type { GeoPosition } from '../vehicle/geo';
@@ -8,7 +8,13 @@ import type { GeoPosition } from '../vehicle/geo';
 /** A colour by its meaning: planned, geofence, forbidden, actual, neutral. */
 export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2';
 
-export interface LayerPoint extends GeoPosition {
+/** A position of a layer. */
+export interface LayerPosition extends GeoPosition {
+  /** Altitude for the 3D view; missing: on the ground. */
+  readonly alt_amsl_m?: number;
+}
+
+export interface LayerPoint extends LayerPosition {
   /** Unique within its layer. */
   readonly id: string;
   /**
@@ -22,10 +28,12 @@ export interface LayerPoint extends GeoPosition {
   readonly selected: boolean;
   /** Heading of a ghost, clockwise from north. */
   readonly yaw_deg?: number;
+  /** Its altitude as text, if the editor can change it. */
+  readonly height?: string;
 }
 
 export interface LayerLine {
-  readonly positions: readonly GeoPosition[];
+  readonly positions: readonly LayerPosition[];
   readonly tone: Tone;
   /** `dotted`: a path that the autopilot chooses; `dashed`: a limit. */
   readonly style: 'solid' | 'dotted' | 'dashed';
@@ -40,6 +48,8 @@ export interface LayerPicture {
   readonly points: readonly LayerPoint[];
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
+  /** A point of the ground, whose altitude is that of all ground; missing: the layer is not shown in the 3D view. */
+  readonly ground?: Required<LayerPosition>;
 }
 
 /** Handles a person's gestures on the layer. Points are named by their `id`. */
@@ -50,6 +60,8 @@ export interface LayerEditor {
   grab: (id: string) => string | null;
   /** Moves the grabbed point and all other selected points. */
   drag: (id: string, to: GeoPosition) => void;
+  /** Raises the grabbed point and all other selected points from where they were grabbed; negative: lowers them. */
+  raise: (by_m: number) => void;
   /** The drag has ended. @param keep false: all points go back. */
   drop: (keep: boolean) => void;
   /** A click on the ground. @returns false: the layer does not use it. */

@@ -116,13 +116,16 @@ export function lengthText(length_m: number): string {
   return Math.abs(length_m) >= 1000 ? `${+(length_m / 1000).toFixed(3)} km` : `${+length_m.toFixed(3)} m`;
 }
 
-/** The nearest of several points within `reach` [px]; null if there is none. */
-export function nearestWithin<T extends GeoPosition>(view: MapView, at: Pixel, points: readonly T[], reach: number): T | null {
+/**
+ * The nearest of several points within `reach` [px]; null if there is none.
+ * @param pixelOf a point's pixel; null: it is not visible.
+ */
+export function nearestWithin<T>(pixelOf: (point: T) => Pixel | null, at: Pixel, points: readonly T[], reach: number): T | null {
   let best: T | null = null;
   let gap = reach;
   for (const one of points) {
-    const { x, y } = toPixel(view, one);
-    const distance = Math.hypot(x - at.x, y - at.y);
+    const pixel = pixelOf(one);
+    const distance = pixel === null ? Infinity : Math.hypot(pixel.x - at.x, pixel.y - at.y);
     if (distance <= gap) [best, gap] = [one, distance];
   }
   return best;

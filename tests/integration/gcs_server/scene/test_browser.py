@@ -83,6 +83,19 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         assert click.alt_amsl_m == pytest.approx(488.0)
         assert 2.0 < ground_distance_m(click) < 60.0  # the vehicle hovers ten metres over the home
         assert (click.view_x, click.view_y) == pytest.approx((0.5, 0.9), abs=0.01)
+        # The page edits a plan: it knows the world's zero, gets the clicks, and the server gets none.
+        root = page.frames[1].locator("html")
+        assert root.get_attribute("data-gcs-origin") == "47.397742000,8.545594000,488.000"
+        page.evaluate(
+            "() => { addEventListener('message', (event) => { window.clicked = event.data.gcsClick; });"
+            " frames[0].postMessage({ gcsEditing: true }, location.origin); }"
+        )
+        page.mouse.click(*low)
+        wait_for(page, lambda: page.evaluate("window.clicked"))
+        assert page.evaluate("window.clicked") == pytest.approx(
+            [low[0] - canvas["x"], low[1] - canvas["y"]], abs=1
+        )
+        assert len(running.clicks) == 1
         page.evaluate(
             "body => fetch('/scene/view/frame', "
             "{method: 'POST', body, headers: {'Content-Type': 'application/json'}})",

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from gcs_server.scene.labels import origin_text
 from gcs_server.scene.placement import STANDING_HEIGHT_M, Placement
 from tests.unit.gcs_server.scene.scene_fakes import FakeVehicle, flying, glob, home, local, status
 
@@ -16,6 +17,14 @@ def test_the_first_home_is_the_origin():
     assert place.position_enu_m == pytest.approx((0.0, 0.0, 10.0), abs=1e-6)
     assert place.ground_z_m == 0.0
     assert place.home_enu_m == (0.0, 0.0, 0.0)
+
+
+def test_the_page_knows_the_origin_once_a_vehicle_has_reported_a_position():
+    placement = Placement()
+    placement.place(FakeVehicle())
+    assert origin_text(placement.origin_deg_m) == ""
+    placement.place(flying())
+    assert origin_text(placement.origin_deg_m) == "47.397742000,8.545594000,488.000"
 
 
 def test_two_vehicles_with_different_local_frames_are_placed_correctly():

@@ -1,6 +1,6 @@
 /** One interface for both kinds of documents: waypoint plans and offboard missions. Pure. */
 
-import type { LayerPicture } from '../../app/map-layers.svelte';
+import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
 import { altitudeBefore, positionOf, allPositions, refOf, sharedPositionOf, sharedPositions, type PlannedHome, type Plan } from './document';
 import * as edit from './edit';
@@ -62,6 +62,13 @@ export function move<D extends Document>(document: D, from: ReadonlyMap<string, 
   return moved as D;
 }
 
+/** Raises several points by the same height [m]. */
+export function raise<D extends Document>(document: D, ids: Iterable<string>, by_m: number): D {
+  let raised: Document = document;
+  for (const id of ids) raised = isMission(raised) ? offboard.raisePoint(raised, id, by_m) : edit.raisePoint(raised, id, by_m);
+  return raised as D;
+}
+
 export function remove(document: Document, ids: readonly string[]): Document {
   return isMission(document) ? offboard.remove(document, ids) : edit.remove(document, ids);
 }
@@ -106,8 +113,14 @@ export interface Compiled {
   readonly isCurrent: boolean;
 }
 
+/** Where the plan starts; for a plan without home its first point, at sea level. */
+function groundOf(document: Plan, frame: Frame): Required<LayerPosition> {
+  const { lat_deg, lon_deg, alt_amsl_m } = frame.known ? frame.start : { ...(allPositions(document)[0] ?? frame.start), alt_amsl_m: frame.start.alt_amsl_m };
+  return { lat_deg, lon_deg, alt_amsl_m };
+}
+
 export function pictureOf(document: Document, selected: ReadonlySet<string>, sketch: Sketch | null, frame: Frame, compiled: Compiled): LayerPicture {
-  if (!isMission(document)) return picture(document, selected, sketch);
+  if (!isMission(document)) return picture(document, selected, sketch, groundOf(document, frame));
   return missionPicture.picture(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
 }
 

@@ -93,6 +93,12 @@ export function alt_home_m(altitude: Altitude, home: PlannedHome | null): number
   return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;
 }
 
+/** Altitude AMSL [m]; an altitude above terrain that is not resolved counts from home. */
+export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
+  if (altitude.reference === 'amsl') return altitude.value_m;
+  return (altitude.reference === 'terrain' ? altitude.resolved_amsl_m : null) ?? home_amsl_m + altitude.value_m;
+}
+
 /**
  * Ids of everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a corner of
  * an obstacle, a rally point, home.

@@ -1,5 +1,6 @@
 /** Edits of a waypoint plan. Pure: each function returns a new plan. */
 
+import type { LayerPosition } from '../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
 import {
   isPlaced,
@@ -12,6 +13,7 @@ import {
   type Plan,
   type PlannedHome,
   type PointRef,
+  type RallyPoint,
   type SharedParts,
 } from './document';
 
@@ -62,6 +64,25 @@ export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
       : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
   }
   return moveShared(plan, id, at);
+}
+
+/** Limits of an altitude [m]. */
+export const ALTITUDE_M = { min: -12_000, max: 100_000 } as const;
+
+/** Raises an item or a rally point by a height [m]; other parts have no height. */
+export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
+  const ref = refOf(id);
+  const item = ref?.of === 'item' ? plan.items[ref.row] : undefined;
+  if (ref?.of === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: raised(item.altitude, by_m) });
+  const point = ref?.of === 'rally' ? plan.rally_points[ref.index] : undefined;
+  if (ref?.of !== 'rally' || point === undefined) return plan;
+  return { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: raised(point.altitude, by_m) } satisfies RallyPoint) };
+}
+
+function raised(altitude: Altitude, by_m: number): Altitude {
+  const value_m = Number(Math.max(ALTITUDE_M.min, Math.min(altitude.value_m + by_m, ALTITUDE_M.max)).toFixed(2));
+  const resolved_amsl_m = altitude.resolved_amsl_m ?? null;
+  return resolved_amsl_m === null ? { ...altitude, value_m } : { ...altitude, value_m, resolved_amsl_m: resolved_amsl_m + value_m - altitude.value_m };
 }
 
 /** Removes the resolved terrain altitude, because the terrain differs at another position. */
@@ -125,9 +146,10 @@ export function insertObstacleCorner<D extends SharedParts>(plan: D, index: numb
 }
 
 /** The midpoint, for a point that is inserted there. */
-export function midpoint(a: GeoPosition, b: GeoPosition): GeoPosition {
+export function midpoint(a: LayerPosition, b: LayerPosition): LayerPosition {
   const { east_m, north_m } = eastNorth(a, b);
-  return positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
+  const at = positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
+  return a.alt_amsl_m === undefined || b.alt_amsl_m === undefined ? at : { ...at, alt_amsl_m: (a.alt_amsl_m + b.alt_amsl_m) / 2 };
 }
 
 /** Removes the selected parts. A polygon with fewer than three remaining corners is removed completely. */

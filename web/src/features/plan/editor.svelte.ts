@@ -291,6 +291,11 @@ export class PlanEditor implements LayerEditor {
     if (grabbed !== null) this.change(kinds.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to), this.frame), grabbed.group);
   }
 
+  raise(by_m: number): void {
+    const [grabbed, step_m] = [this.grabbed, Number(by_m.toFixed(1))];
+    if (grabbed !== null && Number.isFinite(step_m)) this.change(kinds.raise(grabbed.base, grabbed.from.keys(), step_m), grabbed.group);
+  }
+
   drop(keep: boolean): void {
     const grabbed = this.grabbed;
     this.grabbed = null;
@@ -317,14 +322,17 @@ export class PlanEditor implements LayerEditor {
   }
 }
 
-/** The hint's text about what the next click adds. */
-export function placingText(placing: Placing, corners: number): string {
+/**
+ * The hint's text about what the next click adds.
+ * @param where what is clicked: the map, or the ground in the 3D view.
+ */
+export function placingText(placing: Placing, corners: number, where: 'map' | 'ground' = 'map'): string {
   if (placing.of === 'item')
-    return placing.kind === 'waypoint' ? 'Click the map to add waypoints.' : `Click the map to place “${titleOf({ kind: placing.kind })}”.`;
+    return placing.kind === 'waypoint' ? `Click the ${where} to add waypoints.` : `Click the ${where} to place “${titleOf({ kind: placing.kind })}”.`;
   if (placing.of === 'step')
-    return placing.kind === 'fly' ? 'Click the map to add points to fly through.' : `Click the map to place “${stepKindTitle(placing.kind)}”.`;
-  if (placing.of === 'rally') return 'Click the map to place the rally point.';
-  if (placing.of === 'circle') return 'Click the map at the centre of the geofence circle.';
+    return placing.kind === 'fly' ? `Click the ${where} to add points to fly through.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
+  if (placing.of === 'rally') return `Click the ${where} to place the rally point.`;
+  if (placing.of === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
   return `Click the corners of ${AREAS[placing.use]}${corners > 0 ? ` (${corners} so far)` : ''}.`;
 }
 

@@ -3,6 +3,7 @@ import { ApiClient } from '../../api/client';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { PlanApi, type PlanVersion } from './api';
 import { DEFAULT_CONDITIONS } from './conditions';
+import * as edit from './edit';
 import { EMPTY, positionOf } from './document';
 import { PlanEditor } from './editor.svelte';
 import { Plans } from './plans.svelte';
@@ -50,6 +51,22 @@ describe('the editor', () => {
     expect([0, 1, 2].map((row) => north_m(editor, `item:${row}`))).toEqual([60, 20, 80]);
     editor.undo();
     expect([0, 1, 2].map((row) => north_m(editor, `item:${row}`))).toEqual([10, 20, 30]);
+  });
+
+  it('raises the whole selection to a tenth of a metre, and undoes it in one step', () => {
+    const editor = editorWithWaypoints();
+    editor.stopPlacing();
+    editor.change(edit.setItem(editor.plan, 2, { altitude: { value_m: 12.34, reference: 'amsl' } }));
+    const heights = () => editor.plan.items.map((item) => item.altitude?.value_m);
+    editor.select(['item:0', 'item:2']);
+    editor.grab('item:0');
+    for (const by_m of [1, NaN, Infinity, 4.26]) editor.raise(by_m);
+    editor.drop(true);
+    expect(heights()).toEqual([34.3, 30, 16.64]);
+    editor.undo();
+    expect(heights()).toEqual([30, 30, 12.34]);
+    editor.raise(5); // nothing is grabbed
+    expect(heights()).toEqual([30, 30, 12.34]);
   });
 
   it('moves everything back when a drag is cancelled', () => {

@@ -1,9 +1,10 @@
 /** A waypoint plan as an editable map layer. Pure. */
 
-import type { LayerArea, LayerLine, LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
+import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, Tone } from '../../app/map-layers.svelte';
 import type { GeoPosition } from '../../vehicle/geo';
-import { isFlownTo, isPlaced, obstaclesOf, path, type FenceZone, type Plan, type SharedParts } from './document';
+import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, path, type Altitude, type FenceZone, type Plan, type SharedParts } from './document';
 import { midpoint } from './edit';
+import { altitudeText } from './items';
 
 /** Above this number of legs, midpoints are shown only beside the selection. */
 const MAX_MIDPOINTS = 60;
@@ -27,7 +28,13 @@ export interface Sketch {
   readonly tone: Tone;
 }
 
-export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null): LayerPicture {
+/** @param ground position from which altitudes above home count. */
+export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
+  const inSpace = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
+    lat_deg: at.lat_deg,
+    lon_deg: at.lon_deg,
+    alt_amsl_m: alt_amsl_m(at.altitude, ground.alt_amsl_m),
+  });
   const { points, lines: fences, areas } = fencePicture(plan, selected, sketch);
   const add = adder(points, selected);
   const way = path(plan);
@@ -36,19 +43,24 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
     const before = way[i - 1];
     if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
     if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${before.row}`))
-      add(`middle:${row}`, midpoint(before.item, item), 'middle', 'target');
+      add(`middle:${row}`, midpoint(inSpace(before.item), inSpace(item)), 'middle', 'target');
   });
-  plan.rally_points.forEach((point, index) => add(`rally:${index}`, point, 'disc', 'actual', 'R'));
-  if (plan.planned_home !== null) add('home', plan.planned_home, 'home', 'text2');
+  plan.rally_points.forEach((point, index) => add(`rally:${index}`, inSpace(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
+  if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m }, 'home', 'text2');
   plan.items.forEach((item, row) => {
-    if (isPlaced(item)) add(`item:${row}`, item, isFlownTo(item) ? 'disc' : 'cross', 'target', isFlownTo(item) ? String(row + 1) : '');
+    if (!isPlaced(item)) return;
+    const flown = isFlownTo(item);
+    add(`item:${row}`, inSpace(item), flown ? 'disc' : 'cross', 'target', flown ? String(row + 1) : '', altitudeText(item.altitude));
   });
-  return { points, lines: [...fences, ...lines(plan), ...sketchLines(sketch)], areas };
+  return { points, lines: [...fences, ...lines(plan, inSpace, ground), ...sketchLines(sketch)], areas, ground };
 }
 
-function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
-  return (id: string, at: GeoPosition, mark: LayerPoint['mark'], tone: Tone, text = ''): void =>
-    void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
+/** @returns a function that adds a point; one with a `height` can be raised. */
+export function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
+  return (id: string, at: LayerPosition, mark: LayerPoint['mark'], tone: Tone, text = '', height?: string): void => {
+    const position = { lat_deg: at.lat_deg, lon_deg: at.lon_deg, ...(at.alt_amsl_m === undefined ? {} : { alt_amsl_m: at.alt_amsl_m }) };
+    points.push({ id, ...position, mark, tone, text, selected: selected.has(id), ...(height === undefined ? {} : { height }) });
+  };
 }
 
 /** Draws the geofence, the obstacles, and the area that is being drawn. */
@@ -95,9 +107,9 @@ export function ringOf(zone: FenceZone): GeoPosition[] {
   });
 }
 
-function lines(plan: Plan): LayerLine[] {
-  const way = path(plan).map(({ item }) => item);
-  const home = plan.planned_home;
+function lines(plan: Plan, inSpace: (item: GeoPosition & { readonly altitude: Altitude }) => LayerPosition, ground: Required<LayerPosition>): LayerLine[] {
+  const way = path(plan).map(({ item }) => inSpace(item));
+  const home = plan.planned_home === null ? null : { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m };
   const found: LayerLine[] = [];
   if (way.length > 1) found.push({ positions: way, tone: 'target', style: 'solid' });
   const [first, last] = [way[0], way.at(-1)];

@@ -77,7 +77,7 @@ describe('a plan with obstacles', () => {
   };
 
   it('shows them on the map and in the list', () => {
-    const { lines, areas, points } = picture(plan, NONE, null);
+    const { lines, areas, points } = picture(plan, NONE, null, HOME);
     expect(lines.filter((line) => line.style === 'solid' && line.tone === 'danger')).toHaveLength(2);
     expect(areas.map((area) => area.ring)).toEqual([CORNERS, CORNERS]);
     expect(points.filter(({ id }) => id.startsWith('obstacle:1:'))).toHaveLength(4);
@@ -108,7 +108,7 @@ describe('a plan with obstacles', () => {
 
   it('can be a document that was stored without the field', () => {
     const { obstacles: _, ...old } = plan;
-    expect(picture(old, NONE, null).areas).toEqual([]);
+    expect(picture(old, NONE, null, HOME).areas).toEqual([]);
     expect(treeOf(old)).toHaveLength(2);
   });
 });

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY, positionOf, type Item, type Plan } from './document';
-import { insertItem, movePoint, remove, reorder } from './edit';
+import { insertItem, movePoint, remove, reorder, raisePoint } from './edit';
 import { parseNumber } from './fields';
 import { fixOf, type Finding } from './fixes';
 import * as history from './history';
@@ -75,7 +75,7 @@ describe('editing', () => {
 
 describe('the map', () => {
   it('shows steps, midpoints, fence and home, with the selection marked', () => {
-    const shown = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null);
+    const shown = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null, HOME);
     const ids = shown.points.map((point) => point.id);
     expect(ids).toEqual(expect.arrayContaining(['home', 'item:0', 'item:1', 'middle:1', 'corner:0:3', 'side:0:4']));
     expect(shown.points.filter((point) => point.selected).map((point) => point.id)).toEqual(['item:1']);
@@ -84,9 +84,33 @@ describe('the map', () => {
   });
   it('shows midpoints of a long plan only beside the selection', () => {
     const plan = planOf(...Array.from({ length: 200 }, (_, i) => waypoint(i * 10)));
-    const middles = (selected: string[]) => picture(plan, new Set(selected), null).points.filter((point) => point.mark === 'middle');
+    const middles = (selected: string[]) => picture(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'middle');
     expect(middles([])).toEqual([]);
     expect(middles(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
+  });
+  it('has the altitudes of steps, path and rally points for the 3D view', () => {
+    const high = { ...waypoint(10), altitude: { value_m: 900, reference: 'amsl' as const } };
+    const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
+    const shown = picture(
+      { ...planOf(waypoint(0), high, terrain), rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' } }] },
+      new Set(),
+      null,
+      HOME,
+    );
+    const altitudeOf = (id: string) => shown.points.find((point) => point.id === id)?.alt_amsl_m;
+    expect(['item:0', 'item:1', 'item:2', 'middle:1', 'rally:0', 'home'].map(altitudeOf)).toEqual([510, 900, 507, 705, 500, 480]);
+    expect(shown.lines.find((line) => line.style === 'solid')?.positions.map((position) => position.alt_amsl_m)).toEqual([510, 900, 507]);
+    expect(shown.points.find((point) => point.id === 'item:1')?.height).toBe('900.0 m AMSL');
+    expect(shown.points.find((point) => point.id === 'home')).not.toHaveProperty('height');
+    expect(shown.ground).toEqual(HOME);
+  });
+  it('raises steps and rally points within the limits of altitudes, with their resolved altitude', () => {
+    const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
+    const plan = { ...fenced, items: [terrain], rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' as const } }] };
+    expect(raisePoint(plan, 'item:0', 2.5).items[0]?.altitude).toEqual({ value_m: 9.5, reference: 'terrain', resolved_amsl_m: 509.5 });
+    expect(raisePoint(plan, 'item:0', 1e9).items[0]?.altitude?.value_m).toBe(100_000);
+    expect(raisePoint(plan, 'rally:0', -3).rally_points[0]?.altitude.value_m).toBe(17);
+    for (const id of ['home', 'corner:0:0', 'item:9', 'rally:4']) expect(raisePoint(plan, id, 2)).toBe(plan);
   });
   it('draws circles with their radius', () => {
     const ring = ringOf({ shape: 'circle', inclusion: true, center: at(0), radius_m: 120 });
@@ -94,7 +118,7 @@ describe('the map', () => {
   });
   it('draws no path to a point that the camera looks at', () => {
     const roi = newItem('roi_location', at(500), { value_m: 0, reference: 'home' });
-    const shown = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null);
+    const shown = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null, HOME);
     expect(shown.lines.find((line) => line.style === 'solid')?.positions).toHaveLength(2);
     expect(shown.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
   });

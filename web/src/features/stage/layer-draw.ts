@@ -15,8 +15,8 @@ const RATIO = 2;
 /** Radius of a point's disc. */
 export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13, ghost: 16 };
 /** Half the side of an icon [px]. */
-const HALF_PX = 18;
-const TONES: Readonly<Record<Tone, string>> = {
+export const HALF_PX = 18;
+export const TONES: Readonly<Record<Tone, string>> = {
   target: '--target',
   caution: '--caution',
   danger: '--danger',
@@ -94,8 +94,14 @@ export function layers(palette: Palette): LayerSpecification[] {
   ];
 }
 
+/** The icon with this name as an image for MapLibre. */
+function imageOf(name: string, palette: Palette): ImageData | null {
+  const canvas = drawIcon(name, palette);
+  return canvas?.getContext('2d')?.getImageData(0, 0, canvas.width, canvas.height) ?? null;
+}
+
 /** Draws the icon with this name. */
-export function drawIcon(name: string, palette: Palette): ImageData | null {
+export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | null {
   const [, mark, tone, on, text = ''] = name.split('|');
   const canvas = document.createElement('canvas');
   canvas.width = canvas.height = HALF_PX * 2 * RATIO;
@@ -133,7 +139,7 @@ export function drawIcon(name: string, palette: Palette): ImageData | null {
     ctx.fillStyle = selected ? palette.panel : palette.text;
     ctx.fillText(text, 0, 0.5);
   }
-  return ctx.getImageData(0, 0, canvas.width, canvas.height);
+  return canvas;
 }
 
 function disc(ctx: CanvasRenderingContext2D, radius: number, fill: string | null, stroke: string, width: number): void {
@@ -155,7 +161,7 @@ export class LayerPainter {
 
   constructor(private readonly map: MapLibre) {
     map.setMissingStyleImageResolver((id) => {
-      const image = id.startsWith(PREFIX) && this.palette !== null ? drawIcon(id, this.palette) : null;
+      const image = id.startsWith(PREFIX) && this.palette !== null ? imageOf(id, this.palette) : null;
       if (image !== null && !map.hasImage(id)) map.addImage(id, image, { pixelRatio: RATIO });
     });
   }

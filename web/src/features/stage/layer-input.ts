@@ -1,10 +1,11 @@
 /**
- * Handles pointer and keys on the editable layer before MapLibre does, so that dragging a point does not pan the map.
+ * Handles pointer and keys on the editable layer before MapLibre or viser does, so that dragging a point does not
+ * move the map or the camera.
  */
 
 import { mapLayers } from '../../app/map-layers.svelte';
-import type { MapView, Pixel } from '../../vehicle/geo';
-import { LayerGesture, pointAt } from './layer-gesture';
+import type { Pixel } from '../../vehicle/geo';
+import { LayerGesture, targetAt, type GrabTarget, type LayerView } from './layer-gesture';
 
 const REACH_PX = 14;
 /** Larger for touch, because a finger is less precise. */
@@ -12,17 +13,25 @@ const TOUCH_REACH_PX = 26;
 /** Events from which MapLibre makes pans, clicks and zooms. */
 const MAP_EVENTS = ['mousedown', 'touchstart', 'click', 'dblclick', 'contextmenu'] as const;
 
+/** How the 3D view differs from the map. */
+export interface SceneOptions {
+  /** Further events that the view below must not get. */
+  readonly stops: readonly string[];
+  /** Called with what an unpressed pointer is on; for the cursor. */
+  readonly onhover: (target: GrabTarget | null) => void;
+}
+
 export class LayerInput {
   private gesture: LayerGesture | null = null;
   private pointer: number | null = null;
-  /** The layer handles the pointer that was last pressed; MapLibre gets none of its events. */
   private taken = false;
   private byKeys = false;
 
-  /** @param view what the map shows now; null: no map, or it is an inset. */
+  /** @param view what map or 3D view show now; null: nothing, or an inset. */
   constructor(
     private readonly holder: HTMLElement,
-    private readonly view: () => MapView | null,
+    private readonly view: () => LayerView | null,
+    private readonly inScene: SceneOptions | null = null,
   ) {}
 
   /** @returns a function that stops listening. */
@@ -34,24 +43,35 @@ export class LayerInput {
       if (event.type === 'touchstart' || event.type === 'contextmenu') event.preventDefault();
     };
     const cancel = (): void => this.cancel();
+    const stopped = [...MAP_EVENTS, ...(this.inScene?.stops ?? [])];
     holder.addEventListener('pointerdown', this.down, true);
     holder.addEventListener('pointermove', this.move);
     holder.addEventListener('pointerup', this.up);
     holder.addEventListener('pointercancel', cancel);
-    for (const type of MAP_EVENTS) holder.addEventListener(type, stop, { capture: true, passive: false });
+    for (const type of stopped) holder.addEventListener(type, stop, { capture: true, passive: false });
     return () => {
       this.cancel();
       holder.removeEventListener('pointerdown', this.down, true);
       holder.removeEventListener('pointermove', this.move);
       holder.removeEventListener('pointerup', this.up);
       holder.removeEventListener('pointercancel', cancel);
-      for (const type of MAP_EVENTS) holder.removeEventListener(type, stop, { capture: true });
+      for (const type of stopped) holder.removeEventListener(type, stop, { capture: true });
     };
   }
 
   /** Whether a point is being moved by keys. */
   get holdsByKeys(): boolean {
     return this.byKeys;
+  }
+
+  /** Whether the layer handles the pointer that was last pressed; the view below gets none of its events. */
+  get isTaken(): boolean {
+    return this.taken;
+  }
+
+  /** Whether a pointer is dragging a point. */
+  get isDragging(): boolean {
+    return this.pointer !== null && this.gesture?.isMoving === true;
   }
 
   /** Enter at the crosshair: grabs the point there, or drops the grabbed one. @returns false: there is no point. */
@@ -62,11 +82,11 @@ export class LayerInput {
       return true;
     }
     const [view, edited] = [this.view(), mapLayers.edited];
-    const point = view === null || edited === null ? null : pointAt(view, at, edited.picture.points, TOUCH_REACH_PX);
-    if (view === null || edited === null || point === null) return false;
-    if (point.mark !== 'middle') edited.editor.pick(point.id, more);
+    const target = view === null || edited === null ? null : targetAt(view, at, edited.picture.points, TOUCH_REACH_PX);
+    if (view === null || edited === null || target === null) return false;
+    if (target.point.mark !== 'middle') edited.editor.pick(target.point.id, more);
     this.gesture = new LayerGesture(edited.editor);
-    this.byKeys = !more && this.gesture.grabByKeyboard(view, point);
+    this.byKeys = !more && this.gesture.grabByKeyboard(view, target.point);
     return true;
   }
 
@@ -87,25 +107,31 @@ export class LayerInput {
     return { x: event.clientX - box.left, y: event.clientY - box.top };
   }
 
+  private targetOf(view: LayerView, event: PointerEvent): GrabTarget | null {
+    const points = mapLayers.edited?.picture.points ?? [];
+    return targetAt(view, this.at(event), points, event.pointerType === 'touch' ? TOUCH_REACH_PX : REACH_PX);
+  }
+
   private readonly down = (event: PointerEvent): void => {
     if (this.pointer !== null) return; // a second finger has no effect
     this.taken = false;
     if (this.byKeys) this.cancel();
     const [view, edited] = [this.view(), mapLayers.edited];
     if (view === null || edited === null || event.button !== 0) return;
-    const at = this.at(event);
-    const point = pointAt(view, at, edited.picture.points, event.pointerType === 'touch' ? TOUCH_REACH_PX : REACH_PX);
-    if (point === null) return;
+    const target = this.targetOf(view, event);
+    if (target === null) return;
     this.taken = true;
     this.pointer = event.pointerId;
     this.holder.setPointerCapture(event.pointerId);
     this.gesture = new LayerGesture(edited.editor);
-    this.gesture.down(view, at, point, event.shiftKey || event.ctrlKey || event.metaKey);
+    this.gesture.down(view, this.at(event), target, event.shiftKey || event.ctrlKey || event.metaKey);
   };
 
   private readonly move = (event: PointerEvent): void => {
     const view = this.view();
-    if (event.pointerId === this.pointer && view !== null) this.gesture?.move(view, this.at(event));
+    if (view === null) return;
+    if (event.pointerId === this.pointer) this.gesture?.move(view, this.at(event));
+    else if (this.pointer === null && event.buttons === 0) this.inScene?.onhover(this.targetOf(view, event));
   };
 
   private readonly up = (event: PointerEvent): void => {

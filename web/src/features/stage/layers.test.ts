@@ -1,13 +1,15 @@
 import { describe, expect, it } from 'vitest';
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
-import { fromPixel, mercator, pixelsPerMetre, positionAt, toPixel, type MapView, type GeoPosition } from '../../vehicle/geo';
+import { fromPixel, mercator, pixelsPerMetre, positionAt, toPixel, type GeoPosition } from '../../vehicle/geo';
 import { features, iconName } from './layer-draw';
-import { LayerGesture, pointAt } from './layer-gesture';
+import { LayerGesture, onMap, targetAt } from './layer-gesture';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
 /** Two pixels per metre. */
-const view: MapView = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
+const map = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
+const view = onMap(map);
+const on = (one: LayerPoint) => ({ point: one, of: 'point' as const });
 
 const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): LayerPoint => ({
   ...positionAt(HERE, { east_m, north_m: 0 }),
@@ -28,6 +30,7 @@ class RecordingEditor implements LayerEditor {
     return this.moves;
   };
   drag = (id: string, to: GeoPosition): void => void this.calls.push(['drag', id, to]);
+  raise = (by_m: number): void => void this.calls.push(['raise', by_m]);
   drop = (keep: boolean): void => void this.calls.push(['drop', keep]);
   press = (): boolean => false;
   remove = (): boolean => false;
@@ -36,13 +39,13 @@ class RecordingEditor implements LayerEditor {
 describe('the point under a pointer', () => {
   it('is the nearest point within reach', () => {
     const points = [point('a', 0), point('b', 10)];
-    expect(pointAt(view, { x: 512, y: 400 }, points, 14)?.id).toBe('b');
-    expect(pointAt(view, { x: 540, y: 400 }, points, 14)).toBeNull();
+    expect(targetAt(view, { x: 512, y: 400 }, points, 14)?.point.id).toBe('b');
+    expect(targetAt(view, { x: 540, y: 400 }, points, 14)).toBeNull();
   });
   it('prefers a point of the plan to a midpoint, even if the midpoint is nearer', () => {
     const points = [point('a', 0), point('middle', 3, 'middle')];
-    expect(pointAt(view, { x: 505, y: 400 }, points, 14)?.id).toBe('a');
-    expect(pointAt(view, { x: 515, y: 400 }, points, 14)?.id).toBe('middle');
+    expect(targetAt(view, { x: 505, y: 400 }, points, 14)?.point.id).toBe('a');
+    expect(targetAt(view, { x: 515, y: 400 }, points, 14)?.point.id).toBe('middle');
   });
 });
 
@@ -50,7 +53,7 @@ describe('a gesture', () => {
   it('selects the point if the pointer does not move', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 503, y: 402 }, point('a', 0), true);
+    gesture.down(view, { x: 503, y: 402 }, on(point('a', 0)), true);
     gesture.move(view, { x: 505, y: 403 });
     gesture.up();
     expect(editor.calls).toEqual([['pick', 'a', true]]);
@@ -59,13 +62,13 @@ describe('a gesture', () => {
   it('drags the point with a constant offset to the pointer', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 503, y: 402 }, point('a', 0), false);
+    gesture.down(view, { x: 503, y: 402 }, on(point('a', 0)), false);
     gesture.move(view, { x: 523, y: 402 });
     gesture.up();
     const [grab, drag, drop] = editor.calls as [unknown, [string, string, GeoPosition], unknown];
     expect(grab).toEqual(['grab', 'a']);
     expect(drop).toEqual(['drop', true]);
-    const at = toPixel(view, drag[2]);
+    const at = toPixel(map, drag[2]);
     expect(at.x).toBeCloseTo(520, 3);
     expect(at.y).toBeCloseTo(400, 3);
   });
@@ -73,7 +76,7 @@ describe('a gesture', () => {
   it('drags the inserted point if it begins on a midpoint', () => {
     const editor = new RecordingEditor('new');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, point('middle', 0, 'middle'), false);
+    gesture.down(view, { x: 500, y: 400 }, on(point('middle', 0, 'middle')), false);
     gesture.move(view, { x: 520, y: 400 });
     expect(editor.calls.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
@@ -81,7 +84,7 @@ describe('a gesture', () => {
   it('moves all points back when it is cancelled', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
+    gesture.down(view, { x: 500, y: 400 }, on(point('a', 0)), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.cancel();
     gesture.up();
@@ -91,7 +94,7 @@ describe('a gesture', () => {
   it('only selects a point that cannot move', () => {
     const editor = new RecordingEditor(null);
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
+    gesture.down(view, { x: 500, y: 400 }, on(point('a', 0)), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.move(view, { x: 540, y: 400 });
     gesture.up();
@@ -107,7 +110,7 @@ describe('a gesture', () => {
     expect(gesture.grabByKeyboard(view, point('a', 0))).toBe(true);
     gesture.move(view, { x: 501, y: 400 });
     gesture.up();
-    expect(editor.calls[1]).toEqual(['drag', 'a', fromPixel(view, { x: 501, y: 400 })]);
+    expect(editor.calls[1]).toEqual(['drag', 'a', fromPixel(map, { x: 501, y: 400 })]);
     expect(editor.calls[2]).toEqual(['drop', true]);
     expect(new LayerGesture(new RecordingEditor(null)).grabByKeyboard(view, point('a', 0))).toBe(false);
   });

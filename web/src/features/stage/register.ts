@@ -1,3 +1,4 @@
+import { mapLayers } from '../../app/map-layers.svelte';
 import { page } from '../../app/page.svelte';
 import { preview } from '../../app/preview.svelte';
 import { registry } from '../../app/registry.svelte';
@@ -7,7 +8,10 @@ import { maps } from './maps.svelte';
 import { stage } from './stage.svelte';
 import Stage from './Stage.svelte';
 
-page.onEvent.push((event) => mapPointMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
+page.onEvent.push((event) => {
+  // While a layer is edited, a click never opens the menu with its commands.
+  if (mapLayers.edited === null) mapPointMenu.clickedIn3d(event, stage.token, stage.size, page.facts);
+});
 page.onEvent.push((event) => {
   if (event.kind === 'scene_gizmo' && event['view'] === stage.token) preview.onDrag?.(event);
 });

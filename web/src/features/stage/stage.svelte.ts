@@ -8,7 +8,8 @@ import type { GeoPosition } from '../../vehicle/geo';
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
 
-export interface SceneView {
+/** The content of the 3D view. */
+export interface SceneRequest {
   mode: Camera;
   vehicle: string | null;
   theme: 'light' | 'dark';
@@ -46,7 +47,9 @@ class StageState {
    */
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
-  private pendingView: SceneView | null = null;
+  /** Fits positions into the 3D view; null: it shows no layer. */
+  scenePositions: ((positions: readonly GeoPosition[]) => void) | null = null;
+  private pendingView: SceneRequest | null = null;
   private mapChosen = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.mapChosen ? 'scene' : 'map');
 
@@ -65,6 +68,7 @@ class StageState {
 
   showPositions(positions: readonly GeoPosition[]): void {
     this.map?.show(positions);
+    if (this.main === 'scene') this.scenePositions?.(positions);
   }
 
   visibleMiddle(): { at: GeoPosition; reach_m: number } | null {
@@ -78,7 +82,7 @@ class StageState {
   }
 
   /** The iframe's URL with its initial state. */
-  address(view: SceneView): string {
+  address(view: SceneRequest): string {
     const query = new URLSearchParams({ view: this.token, mode: view.mode, theme: view.theme });
     if (view.vehicle !== null) query.set('vehicle', view.vehicle);
     return `${SCENE_URL}?${query}`;
@@ -88,11 +92,11 @@ class StageState {
    * Sends the state to the running 3D view: one request at a time, and after each request only the newest state. A
    * failure is visible in the view and needs no message.
    */
-  async show(view: SceneView): Promise<void> {
+  async show(view: SceneRequest): Promise<void> {
     const isSending = this.pendingView !== null;
     this.pendingView = view;
     if (isSending) return;
-    for (let sentView: SceneView | null = null; sentView !== this.pendingView;) {
+    for (let sentView: SceneRequest | null = null; sentView !== this.pendingView;) {
       sentView = this.pendingView;
       const { vehicle, ...rest } = sentView;
       const body = JSON.stringify(vehicle === null ? rest : sentView);

@@ -50,8 +50,8 @@ describe('positions', () => {
   });
   it('are found within reach, the nearest first', () => {
     const points = [0, 4, 30].map((east_m) => ({ ...positionAt(HERE, { east_m, north_m: 0 }), east_m }));
-    expect(nearestWithin(view(5), { x: 515, y: 400 }, points, 24)?.east_m).toBe(4);
-    expect(nearestWithin(view(5), { x: 560, y: 400 }, points, 24)).toBeNull();
+    expect(nearestWithin((one) => toPixel(view(5), one), { x: 515, y: 400 }, points, 24)?.east_m).toBe(4);
+    expect(nearestWithin((one) => toPixel(view(5), one), { x: 560, y: 400 }, points, 24)).toBeNull();
   });
   it('have scale bars of round lengths', () => {
     expect([niceLength_m(4, 110), niceLength_m(0.1, 110), niceLength_m(60, 110)]).toEqual([20, 1000, 1]);

@@ -19,7 +19,7 @@ import {
   type StepKind,
   type StepNode,
 } from './mission';
-import { movedTo, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
+import { movedTo, raisedBy, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
 import { newStep, PLACED } from './step-titles';
 
 const HEIGHT_M = 10;
@@ -41,6 +41,15 @@ export function movePoint(mission: Mission, id: string, at: GeoPosition, frame: 
   const path = pathOf(node, ref);
   const old = valueAt(mission, path) as MissionPosition | undefined;
   return old === undefined ? mission : withValue(mission, path, movedTo(old, at, frame));
+}
+
+/** Raises the point with this id by a height [m]; home and the geofence have no height. */
+export function raisePoint(mission: Mission, id: string, by_m: number): Mission {
+  const ref = pointOf(id);
+  const node = ref === null ? null : nodeOf(mission, id);
+  const path = ref === null || node === null ? null : pathOf(node, ref);
+  const old = path === null ? undefined : (valueAt(mission, path) as MissionPosition | undefined);
+  return path === null || old === undefined ? mission : withValue(mission, path, raisedBy(old, by_m));
 }
 
 function spliced<T>(list: readonly T[], start: number, removed: number, ...added: readonly T[]): T[] {

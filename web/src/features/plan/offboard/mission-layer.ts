@@ -1,13 +1,13 @@
 /** A mission as a map layer and as list entries. Pure. */
 
-import type { LayerLine, LayerPicture, LayerPoint } from '../../../app/map-layers.svelte';
+import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
 import { duration } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { fencePicture, sketchLines, type Sketch } from '../layer';
+import { adder, fencePicture, sketchLines, type Sketch } from '../layer';
 import { midpoint } from '../edit';
 import { homeEntry, sharedEntries, type TreeEntry } from '../list-entries';
 import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
-import { geoPointOf, type Frame } from './positions';
+import { geoPointOf, heightText, type Frame, type GeoPoint } from './positions';
 import type { Flight, StepTime } from './compiled-path';
 import { detailOf, stepTitle } from './step-titles';
 
@@ -29,8 +29,7 @@ export function picture(
   isCurrent: boolean,
 ): LayerPicture {
   const { points, areas, lines } = fencePicture(mission, selected, sketch);
-  const add = (id: string, at: GeoPosition, mark: LayerPoint['mark'], tone: LayerPoint['tone'], text = ''): void =>
-    void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
+  const add = adder(points, selected);
   const nodes = nodesOf(mission);
   const showsAllMidpoints = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
   const chosen = new Set([...selected].map(stepNameOf));
@@ -46,28 +45,39 @@ export function picture(
     if (showsAllMidpoints || chosen.has(node.place))
       for (let i = 1; i < count; i += 1) {
         const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
-        if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, midpoint(geoPointOf(a, frame), geoPointOf(b, frame)), 'middle', 'target');
+        if (a !== undefined && b !== undefined)
+          add(`between:${i}:${node.place}`, midpoint(inSpace(geoPointOf(a, frame), frame), inSpace(geoPointOf(b, frame), frame)), 'middle', 'target');
       }
     for (const { ref, at } of positions) {
       const flown = ref.field === 'points';
-      add(pointId(ref), geoPointOf(at, frame), flown ? 'disc' : 'cross', flown ? 'target' : 'actual', flown ? pointMark(node, ref.index, count) : '');
+      const text = flown ? pointMark(node, ref.index, count) : '';
+      add(pointId(ref), inSpace(geoPointOf(at, frame), frame), flown ? 'disc' : 'cross', flown ? 'target' : 'actual', text, heightText(at, frame));
     }
   }
   lines.push(...(flight === null ? straight(nodes, frame) : flightLines(flight, frame, isCurrent)), ...sketchLines(sketch));
-  return { points, lines, areas };
+  const { lat_deg, lon_deg, alt_amsl_m } = frame.start;
+  return { points, lines, areas, ground: { lat_deg, lon_deg, alt_amsl_m } };
+}
+
+/** A point with its altitude for the 3D view. */
+function inSpace({ lat_deg, lon_deg, up_m }: GeoPoint, frame: Frame): LayerPosition {
+  return { lat_deg, lon_deg, alt_amsl_m: frame.start.alt_amsl_m + up_m };
 }
 
 /** Straight lines between the points, used until the server has compiled the path. */
 function straight(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
-  const positions = nodes.flatMap((node) => (node.step.points ?? []).map((point) => geoPointOf(point, frame)));
+  const positions = nodes.flatMap((node) => (node.step.points ?? []).map((point) => inSpace(geoPointOf(point, frame), frame)));
   return positions.length === 0 ? [] : [{ positions: [frame.start, ...positions], tone: 'target', style: 'dotted' }];
 }
 
 /** The compiled path. Alternative branches and outdated paths are dotted. */
 function flightLines(flight: Flight, frame: Frame, isCurrent: boolean): LayerLine[] {
-  const found: { main: boolean; positions: GeoPosition[] }[] = [];
+  const found: { main: boolean; positions: LayerPosition[] }[] = [];
   for (const { main, points } of flight.legs) {
-    const positions = points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m }));
+    const positions = points.map(([, north_m, east_m, down_m]): LayerPosition => ({
+      ...positionAt(frame.origin, { north_m, east_m }),
+      alt_amsl_m: frame.origin.alt_amsl_m - down_m,
+    }));
     const before = found.at(-1);
     if (before !== undefined && before.main === main && same(before.positions.at(-1), positions[0])) before.positions.push(...positions.slice(1));
     else found.push({ main, positions });

@@ -2,14 +2,14 @@ import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { PlanEditor } from '../editor.svelte';
 import type { Finding } from '../fixes';
-import { addCalled, addStep, addToBranch, insertPoint, nodeOf, movePoint, remove, reorder } from './edit';
+import { addCalled, addStep, addToBranch, insertPoint, nodeOf, movePoint, raisePoint, remove, reorder } from './edit';
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
 import type { Flight } from './compiled-path';
 import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
 import { picture, treeOf } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
-import { frameOf, movedTo, inFrame, geoPointOf, type PositionFrame } from './positions';
+import { frameOf, movedTo, raisedBy, inFrame, geoPointOf, type PositionFrame } from './positions';
 import { detailOf, newMission, newStep, KINDS, stepTitle } from './step-titles';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -291,6 +291,28 @@ describe('the map of a mission', () => {
       ['solid', 3],
       ['dotted', 2],
     ]);
+  });
+
+  it('has altitudes for the 3D view, from the start and along the compiled path', () => {
+    const shown = picture(missionOf(newStep('take_off'), FLY), new Set(), null, FRAME, flight as unknown as Flight, true);
+    const { start, origin } = FRAME;
+    const [first] = shown.points.filter((point) => point.mark === 'disc');
+    expect(first?.alt_amsl_m).toBeCloseTo(start.alt_amsl_m + geoPointOf(FLY.points?.[0] ?? {}, FRAME).up_m, 6);
+    expect(first?.height).toMatch(/^-?[\d.]+ m above/);
+    expect(shown.lines[0]?.positions.map((position) => (position.alt_amsl_m ?? 0) - origin.alt_amsl_m)).toEqual([0, 5, 5]);
+    expect(shown.ground).toEqual(start);
+  });
+
+  it('raises a point in its own frame', () => {
+    expect(raisedBy({ offset_ned_m: [1, 2, -10], hold_s: 3 }, 2.5)).toEqual({ offset_ned_m: [1, 2, -12.5], hold_s: 3 });
+    expect(raisedBy({ position_ned_m: [1, 2, -10] }, -2)).toEqual({ position_ned_m: [1, 2, -8] });
+    expect(raisedBy({ lat_deg: 47, lon_deg: 8, alt_home_m: 10 }, 0.1)).toMatchObject({ alt_home_m: 10.1 });
+    expect(raisedBy({ lat_deg: 47, lon_deg: 8, alt_amsl_m: 500 }, -0.5)).toMatchObject({ alt_amsl_m: 499.5 });
+    const mission = missionOf(newStep('take_off'), FLY);
+    const height = (one: typeof mission, index: number) => geoPointOf(one.steps[1]?.points?.[index] ?? {}, FRAME).up_m;
+    const raised = raisePoint(mission, 'point:points:1:step 2', 4);
+    expect([height(raised, 0), height(raised, 1)]).toEqual([height(mission, 0), height(mission, 1) + 4]);
+    expect(raisePoint(mission, 'home', 4)).toBe(mission);
   });
 
   it('connects the points by straight lines until the server has answered', () => {

@@ -1,5 +1,6 @@
 /** Converts positions between the map and a mission; each position keeps its frame. Pure. */
 
+import { fixed } from '../../../ui/format';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { PlannedHome } from '../document';
 import type { Mission, MissionPosition, Vector } from './mission';
@@ -68,6 +69,22 @@ export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame:
   const { north_m, east_m } = eastNorth(from, geoPoint);
   const vector: Vector = [roundCm(north_m), roundCm(east_m), roundCm(from.alt_amsl_m - amsl_m)];
   return positionFrame === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
+}
+
+/** Moves a point up by a height [m]; its frame is kept. */
+export function raisedBy(position: MissionPosition, by_m: number): MissionPosition {
+  const positionFrame = frameOfPosition(position);
+  if (positionFrame === 'home') return { ...position, alt_home_m: roundCm((position.alt_home_m ?? 0) + by_m) };
+  if (positionFrame === 'amsl') return { ...position, alt_amsl_m: roundCm((position.alt_amsl_m ?? 0) + by_m) };
+  const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
+  const [north_m, east_m, down_m] = position[field] as Vector;
+  return { ...position, [field]: [north_m, east_m, roundCm(down_m - by_m)] };
+}
+
+/** The height of a point as text, from where its frame counts it. */
+export function heightText(position: MissionPosition, frame: Frame): string {
+  if (position.alt_amsl_m != null) return `${fixed(position.alt_amsl_m, 1)} m AMSL`;
+  return `${fixed(geoPointOf(position, frame).up_m, 1)} m above ${frameOfPosition(position) === 'home' ? 'home' : 'the start'}`;
 }
 
 /** Moves a point horizontally; height and frame are kept. */

@@ -1,0 +1,218 @@
+/**
+ * Draws layers over the 3D view: paths with their shadows on the ground, areas, points with vertical lines to the
+ * ground, and the handles that change heights. Depends only on a canvas, not on the page.
+ */
+
+import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
+import type { Pixel } from '../../vehicle/geo';
+import { drawIcon, HALF_PX, iconName, TONES } from './layer-draw';
+import { withHandles } from './layer-gesture';
+import type { Palette } from './map-draw';
+import { NEAR_M, type Clip, type SceneView } from './scene-view';
+
+type Ctx = CanvasRenderingContext2D;
+
+/** Of more points, the nearest are drawn. */
+export const MAX_POINTS = 2000;
+/** Scale of points in the inset. */
+const INSET_SCALE = 0.55;
+const HANDLE_RADIUS_PX = 11;
+
+/** The parts of a line in front of the camera, as polylines. */
+export function visibleParts(line: readonly Clip[]): Clip[][] {
+  const parts: Clip[][] = [];
+  let part: Clip[] = [];
+  line.forEach((to, i) => {
+    const from = line[i - 1];
+    if (from !== undefined && from[3] < NEAR_M !== to[3] < NEAR_M) part.push(crossing(from, to));
+    if (to[3] >= NEAR_M) part.push(to);
+    else if (part.length > 0) {
+      parts.push(part);
+      part = [];
+    }
+  });
+  return [...parts, part].filter((one) => one.length > 1);
+}
+
+/** The part of an area in front of the camera. */
+export function visibleArea(ring: readonly Clip[]): Clip[] {
+  return ring.flatMap((to, i) => {
+    const from = ring[(i + ring.length - 1) % ring.length] ?? to;
+    const edge = from[3] < NEAR_M !== to[3] < NEAR_M ? [crossing(from, to)] : [];
+    return to[3] >= NEAR_M ? [...edge, to] : edge;
+  });
+}
+
+function crossing(a: Clip, b: Clip): Clip {
+  const share = (NEAR_M - a[3]) / (b[3] - a[3]);
+  const at = (i: 0 | 1 | 2): number => a[i] + share * (b[i] - a[i]);
+  return [at(0), at(1), at(2), NEAR_M];
+}
+
+interface DrawnPoint {
+  readonly point: LayerPoint;
+  readonly at: Pixel;
+  /** Distance along the line of sight [m]. */
+  readonly away_m: number;
+}
+
+/** The visible points, the farthest first; midpoints below the others, selected points above them. */
+export function drawnPoints(view: SceneView, points: readonly LayerPoint[]): DrawnPoint[] {
+  const rank = ({ point }: DrawnPoint): number => (point.selected ? 2 : point.mark === 'middle' ? 0 : 1);
+  return points
+    .map((point) => ({ point, clip: view.clipOf(view.enuOf(point)) }))
+    .filter(({ clip }) => clip[3] >= NEAR_M)
+    .sort((a, b) => a.clip[3] - b.clip[3])
+    .slice(0, MAX_POINTS)
+    .map(({ point, clip }) => ({ point, at: view.pixelOfClip(clip), away_m: clip[3] }))
+    .sort((a, b) => rank(a) - rank(b) || b.away_m - a.away_m);
+}
+
+export class ScenePainter {
+  private icons = new Map<string, HTMLCanvasElement | null>();
+
+  constructor(
+    private readonly ctx: Ctx,
+    private readonly palette: Palette,
+    private readonly inset: boolean,
+  ) {}
+
+  draw(view: SceneView, pictures: readonly LayerPicture[]): void {
+    this.ctx.clearRect(0, 0, view.width, view.height);
+    this.ctx.lineCap = this.ctx.lineJoin = 'round';
+    for (const { areas } of pictures) for (const { ring, tone } of areas) this.area(view, ring, this.colour(tone));
+    for (const { lines } of pictures) for (const line of lines) this.shadow(view, line);
+    for (const { points } of pictures) this.plumbLines(view, points);
+    for (const { lines } of pictures) for (const line of lines) this.line(view, line);
+    for (const { points } of pictures) {
+      for (const { point, at } of drawnPoints(view, points)) this.point(point, at);
+      if (!this.inset) for (const point of withHandles(points)) this.handle(view, point);
+    }
+  }
+
+  private colour(tone: LayerPoint['tone']): string {
+    return this.palette.of(TONES[tone]);
+  }
+
+  /** @returns false: nothing of it is in front of the camera. */
+  private trace(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
+    const clips = positions.map((at) => {
+      const enu = view.enuOf(at);
+      return view.clipOf(onGround ? [enu[0], enu[1], view.ground_m] : enu);
+    });
+    const parts = visibleParts(clips);
+    this.ctx.beginPath();
+    for (const part of parts)
+      part.forEach((clip, i) => {
+        const { x, y } = view.pixelOfClip(clip);
+        if (i === 0) this.ctx.moveTo(x, y);
+        else this.ctx.lineTo(x, y);
+      });
+    return parts.length > 0;
+  }
+
+  private stroke(colour: string, width: number, opacity = 1, dash: readonly number[] = []): void {
+    const { ctx } = this;
+    ctx.strokeStyle = colour;
+    ctx.lineWidth = width;
+    ctx.globalAlpha = opacity;
+    ctx.setLineDash([...dash]);
+    ctx.stroke();
+    ctx.globalAlpha = 1;
+    ctx.setLineDash([]);
+  }
+
+  private area(view: SceneView, ring: readonly LayerPosition[], colour: string): void {
+    const { ctx } = this;
+    ctx.beginPath();
+    for (const clip of visibleArea(ring.map((at) => view.clipOf(view.enuOf(at))))) {
+      const { x, y } = view.pixelOfClip(clip);
+      ctx.lineTo(x, y);
+    }
+    ctx.fillStyle = colour;
+    ctx.globalAlpha = this.palette.dark ? 0.1 : 0.13;
+    ctx.fill();
+    ctx.globalAlpha = 1;
+  }
+
+  /** A path above the ground has a thin line below it, so that its position can be seen from any side. */
+  private shadow(view: SceneView, { positions }: LayerLine): void {
+    if (positions.some((at) => at.alt_amsl_m !== undefined) && this.trace(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
+  }
+
+  private line(view: SceneView, { positions, tone, style }: LayerLine): void {
+    if (!this.trace(view, positions)) return;
+    const { palette } = this;
+    const width = this.inset ? 1.6 : palette.stroke;
+    // A band in the colour of the ground separates the path from the grid and from other lines.
+    if (style === 'solid') this.stroke(palette.map, width + 4, 0.75);
+    const dash = { solid: [], dotted: [0.1, 6], dashed: [6, 5] }[style];
+    this.stroke(this.colour(tone), style === 'dashed' ? 1.6 : width, 1, dash);
+  }
+
+  private plumbLines(view: SceneView, points: readonly LayerPoint[]): void {
+    const above = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'middle' && point.mark !== 'home');
+    for (const point of above.slice(0, MAX_POINTS)) {
+      const ground = { lat_deg: point.lat_deg, lon_deg: point.lon_deg };
+      const colour = point.selected ? this.palette.accent : this.palette.text2;
+      if (this.trace(view, [point, ground])) this.stroke(colour, point.selected ? 1.6 : 1, point.selected ? 1 : 0.6);
+      const foot = view.pixelOf(ground);
+      if (foot === null) continue;
+      this.ctx.beginPath();
+      this.ctx.arc(foot.x, foot.y, this.inset ? 1.5 : 2.5, 0, 2 * Math.PI);
+      this.ctx.fillStyle = colour;
+      this.ctx.fill();
+    }
+  }
+
+  private point(point: LayerPoint, at: Pixel): void {
+    if (this.inset && point.mark === 'middle') return;
+    const name = iconName(this.inset ? { ...point, text: '' } : point);
+    if (!this.icons.has(name)) this.icons.set(name, drawIcon(name, this.palette));
+    const icon = this.icons.get(name) ?? null;
+    const half = HALF_PX * (this.inset ? INSET_SCALE : 1);
+    if (icon !== null) this.ctx.drawImage(icon, at.x - half, at.y - half, half * 2, half * 2);
+  }
+
+  /** The handle that changes a selected point's height, and the height as text. */
+  private handle(view: SceneView, point: LayerPoint): void {
+    const { ctx, palette } = this;
+    const [at, grip] = [view.pixelOf(point), view.handleOf(point)];
+    if (at === null) return;
+    if (grip !== null) {
+      const away = Math.hypot(grip.x - at.x, grip.y - at.y);
+      const begin = { x: at.x + ((grip.x - at.x) / away) * 17, y: at.y + ((grip.y - at.y) / away) * 17 };
+      ctx.beginPath();
+      ctx.moveTo(begin.x, begin.y);
+      ctx.lineTo(grip.x, grip.y);
+      this.stroke(palette.accent, 2);
+      ctx.save();
+      ctx.translate(grip.x, grip.y);
+      ctx.beginPath();
+      ctx.arc(0, 0, HANDLE_RADIUS_PX, 0, 2 * Math.PI);
+      ctx.fillStyle = palette.panel;
+      ctx.fill();
+      this.stroke(palette.accent, 2);
+      ctx.rotate(Math.atan2(grip.x - at.x, at.y - grip.y));
+      ctx.beginPath();
+      ctx.stroke(new Path2D('M0-6v12M-3-3.2L0-6.2 3-3.2M-3 3.2L0 6.2 3 3.2'));
+      ctx.restore();
+    }
+    this.tag({ x: at.x + 20, y: at.y }, point.height ?? '');
+  }
+
+  private tag(at: Pixel, text: string): void {
+    const { ctx, palette } = this;
+    ctx.font = '600 12px Inter, system-ui, sans-serif';
+    ctx.textAlign = 'left';
+    ctx.textBaseline = 'middle';
+    const width = ctx.measureText(text).width + 14;
+    ctx.beginPath();
+    ctx.roundRect(at.x, at.y - 10, width, 20, 6);
+    ctx.fillStyle = palette.panel;
+    ctx.fill();
+    this.stroke(palette.line2, 1);
+    ctx.fillStyle = palette.text;
+    ctx.fillText(text, at.x + 7, at.y + 0.5);
+  }
+}

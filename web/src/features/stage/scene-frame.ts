@@ -1,0 +1,56 @@
+/** Access to viser's page in the iframe of the 3D view: its camera. The only file that knows viser's names. */
+
+import type { LayerPosition } from '../../app/map-layers.svelte';
+import { parseOrigin, validCamera, type Matrix, type SceneCamera, type Vector } from './scene-view';
+
+interface Elements {
+  readonly elements: Matrix;
+}
+
+interface ViserState {
+  readonly camera?: {
+    readonly fov: number;
+    readonly projectionMatrix: Elements;
+    readonly projectionMatrixInverse: Elements;
+    readonly matrixWorld: Elements;
+    readonly matrixWorldInverse: Elements;
+  } | null;
+  readonly nodeRefFromName?: Readonly<Record<string, { readonly matrixWorld: Elements } | undefined>>;
+  readonly cameraControl?: { readonly setLookAt: (...numbers: number[]) => unknown } | null;
+  readonly requestRender?: () => void;
+}
+
+export interface SceneWindow extends Window {
+  readonly __viserMutable?: ViserState;
+}
+
+/**
+ * The camera now; null while viser starts or connects again.
+ * @param origin position of the world's zero while no vehicle has reported a position.
+ */
+export function cameraOf(inside: SceneWindow, origin: Required<LayerPosition>): SceneCamera | null {
+  const { camera, nodeRefFromName } = inside.__viserMutable ?? {};
+  return validCamera({
+    projection: camera?.projectionMatrix.elements,
+    projectionInverse: camera?.projectionMatrixInverse.elements,
+    pose: camera?.matrixWorld.elements,
+    poseInverse: camera?.matrixWorldInverse.elements,
+    world: nodeRefFromName?.['/world']?.matrixWorld.elements,
+    origin: parseOrigin(inside.document.documentElement.dataset['gcsOrigin']) ?? origin,
+    width: inside.innerWidth,
+    height: inside.innerHeight,
+  });
+}
+
+/** Vertical field of view of the camera; null while viser starts. */
+export function fovOf(inside: SceneWindow): number | null {
+  const fov_deg = inside.__viserMutable?.camera?.fov;
+  return typeof fov_deg === 'number' && fov_deg > 0 ? (fov_deg * Math.PI) / 180 : null;
+}
+
+/** Moves the camera. Positions are those of the page's scene. */
+export function lookAt(inside: SceneWindow, eye: Vector, target: Vector): void {
+  const viser = inside.__viserMutable;
+  void viser?.cameraControl?.setLookAt(...eye, ...target, 0); // 0: without a transition
+  viser?.requestRender?.();
+}

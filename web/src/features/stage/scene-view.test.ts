@@ -1,0 +1,183 @@
+import { describe, expect, it } from 'vitest';
+import type { LayerEditor, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
+import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
+import { LayerGesture, targetAt, withHandles } from './layer-gesture';
+import { drawnPoints, MAX_POINTS, visibleArea, visibleParts } from './scene-draw';
+import { NEAR_M, parseOrigin, SceneView, validCamera, type Clip, type Matrix, type SceneCamera } from './scene-view';
+
+const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+const IDENTITY: Matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+const [WIDTH, HEIGHT, FOCAL] = [800, 600, 1.5];
+
+/** Looks north and down from a point, in a scene whose axes are those of the world. */
+function northFrom(eye: readonly [number, number, number], down_rad: number, world: Matrix = IDENTITY): SceneCamera {
+  const [sin, cos] = [Math.sin(down_rad), Math.cos(down_rad)];
+  // Axes of the camera: right is east, up, backwards.
+  const pose = [1, 0, 0, 0, 0, sin, cos, 0, 0, -cos, sin, 0, ...eye, 1];
+  const [x, y, z] = eye;
+  const poseInverse = [1, 0, 0, 0, 0, sin, -cos, 0, 0, cos, sin, 0, -x, -(sin * y + cos * z), cos * y - sin * z, 1];
+  const aspect = WIDTH / HEIGHT;
+  const projection = [FOCAL / aspect, 0, 0, 0, 0, FOCAL, 0, 0, 0, 0, -1, -1, 0, 0, -0.2, 0];
+  const projectionInverse = [aspect / FOCAL, 0, 0, 0, 0, 1 / FOCAL, 0, 0, 0, 0, 0, -5, 0, 0, -1, 5];
+  return { projection, projectionInverse, pose, poseInverse, world, origin: ORIGIN, width: WIDTH, height: HEIGHT };
+}
+const viewFrom = (eye: readonly [number, number, number], down_rad: number, world?: Matrix): SceneView => new SceneView(northFrom(eye, down_rad, world), 480);
+const at = (east_m: number, north_m: number, up_m?: number): LayerPosition => ({
+  ...positionAt(ORIGIN, { east_m, north_m }),
+  ...(up_m === undefined ? {} : { alt_amsl_m: 480 + up_m }),
+});
+const point = (id: string, position: LayerPosition, more: Partial<LayerPoint> = {}): LayerPoint => ({
+  ...position,
+  id,
+  mark: 'disc',
+  tone: 'target',
+  text: '',
+  selected: false,
+  ...more,
+});
+const metres = (position: GeoPosition | null): number[] => {
+  if (position === null) return [];
+  const { east_m, north_m } = eastNorth(ORIGIN, position);
+  return [Math.round(east_m * 1000) / 1000 + 0, Math.round(north_m * 1000) / 1000 + 0];
+};
+
+describe('a position in the 3D view', () => {
+  const view = viewFrom([0, -60, 40], 0.5);
+
+  it('is in the middle if the camera looks at it, and not visible behind the camera', () => {
+    const ahead = viewFrom([0, -40, 40], Math.PI / 4).pixelOf(at(0, 0));
+    expect([ahead?.x, ahead?.y].map((value) => Math.round(value ?? 0))).toEqual([400, 300]);
+    expect(view.pixelOf(at(0, -200, 0))).toBeNull();
+  });
+
+  it('is the same after projection and back, at any altitude and in a turned world', () => {
+    const turned = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 20, -3, 1];
+    for (const one of [view, viewFrom([0, -60, 40], 0.5, turned)])
+      for (const position of [at(10, 5), at(-12, 8, 20), at(3, -2, 31)]) {
+        const pixel = one.pixelOf(position);
+        expect(metres(pixel === null ? null : one.positionAt(pixel, position))).toEqual(metres(position));
+      }
+  });
+
+  it('does not exist above the horizon or too far away', () => {
+    expect(view.groundAt({ x: 400, y: -600 })).toBeNull();
+    expect(viewFrom([0, 0, 3], 0).groundAt({ x: 400, y: 300.1 })).toBeNull();
+    expect(metres(viewFrom([0, -40, 40], Math.PI / 4).groundAt({ x: 400, y: 300 }))).toEqual([0, 0]);
+  });
+
+  it('moves only across the view if its level is seen from the side', () => {
+    const low = viewFrom([0, -60, 20], 0);
+    const like = at(0, 0, 20);
+    expect(metres(low.positionAt({ x: 500, y: 300 }, like))[1]).toBe(0);
+    expect(metres(low.positionAt({ x: 500, y: 180 }, like))).toEqual(metres(low.positionAt({ x: 500, y: 300 }, like)));
+  });
+});
+
+describe('the height of a point', () => {
+  const view = viewFrom([0, -60, 40], 0.5);
+
+  it('follows the pointer along the vertical line', () => {
+    const above = view.pixelOf(at(5, 4, 27));
+    expect(view.heightAt(above ?? { x: 0, y: 0 }, at(5, 4, 20))).toBeCloseTo(7, 6);
+  });
+
+  it('has a handle above the selected point, but not from straight above', () => {
+    const one = point('a', at(5, 4, 20), { selected: true, height: '20 m' });
+    const [pixel, handle] = [view.pixelOf(one), view.handleOf(one)];
+    expect((pixel?.y ?? 0) - (handle?.y ?? 0)).toBeGreaterThan(35);
+    expect(targetAt(view, handle ?? { x: 0, y: 0 }, [one], 14)).toEqual({ point: one, of: 'handle' });
+    expect(targetAt(view, pixel ?? { x: 0, y: 0 }, [one], 14)).toEqual({ point: one, of: 'point' });
+    expect(viewFrom([5, 3, 60], Math.PI / 2 - 0.01).handleOf(one)).toBeNull();
+    expect(viewFrom([5, 4, 60], Math.PI / 2).heightAt({ x: 400, y: 300 }, one)).toBeNull();
+  });
+
+  it('has one handle for many selected points', () => {
+    const many = Array.from({ length: 9 }, (_, i) => point(String(i), at(i, 0, 10), { selected: true, height: '10 m' }));
+    expect(withHandles(many)).toEqual([many[0]]);
+    expect(withHandles([...many.slice(0, 3), point('corner', at(0, 0), { selected: true })])).toEqual(many.slice(0, 3));
+  });
+
+  it('is changed by a drag of the handle, in one gesture', () => {
+    const calls: unknown[] = [];
+    const editor: LayerEditor = {
+      pick: (id) => void calls.push(['pick', id]),
+      grab: (id) => (calls.push(['grab', id]), id),
+      drag: () => void calls.push(['drag']),
+      raise: (by_m) => void calls.push(['raise', Math.round(by_m * 10) / 10]),
+      drop: (keep) => void calls.push(['drop', keep]),
+      press: () => false,
+      remove: () => false,
+    };
+    const one = point('a', at(0, 0, 20), { selected: true, height: '20 m' });
+    const [begin, end] = [view.pixelOf(at(0, 0, 24)), view.pixelOf(at(0, 0, 29))];
+    const gesture = new LayerGesture(editor);
+    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: one, of: 'handle' }, false);
+    gesture.move(view, end ?? { x: 0, y: 0 });
+    gesture.up();
+    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: one, of: 'handle' }, false);
+    gesture.up();
+    expect(calls).toEqual([
+      ['grab', 'a'],
+      ['raise', 5],
+      ['drop', true],
+    ]);
+  });
+});
+
+describe('the drawing', () => {
+  const clip = (x: number, w: number): Clip => [x, 0, 0, w];
+
+  it('cuts lines and areas at the camera', () => {
+    expect(visibleParts([clip(0, 5), clip(1, 5), clip(2, -5), clip(3, -5), clip(4, 5)])).toHaveLength(2);
+    expect(visibleParts([clip(0, -5), clip(1, -1)])).toEqual([]);
+    for (const part of visibleParts([clip(0, 5), clip(2, -5)])) expect(part.at(-1)?.[3]).toBe(NEAR_M);
+    expect(visibleArea([clip(0, 5), clip(1, 5), clip(2, -5)])).toHaveLength(4);
+    expect(visibleArea([clip(0, -5), clip(1, -5), clip(2, -5)])).toEqual([]);
+  });
+
+  it('has the nearest points on top, midpoints below and selected points above all', () => {
+    const view = viewFrom([0, -60, 40], 0.5);
+    const points = [
+      point('near', at(0, -20, 0)),
+      point('far', at(0, 40, 0)),
+      point('middle', at(0, -25, 0), { mark: 'middle' }),
+      point('selected', at(0, 50, 0), { selected: true }),
+      point('behind', at(0, -200, 0)),
+    ];
+    expect(drawnPoints(view, points).map((one) => one.point.id)).toEqual(['middle', 'far', 'near', 'selected']);
+    const many = Array.from({ length: MAX_POINTS + 50 }, (_, i) => point(String(i), at(0, i / 10, 0)));
+    const drawn = drawnPoints(view, many);
+    expect(drawn).toHaveLength(MAX_POINTS);
+    expect(drawn.some((one) => one.point.id === '0')).toBe(true);
+  });
+
+  it('shows all points from above, in the middle of the free area', () => {
+    const view = viewFrom([0, -60, 2], 0);
+    const points = [at(0, 0, 0), at(100, 0, 20), at(100, 80, 0)];
+    const found = view.overview(points, 0.9, 0.7);
+    expect(found?.target).toEqual([50, 40, 10].map((value) => expect.closeTo(value, 3)));
+    const [east, north, up] = found?.eye ?? [0, 0, 0];
+    const there = viewFrom([east, north, up], Math.atan2(up - 10, 40 - north));
+    for (const position of points) {
+      const pixel = there.pixelOf(position);
+      expect(Math.abs((pixel?.y ?? 999) - 300)).toBeLessThan(300 * 0.7);
+    }
+    expect(view.overview([], 0.9, 0.7)).toBeNull();
+  });
+});
+
+describe('the camera of the frame', () => {
+  it('is used only if it is complete and finite', () => {
+    const camera = northFrom([0, 0, 5], 0.3);
+    expect(validCamera(camera)).toBe(camera);
+    expect(validCamera({ ...camera, world: undefined })).toBeNull();
+    expect(validCamera({ ...camera, pose: [NaN, ...Array.from(camera.pose).slice(1)] })).toBeNull();
+    expect(validCamera({ ...camera, projection: [1, 2, 3] })).toBeNull();
+    expect(validCamera({ ...camera, width: 0 })).toBeNull();
+  });
+
+  it('has its origin from the server, or none', () => {
+    expect(parseOrigin('47.4,8.5,480')).toEqual(ORIGIN);
+    for (const text of [undefined, '', '47.4,8.5', '47.4,8.5,', '47.4,8.5,NaN', '47.4,8.5,480,1', 'a,b,c']) expect(parseOrigin(text)).toBeNull();
+  });
+});
