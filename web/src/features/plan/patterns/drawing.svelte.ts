@@ -156,6 +156,9 @@ export class PatternDrawing implements LayerEditor {
     this.moveTo(to);
   }
 
+  /** Corners have no height. */
+  raise(): void {}
+
   drop(keep: boolean): void {
     if (!keep && this.grabbed !== null) {
       this.rings = this.grabbed.rings;
