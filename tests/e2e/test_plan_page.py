@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import choose, hold_space, in_both_themes, opened
+from tests.e2e.browser import choose, hold_space, in_both_themes, opened, scene
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     EXAMPLES,
@@ -24,6 +24,19 @@ from tests.e2e.plan_page import (
 from tests.station import wait_until
 
 pytestmark = pytest.mark.browser
+
+POSITION_IN_3D = """
+(enu) => {
+  const viser = window.__viserMutable, world = viser?.nodeRefFromName['/world'];
+  if (!viser?.camera || !world) return null;
+  const row = (m, r, [x, y, z, w]) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w;
+  const through = (matrix, point) => [0, 1, 2, 3].map((r) => row(matrix, r, point));
+  const matrices = [world.matrixWorld, viser.camera.matrixWorldInverse, viser.camera.projectionMatrix];
+  const at = matrices.reduce((point, matrix) => through(matrix.elements, point), [...enu, 1]);
+  return [(at[0] / at[3] + 1) / 2 * innerWidth, (1 - at[1] / at[3]) / 2 * innerHeight];
+}
+"""
+"""Position in the frame of a point of viser's world [px]; null while the view is not ready."""
 
 
 def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:
@@ -163,6 +176,71 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
         card.get_by_role("button", name="Close").click()
         expect(card).to_be_hidden()
+
+
+@pytest.mark.realtime
+def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Browser, station: Station) -> None:
+    home = home_of(station)
+    offsets = {"waypoint": (3e-4, 1e-4), "land": (3e-4, 5e-4)}
+    items = [
+        {
+            "kind": kind,
+            "lat_deg": home["lat_deg"] + north,
+            "lon_deg": home["lon_deg"] + east,
+            "altitude": {"value_m": 15, "reference": "home"},
+        }
+        for kind, (north, east) in {"takeoff": (0, 0), **offsets}.items()
+    ]
+    station.gcs.request("POST", "/plans", {"name": "Hill", "plan": {"planned_home": home, "items": items}})
+    with opened(browser, station.url) as page:
+        page.get_by_title("3D view", exact=True).wait_for()
+        page.keyboard.press("w")
+        room = page.get_by_role("region", name="Plan room")
+        page.get_by_role("button", name="Open", exact=True).click()
+        room.get_by_role("button", name=re.compile("^Hill Waypoint plan")).click()
+        page.keyboard.press("m")
+        page.get_by_role("radio", name="Free").click()
+        page.get_by_role("button", name="Show all").click()
+        x, y = in_3d(page, (7.5, 33.4, 15.0))
+        menu = page.get_by_role("dialog", name="At this position: 101 Quad")
+
+        page.mouse.click(x, y)
+        waypoint = steps_of(room).filter(has_text="Waypoint")
+        expect(waypoint).to_have_attribute("aria-selected", "true")
+        latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
+        before = latitude.input_value()
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 30, y + 20, steps=4)
+        page.mouse.up()
+        expect(latitude).not_to_have_value(before)
+        expect(waypoint).to_contain_text("15.0 m above home")
+        page.keyboard.press("Control+z")
+        expect(latitude).to_have_value(before)
+
+        page.mouse.click(x, y + 60)
+        expect(waypoint).to_have_attribute("aria-selected", "false")
+        expect(menu).to_be_hidden()
+        page.get_by_role("button", name="Close the plan room").click()
+        expect(room).to_be_hidden()
+        page.mouse.click(x, y + 60)
+        expect(menu).to_contain_text("Go here")
+
+
+def in_3d(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
+    """Position in the window of a point of the 3D view's world, when its camera has come to rest [px]."""
+    frame, found = scene(page), (0.0, 0.0)
+
+    def is_at_rest() -> bool:
+        nonlocal found
+        before, found = found, frame.evaluate(POSITION_IN_3D, enu_m)
+        page.wait_for_timeout(300)
+        return found is not None and before == found
+
+    wait_until(is_at_rest, "the camera of the 3D view", 60)
+    box = page.get_by_title("3D view", exact=True).bounding_box()
+    assert box is not None
+    return box["x"] + found[0], box["y"] + found[1]
 
 
 def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
