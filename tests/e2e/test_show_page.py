@@ -34,6 +34,7 @@ def station() -> Iterator[Station]:
         yield Station(url, gcs, drones[0])
 
 
+@pytest.mark.timeout(900)  # a dry run of two flights and the flight itself, on a busy machine
 def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
     browser: Browser, station: Station
 ) -> None:
