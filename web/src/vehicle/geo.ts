@@ -138,3 +138,9 @@ const SAME_START_M = 5;
 export function isSameStart(here: GeoPosition, start: GeoPosition): boolean {
   return groundDistance_m(here, start) < SAME_START_M;
 }
+
+/** Middle of the part of the map that no panel covers, `offset_px` from the map's middle, and the distance from it to the nearest edge. */
+export function freeMiddle(view: MapView, { x, y }: Pixel): { at: GeoPosition; reach_m: number } {
+  const reach_px = Math.min(view.width / 2 - Math.abs(x), view.height / 2 - Math.abs(y));
+  return { at: fromPixel(view, { x: view.width / 2 + x, y: view.height / 2 + y }), reach_m: reach_px / pixelsPerMetre(view) };
+}
