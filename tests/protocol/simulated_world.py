@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 from typing import Any
 
 from gcs_server.links.memory import MemoryLink
@@ -35,6 +36,9 @@ class SimulatedWorld(OffboardWorld):
     ) -> None:
         super().__init__()
         links = (("gcs", "gcs"),)
+        self.loss = 0.0
+        """The share of packets lost in each direction; may be changed in flight."""
+        self._random = random.Random(seed)
         self.sim = sim or VehicleSim(count, links=links, parameters=parameters, seed=seed, camera=camera)
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feed_function(row)) for row in range(count)]
         for link in self._links:
@@ -42,7 +46,14 @@ class SimulatedWorld(OffboardWorld):
         self.supervisor.start("simulator", self._simulate)
 
     def _feed_function(self, row: int) -> Any:
-        return lambda data, _peer: self.sim.feed(row, "gcs", data)
+        def feed(data: bytes, _peer: Any) -> None:
+            if self._arrives():
+                self.sim.feed(row, "gcs", data)
+
+        return feed
+
+    def _arrives(self) -> bool:
+        return not self.loss or self._random.random() >= self.loss
 
     async def _run_scheduler(self) -> None:
         """Runs at the rate of the vehicle's steps: packets within a step arrive at its end anyway."""
@@ -54,8 +65,8 @@ class SimulatedWorld(OffboardWorld):
         while True:
             self.sim.step(TICK_S)
             for row, link in enumerate(self._links):
-                if data := self.sim.drain(row, "gcs"):
-                    link.inject(data, "vehicle")
+                if frames := [frame for frame in self.sim.frames(row, "gcs") if self._arrives()]:
+                    link.inject(b"".join(frames), "vehicle")
             await self.clock.sleep(TICK_S)
 
     async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:

@@ -1,0 +1,117 @@
+"""A plan file of QGroundControl is imported, uploaded, flown by the simulated PX4, read back and exported: it
+is the same plan at every stage."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import mission_models, mission_routes, plan_models, plan_routes
+from gcs_server.plans.store import PlanStore
+from missions import plan as documents
+from tests.protocol.api_calls import ANNA, WorkHere, station_of, view
+from tests.protocol.offboard_world import seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+
+FILE = Path(__file__).parents[1] / "data" / "plans" / "survey_gimbal_fence.plan"
+"""A survey, settings of camera, gimbal and speed, three kinds of altitudes, a geofence, rally points."""
+PARTS = ("mission", "fence", "rally")
+COMMANDS_OF_ITEMS = (178, 205, 206, 530, 1000, 2000, 197)
+"""Items that PX4 executes as commands."""
+
+
+def story(jump, tmp_path, work):
+    async def run():
+        world = SimulatedWorld()
+        try:
+            vehicle = await world.ready_to_arm()
+            station = station_of(world)
+            station.plans, station.plan_work = PlanStore(tmp_path / "plans", world.clock), WorkHere()
+            station.waypoint_flights.start()
+            await work(SimpleNamespace(world=world, vehicle=vehicle, station=station))
+            station.plans.close()
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+async def imported(at):
+    """The file as a stored plan."""
+
+    async def body():
+        return FILE.read_bytes()
+
+    answer = view(await plan_routes.import_plan(SimpleNamespace(body=body), at.station, FILE.name))
+    assert answer["notes"] == []
+    plan = documents.read(json.dumps(answer["plan"]).encode())
+    return await at.station.plans.create("Survey", plan, by=("anna", "key"))
+
+
+async def exported(at, kept):
+    """The stored plan as a .plan file."""
+    _, document = await at.station.plans.get(kept.id, None)
+    body = plan_models.PlanToExport.model_validate({"plan": json.loads(document)})
+    answer = await plan_routes.export_plan(body, at.station, "plan")
+    assert json.loads(answer.headers["X-Plan-Notes"]) == []
+    return answer.body
+
+
+def items_on(at):
+    """Items, ids and name of the plan on the vehicle, as last read; NaN as text, so that it equals itself."""
+    held = at.vehicle.mission.held
+    return {part: [repr(item) for item in held.items[part]] for part in PARTS}, held.ids, held.plan
+
+
+async def compared(at, which):
+    """Whether the downloaded items equal a plan, the differences, and whether the vehicle still has them."""
+    body = mission_models.WhichPlan.model_validate(which)
+    answer = view(await mission_routes.compare(at.vehicle, body, at.station))
+    return answer["equal"], answer["differences"], answer["still_held"]
+
+
+async def flown_commands(at):
+    """Flies the plan to its end; the items that PX4 executed as commands."""
+    sent = []
+    at.world.sim.autopilots[0].own_commands.add_listener(sent.append)
+    body = mission_models.StartRequest.model_validate({"item": 0})
+    await mission_routes.start("1", at.station, ANNA, body)
+    await until(lambda: not at.vehicle.status.armed, 180)
+    return [each.number for each in sent if each.number in COMMANDS_OF_ITEMS]
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize(
+    "loss", [0.05, *(pytest.param(loss, marks=pytest.mark.broad) for loss in (0.0, 0.3))]
+)
+def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(jump, tmp_path, loss):
+    async def work(at):
+        kept = await imported(at)
+        _, document = await at.station.plans.get(kept.id, None)
+        plan = documents.read(document)
+        at.world.loss = loss
+        uploading = mission_models.UploadRequest.model_validate({"plan_id": kept.id, "wait": True})
+        done = view(await mission_routes.upload("1", uploading, at.station, ANNA))["result"]
+        assert done == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}
+        before = items_on(at)
+        assert all(before[1].values())
+        assert before[2].id == kept.id
+
+        executed = await flown_commands(at)
+        planned = [item.COMMAND for _, item in plan.simple_items() if item.COMMAND in COMMANDS_OF_ITEMS]
+        assert executed == planned
+        await seconds(5)
+        answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+        assert (answer["flight"]["state"], answer["flight"]["plan_id"]) == ("done", kept.id)
+        assert (answer["mission"]["reached"], answer["holds"]["state"]) == (18, "plan")
+
+        at.vehicle.mission.held = None  # as after a restart of the server
+        await mission_routes.download(at.vehicle, at.station, ANNA, mission_models.DownloadRequest(wait=True))
+        assert await compared(at, {"plan_id": kept.id}) == (True, [], True)
+        assert items_on(at) == before
+        read = view(await mission_routes.downloaded_plan(at.vehicle))
+        assert await compared(at, {"plan": read["plan"]}) == (True, [], True)
+        assert json.dumps(json.loads(await exported(at, kept))) == json.dumps(json.loads(FILE.read_bytes()))
+
+    story(jump, tmp_path, work)
