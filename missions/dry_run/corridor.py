@@ -1,24 +1,33 @@
 """Deviation of the flights of a Monte Carlo run from the nominal flight, along the nominal path.
 
-Each point of the nominal path is compared with the nearest point of a flight within a few seconds of the same
-time in the same step. Position alone would pick the wrong pass of a path that crosses itself; time alone
-would count the delay in a head wind as a deviation.
+Each flown position is compared with the part of the nominal path that it belongs to. The order of the
+positions on both paths (`alignment.py`) determines this part, not the time: a flight that waits for a heading
+or a condition, or flies a leg slower in the wind, does not deviate. Position alone would not be enough
+either: it would select the wrong pass of a path that crosses or retraces itself.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 
 import numpy as np
 from numpy.typing import NDArray
 
+from missions.dry_run.alignment import Indices, OpenEnd, align
 from missions.dry_run.track import Track
 
 Array = NDArray[np.float64]
 MAX_STATIONS = 400
-WINDOW_S = 3.0
-"""Time that is searched before and after the same time in the step [s]."""
+SPACING_M = 0.5
+"""Smallest distance between two stations along the path."""
+FINE = 4
+"""Parts of the path between two stations, for distances from a path with corners."""
+NEAR = 3
+"""The nearest point is searched up to so many stations before and after the aligned one: the alignment
+compares whole stations."""
 QUANTILES = (0.05, 0.5, 0.95)
 
 
@@ -68,72 +77,119 @@ class Corridor:
 
 def corridor(nominal: Track, flights: Sequence[Track]) -> Corridor:
     """The corridor of the flights around the nominal flight; its width is 0 without flights."""
-    count = min(MAX_STATIONS, len(nominal.t_s))
-    at = np.unique(np.linspace(0, len(nominal.t_s) - 1, count).round().astype(int))
-    t_s, position = nominal.t_s[at], nominal.position_ned_m[at]
-    deviations = [deviation(nominal, flight, t_s, position) for flight in flights]
-    none = np.zeros((1, len(at)))
+    path = Stations.of(nominal, SPACING_M, MAX_STATIONS)
+    deviations = [deviation(path, flight) for flight in flights]
+    none = np.zeros((1, len(path.t_s)))
     across = np.array([each[0] for each in deviations]) if deviations else none
     above = np.array([each[1] for each in deviations]) if deviations else none
-    return Corridor(t_s, position, _band(across), _band(above))
+    return Corridor(path.t_s, path.position_ned_m, _band(across), _band(above))
 
 
-def deviation(nominal: Track, flight: Track, t_s: Array, position_ned_m: Array) -> tuple[Array, Array]:
-    """Horizontal distance and height of a flight relative to points of the nominal flight (S,) [m].
+def deviation(nominal: Stations, flight: Track) -> tuple[Array, Array]:
+    """Largest horizontal distance and largest height (signed) of a flight from the nominal path [m].
 
     Args:
         nominal: the nominal flight.
         flight: the flight to compare.
-        t_s: (S,) times of the nominal flight.
-        position_ned_m: (S, 3) nominal positions at these times.
 
     Returns:
-        NaN for times after the flight's end.
+        Both at each station (S,), of all flown positions that belong to it; NaN where the flight did not fly:
+        after its end, and in steps that it did not execute.
     """
-    own_s, other_s = _matching_times(nominal, flight)
-    same_moment_s = np.interp(t_s, own_s, other_s)
-    step_s = float(np.median(np.diff(flight.t_s))) if len(flight.t_s) > 1 else 1.0
-    half = max(1, round(WINDOW_S / step_s))
-    middle = np.searchsorted(flight.t_s, same_moment_s)
-    index = np.clip(middle[:, None] + np.arange(-half, half + 1), 0, len(flight.t_s) - 1)
-    path = flight.position_ned_m[index]
-    a, along = path[:, :-1], np.diff(path, axis=1)
-    length_2 = np.maximum((along**2).sum(axis=2), 1e-12)
-    to = position_ned_m[:, None, :] - a
-    fraction = np.clip((to * along).sum(axis=2) / length_2, 0.0, 1.0)
-    deviations = a + fraction[:, :, None] * along - position_ned_m[:, None, :]
-    nearest = (deviations**2).sum(axis=2).argmin(axis=1)
-    offset = deviations[np.arange(len(deviations)), nearest]
-    late = t_s > own_s[-1] + 1e-9
-    across, above = np.hypot(offset[:, 0], offset[:, 1]), -offset[:, 2]
-    across[late] = above[late] = np.nan
-    return across, above
+    flown = Stations.of(flight, nominal.spacing_m, 2 * MAX_STATIONS)
+    across, above, below = (np.full(len(nominal.t_s), each) for each in (np.nan, -np.inf, np.inf))
+    common, flown_common, open_end = _common_steps(nominal, flown)
+    if len(common) and len(flown_common):
+        pairs = align(nominal.position_ned_m[common], flown.position_ned_m[flown_common], open_end)
+        at = np.repeat(common[pairs[0]], FINE)
+        parts = FINE * flown_common[pairs[1]][:, None] + np.arange(FINE) - FINE // 2
+        position = flown.fine_ned_m[np.clip(parts, 0, len(flown.fine_ned_m) - 1)].reshape(-1, 3)
+        off = _from_nearest(nominal.fine_ned_m, at, position)
+        np.fmax.at(across, at, np.hypot(off[:, 0], off[:, 1]))
+        np.maximum.at(above, at, -off[:, 2])
+        np.minimum.at(below, at, -off[:, 2])
+    vertical = np.where(above >= -below, above, below)
+    return across, np.where(np.isnan(across), np.nan, vertical)
 
 
-def _matching_times(nominal: Track, flight: Track) -> tuple[Array, Array]:
-    """Times of both flights at which the same steps began."""
-    own, other = _starts(nominal), _starts(flight)
-    own_s, other_s = [], []
-    for (own_place, at_s), (other_place, other_at_s) in zip(own, other, strict=False):
-        if own_place != other_place:
-            break
-        own_s.append(at_s)
-        other_s.append(other_at_s)
-    if len(own_s) == len(own) == len(other):
-        own_s.append(float(nominal.t_s[-1]))
-        other_s.append(float(flight.t_s[-1]))
-    elif len(own_s) < 2:
-        length_s = min(float(nominal.t_s[-1]), float(flight.t_s[-1]))
-        return np.array([0.0, length_s]), np.array([0.0, length_s])
-    return np.array(own_s), np.array(other_s)
+@dataclass(frozen=True, slots=True)
+class Stations:
+    """A flight at even distances along its path, without its waiting times."""
+
+    spacing_m: float
+    t_s: Array
+    """(S,) time since the start."""
+    position_ned_m: Array
+    """(S, 3)."""
+    fine_ned_m: Array
+    """(FINE * (S - 1) + 1, 3) positions at shorter distances."""
+    run: Indices
+    """(S,) index in `places`."""
+    places: tuple[str, ...]
+    """The steps in the order in which they were executed; "": no step."""
+    finished: bool
+    """Whether the whole plan was flown."""
+
+    @classmethod
+    def of(cls, track: Track, spacing_m: float, most: int) -> Stations:
+        """The stations of a flight, at this distance, or a greater one so that there are at most `most`."""
+        moved_m = np.linalg.norm(np.diff(track.position_ned_m, axis=0), axis=1)
+        samples = np.arange(len(track.t_s))
+        along_m = np.concatenate(([0.0], np.cumsum(moved_m))) + 1e-9 * samples
+        count = min(most, max(2, 1 + math.ceil(along_m[-1] / spacing_m)))
+        fine_m = np.linspace(0.0, along_m[-1], FINE * (count - 1) + 1)
+        fine = np.stack([np.interp(fine_m, along_m, axis) for axis in track.position_ned_m.T], axis=1)
+        at_m = fine_m[::FINE]
+        begins = np.flatnonzero(np.diff(track.step, prepend=track.step[0] - 1))
+        latest = np.searchsorted(along_m, at_m, side="right") - 1
+        return cls(
+            along_m[-1] / (count - 1),
+            np.interp(at_m, along_m, track.t_s),
+            fine[::FINE],
+            fine,
+            np.searchsorted(begins, latest, side="right") - 1,
+            tuple(track.steps[at].place if at >= 0 else "" for at in track.step[begins].tolist()),
+            track.finished,
+        )
 
 
-def _starts(track: Track) -> list[tuple[str, float]]:
-    changes = [0, *(np.flatnonzero(np.diff(track.step)) + 1).tolist()]
-    return [
-        (track.steps[int(track.step[at])].place if track.step[at] >= 0 else "", float(track.t_s[at]))
-        for at in changes
-    ]
+def _common_steps(nominal: Stations, flown: Stations) -> tuple[Indices, Indices, OpenEnd | None]:
+    """Indices of the stations of both flights in the steps that both have executed, and which flight goes on
+    after the other one has ended within a step. A branch can lead a flight through other steps."""
+    matcher = SequenceMatcher(None, nominal.places, flown.places, autojunk=False)
+    blocks = [each for each in matcher.get_matching_blocks() if each.size]
+    if not blocks:
+        return np.arange(0), np.arange(0), None
+    runs = [each.a + k for each in blocks for k in range(each.size)]
+    flown_runs = [each.b + k for each in blocks for k in range(each.size)]
+    nominal_ends = runs[-1] == len(nominal.places) - 1
+    flown_ends = flown_runs[-1] == len(flown.places) - 1
+    open_end: OpenEnd | None = None
+    if flown_ends and not (nominal_ends and flown.finished):
+        open_end = "nominal"
+    elif nominal_ends and not (flown_ends and nominal.finished):
+        open_end = "flown"
+    return (
+        np.flatnonzero(np.isin(nominal.run, runs)),
+        np.flatnonzero(np.isin(flown.run, flown_runs)),
+        open_end,
+    )
+
+
+def _from_nearest(fine_ned_m: Array, at: Indices, position_ned_m: Array) -> Array:
+    """(P, 3) positions relative to the nearest point of the nominal path around these stations (P,)."""
+    around = FINE * at[:, None] + np.arange(-NEAR * FINE, NEAR * FINE + 1)
+    path = fine_ned_m[np.clip(around, 0, len(fine_ned_m) - 1)]
+    along = np.diff(path, axis=1)
+    from_begin = position_ned_m[:, None] - path[:, :-1]
+    length_2 = np.maximum(_dot(along, along), 1e-12)
+    fraction = np.clip(_dot(from_begin, along) / length_2, 0.0, 1.0)
+    off = from_begin - fraction[:, :, None] * along
+    return off[np.arange(len(at)), _dot(off, off).argmin(axis=1)]
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("psx,psx->ps", a, b)
 
 
 def _band(values: Array) -> Band:

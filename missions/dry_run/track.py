@@ -37,6 +37,8 @@ class Track:
     """(N, 4)."""
     gimbal_rad: Array | None = None
     """(N, 2) pitch (up is positive) and yaw relative to north."""
+    finished: bool = True
+    """Whether the whole plan was flown."""
 
     @property
     def length_m(self) -> float:
@@ -108,4 +110,5 @@ class Recorder:
             np.array([each[row] for each in self._velocities[part]]) if in_detail else None,
             np.array([each[row] for each in self._attitudes[part]]) if in_detail else None,
             np.array([each[row] for each in self._gimbals[part]]) if in_detail else None,
+            self._pilots[row].finished,
         )

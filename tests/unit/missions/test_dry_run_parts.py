@@ -1,4 +1,4 @@
-"""Pure functions of a dry run: the vehicle's data, random conditions, distances, corridors."""
+"""Pure functions of a dry run: the vehicle's data, random conditions, distances."""
 
 from __future__ import annotations
 
@@ -8,26 +8,14 @@ import numpy as np
 import pytest
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
-from missions.dry_run.corridor import corridor, deviation
 from missions.dry_run.fleet import Fleet
-from missions.dry_run.pilot import Step
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.spread import Chance, Spread
-from missions.dry_run.track import Track
 from missions.errors import PlanError
 from missions.values import FenceCircle, Point
 from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
 
 WALL = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0)
-STEPS = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
-
-
-def track(speed_m_s: float, *, east_m: float = 0.0, up_m: float = 0.0, length_m: float = 40.0) -> Track:
-    """A straight flight to the north; the second step begins half way."""
-    t_s = np.arange(0.0, length_m / speed_m_s + 0.05, 0.1)
-    place = np.stack([speed_m_s * t_s, np.full_like(t_s, east_m), np.full_like(t_s, -10.0 - up_m)], axis=1)
-    step = (place[:, 0] >= length_m / 2).astype(int)
-    return Track(t_s, place, np.ones_like(t_s), step, STEPS)
 
 
 def test_parameters_of_the_vehicles_airframe_are_not_used():
@@ -96,35 +84,6 @@ def test_the_distance_to_an_obstacle_is_that_to_its_nearest_side_edge_or_roof():
     assert which.tolist() == [1, 1, 1, 1]
     turned = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0, yaw_ned_rad=math.pi / 2)
     assert obstacle_distance_m([turned], places)[0][0] == pytest.approx(7.0)
-
-
-def test_the_deviation_from_the_nominal_path_does_not_depend_on_the_speed():
-    nominal, slow = track(5.0), track(3.7, east_m=2.0, up_m=-0.5)
-    across, above = deviation(nominal, slow, nominal.t_s, nominal.position_ned_m)
-    assert across == pytest.approx(2.0, abs=0.02)
-    assert above == pytest.approx(-0.5, abs=0.02)
-
-
-def test_positions_after_the_end_of_a_flight_are_not_deviations():
-    nominal, short = track(5.0), track(5.0, east_m=1.0, length_m=16.0)
-    broken = Track(short.t_s, short.position_ned_m, short.battery_share, np.zeros(len(short.t_s), int), STEPS)
-    across, _ = deviation(nominal, broken, nominal.t_s, nominal.position_ned_m)
-    assert np.isnan(across[-1])
-    assert across[10] == pytest.approx(1.0)
-    band = corridor(nominal, [broken, track(5.0, east_m=-3.0)])
-    assert band.width_m == pytest.approx(3.0)
-    assert band.horizontal.p50[-1] == pytest.approx(3.0)
-
-
-def test_a_corridor_has_the_quantiles_of_its_flights():
-    flights = [track(5.0, east_m=0.1 * k) for k in range(101)]
-    found = corridor(track(5.0), flights)
-    assert found.horizontal.p50[20] == pytest.approx(5.0, abs=0.05)
-    assert found.horizontal.p95[20] == pytest.approx(9.5, abs=0.05)
-    assert found.horizontal.greatest[20] == pytest.approx(10.0)
-    assert found.vertical.greatest[20] == pytest.approx(0.0, abs=1e-9)
-    document = found.document()
-    assert len(document["t_s"]) == len(document["position_ned_m"]) == len(document["horizontal_m"]["p95"])
 
 
 def test_a_vehicle_whose_flight_has_ended_takes_no_more_time():
