@@ -83,7 +83,7 @@ def test_each_flight_of_a_batch_has_its_own_conditions(many):
     assert many.chances["fence_touched"].count == 0
     assert many.chances["fence_touched"].upper > 0.3, "three flights are a small sample"
     assert many.corridor is not None
-    assert 0.05 < many.corridor.width_m < 3.0
+    assert 0.05 < many.corridor.width_m < 5.0, "the wind drives the vehicle during the take-off"
     json.dumps(many.document(), allow_nan=False)
 
 
