@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.ros2_dialogues import Player, TimedDialogue, compare, load, timed_dialogues
+from tests.contract.ros2_dialogues import RECORDED, Player, TimedDialogue, compare, load, timed_dialogues
+from tests.contract.ros2_flight_dialogues import GROUPS as IN_FLIGHT
 from tests.support.ros2_vehicle import Ros2Vehicle
 from vehicle_sim.ros2.topics import COMMAND_ACK
 
@@ -27,6 +28,13 @@ EXPLAINED = {
     "executor_activate_immediately": "The first check of the mode runs before its component has answered; "
     "PX4 ran it 10 ms later.",
 }
+NOT_REPLAYED = {
+    "agent_restart": "There is no agent that could restart; a mode without answers is removed here, too.",
+    "agent_late": "There is no agent that could be late: the vehicle publishes when it is connected.",
+    "px4_reboot": "The end of the vehicle's process and its next boot, which is like every boot.",
+    "two_vehicles_one_agent": "Two processes, each with its namespace; nothing is sent to them.",
+}
+"""Dialogues about PX4's agent and processes (group `link`)."""
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +68,10 @@ def test_answers_are_as_fast_as_recorded() -> None:
 def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
     assert shared
     assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load(GROUPS)}
+
+
+def test_every_recorded_dialogue_is_replayed_or_explained(shared: Path) -> None:
+    assert shared
+    groups = [path.stem for path in RECORDED.glob("*.jsonl")]
+    others = [each["id"] for each in load(tuple(set(groups) - {*GROUPS, *IN_FLIGHT}))]
+    assert sorted(others) == sorted(NOT_REPLAYED)

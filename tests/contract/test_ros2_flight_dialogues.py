@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.contract.ros2_dialogues import TimedDialogue, compare, load, timed_dialogues
-from tests.contract.ros2_flight_dialogues import FlightPlayer, landed_s
+from tests.contract.ros2_flight_dialogues import GROUPS, FlightPlayer, landed_s
 
-GROUPS = ("component_lost_in_flight", "executor", "overrides", "mode_replacement", "mode_flight")
 ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
 """Boots of PX4 that `make test` repeats, one of each group; `make test-clients` repeats all of them."""
 IGNORED = frozenset({"pre_flight_checks_pass"})
