@@ -61,6 +61,7 @@ from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.stream_process import StreamProcess
 from gcs_server.streamer.waypoints.flights import WaypointFlights
+from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
@@ -116,7 +117,8 @@ class Server:
         )
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.fleet.on_vehicle_added(missions.attach)
-        waypoint_flights = WaypointFlights(clock, self.supervisor)
+        self._flight_progress = ProgressStore(Records(folder.flights))
+        waypoint_flights = WaypointFlights(clock, self.supervisor, self._flight_progress)
         self.fleet.on_vehicle_added(waypoint_flights.attach)
         self.fleet.on_vehicle_removed(waypoint_flights.detach)
         self.fleet.on_vehicle_removed(missions.detach)
@@ -175,6 +177,8 @@ class Server:
         self.station.more_warnings.append(self._faults)
         self.station.more_warnings.append(lambda: [Notice("limits", text) for text in limits.warnings()])
         self.station.more_warnings.append(lambda: [Notice("plans", text) for text in plans.warnings()])
+        progress = self._flight_progress
+        self.station.more_warnings.append(lambda: [Notice("plans", text) for text in progress.warnings()])
         if (scene := self.scene) is not None:
             self.station.more_warnings.append(
                 lambda: [Notice("scene", text)] if (text := scene.warning()) is not None else []
@@ -187,6 +191,7 @@ class Server:
         await self.station.journal.load()
         self.station.journal.start(self.supervisor)
         await self.streamer.limits.load()
+        await self._flight_progress.load()
         self.router.start()
         self.fleet.start()
         for url in self._links:
@@ -220,6 +225,7 @@ class Server:
         self.station.hub.close()
         await self.fleet.close()
         await self.supervisor.close()
+        self._flight_progress.close()
         self.station.replays.stop()
         await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()

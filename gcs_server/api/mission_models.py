@@ -10,6 +10,7 @@ from gcs_server.api.plan_models import PlanBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
 from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.streamer.waypoints.resume import ResumeOffer
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference
 from gcs_server.vehicle.services.mission_held import PlanName
@@ -59,17 +60,26 @@ class StartRequest(StrictBody):
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[],
         description="Codes of the plan's error findings that the caller accepts; `plan_not_known` if the "
-        "server does not know which plan is on the vehicle.",
+        "server does not know which plan is on the vehicle; `flight_from_here` for errors that only the "
+        "flight from here to a later `item`, and on, has.",
     )
     dry_run: Annotated[str, Field(max_length=20)] | None = Field(
         default=None,
         description="Id of a dry run of the plan on the vehicle; the flight is compared with its path, and a "
         "notice is sent if the vehicle leaves the corridor of its flights. Null: compared with the plan.",
     )
+    mission_id: int | None = Field(
+        default=None,
+        ge=1,
+        le=0xFFFF_FFFF,
+        description="The vehicle's checksum of the mission that `item` belongs to, as in `resume`. The start "
+        "is refused if the vehicle has another mission. Null: any mission.",
+    )
 
 
 MissionTopic = TOPIC_MODELS["mission"]
 WaypointFlightModel = model_of(WaypointFlightStatus)
+ResumeModel = model_of(ResumeOffer)
 PlanNameModel = model_of(PlanName, "HeldPlanName")
 DifferenceModel = model_of(Difference, "PlanDifference")
 
@@ -100,6 +110,14 @@ class MissionView(AnswerBody):
     transfer: str | None = Field(description="The running transfer; null: no transfer is running.")
     flight: WaypointFlightModel | None = Field(  # type: ignore[valid-type]
         description="As in the topic `waypoint_flight`; null: none since the server started."
+    )
+    resume: ResumeModel | None = Field(  # type: ignore[valid-type]
+        description="Where an interrupted flight of the plan on the vehicle can be resumed after a landing, "
+        "also after a restart of the vehicle or the server; null: see `no_resume`."
+    )
+    no_resume: str | None = Field(
+        description="Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was "
+        "interrupted."
     )
 
 

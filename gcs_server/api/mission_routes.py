@@ -12,18 +12,17 @@ from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_to
 from gcs_server.api.dry_run_paths import dry_run_path
+from gcs_server.api.mission_start import check_start, still_held
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
-from gcs_server.api.plan_checks import check_document
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.vehicle_routes import carry_out
 from gcs_server.control.commands import API, BY_NAME
-from gcs_server.errors import InvalidRequest, PlanFindings, Refused, UnknownPlan
+from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
-from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.waypoints.flight import Announcement
 from gcs_server.vehicle.services.held_plan import plan_of
 from gcs_server.vehicle.services.mission_compare import differences
@@ -34,12 +33,9 @@ from missions import plan as plan_document
 from missions.errors import PlanError
 from missions.formats import mavlink_items
 from missions.plan import Plan
-from missions.values import Obstacle
 
 router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
 
-NOT_KNOWN = "plan_not_known"
-"""Code in `despite` if the server does not know which plan is on the vehicle."""
 CONFIRM = "Required while the vehicle is in Mission mode: `vehicle {id} loses the mission that it flies`."
 
 
@@ -49,6 +45,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     vehicle."""
     held = vehicle.mission.held
     sample = vehicle.topic("mission")
+    resume_at = station.waypoint_flights.resume(vehicle.id)
     return answer(
         {
             "vehicle": vehicle.id,
@@ -60,6 +57,8 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
             },
             "transfer": vehicle.mission.doing,
             "flight": station.waypoint_flights.status(vehicle.id),
+            "resume": None if isinstance(resume_at, str) else resume_at,
+            "no_resume": resume_at if isinstance(resume_at, str) else None,
         }
     )
 
@@ -138,7 +137,7 @@ async def downloaded_plan(vehicle: VehicleDep) -> Response:
             "plan": Raw(plan_document.write(plan)),
             "plan_name": held.plan,
             "read_unix_s": held.at_unix_s,
-            "still_held": _still_held(vehicle, held),
+            "still_held": still_held(vehicle, held),
             "notes": notes,
         }
     )
@@ -155,8 +154,9 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     held = _held(vehicle)
     items = _items(plan)
     all_differences = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
-    equal, still_held = not any(each.essential for each in all_differences), _still_held(vehicle, held)
-    if equal and still_held and name.id is not None:
+    equal = not any(each.essential for each in all_differences)
+    same_ids = still_held(vehicle, held)
+    if equal and same_ids and name.id is not None:
         vehicle.mission.held = replace(held, plan=name)
     return answer(
         {
@@ -164,7 +164,7 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
             "equal": equal,
             "differences": all_differences,
             "read_unix_s": held.at_unix_s,
-            "still_held": still_held,
+            "still_held": same_ids,
         }
     )
 
@@ -195,8 +195,10 @@ async def start(
     """Starts the vehicle's mission at an item, or the current one; arms if needed.
 
     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
-    or is unknown, unless `despite` lists their codes. Hold pauses the mission. The server monitors the flight
-    of a plan that it knows (topic `waypoint_flight`), and never intervenes.
+    or is unknown, unless `despite` lists their codes. A start on the ground at a later item also checks the
+    flight from here to that item. An interrupted flight is resumed by a start at the item of `resume` of
+    `GET …/mission`. Hold pauses the mission. The server monitors the flight of a plan that it knows (topic
+    `waypoint_flight`), and never intervenes.
     """
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
@@ -208,7 +210,7 @@ async def start(
                 f"Vehicle {vehicle.id} is busy with {vehicle.mission.doing}.",
                 remedy="Wait until it is done.",
             )
-        await _check_start(station, vehicle, request.despite)
+        await check_start(station, vehicle, request)
         path = dry_run_path(station, vehicle, request.dry_run)
         with station.waypoint_flights.announced(vehicle.id, Announcement(principal.name, path)):
             if request.item is not None:
@@ -228,7 +230,7 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(
                 f"Vehicle {vehicle.id} is not flying.",
-                remedy="Start the mission at the item where it should continue.",
+                remedy="Start the mission at the item where it should continue (`resume` of GET …/mission).",
             )
         progress = progress_to(vehicle, principal, "mission/resume")
         await vehicle.command.set_mode("mission", by=principal.name, progress=progress)
@@ -237,48 +239,6 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 
 # --- the parts ----------------------------------------------------------------------------------------
-
-
-async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -> None:
-    """Refuses a plan with error findings that the caller has not accepted."""
-    held = vehicle.mission.held
-    still_held = None if held is None else _still_held(vehicle, held)
-    if held is not None and not held.items["mission"] and still_held is not False:
-        raise Refused(f"Vehicle {vehicle.id} has no mission.", remedy="Upload a plan first.")
-    if held is None or not still_held:
-        if NOT_KNOWN not in despite:
-            raise PlanFindings(
-                f"The server does not know which plan is on vehicle {vehicle.id}, "
-                "so the plan is not checked.",
-                codes=(NOT_KNOWN,),
-                remedy="Download or upload it first, or name plan_not_known in `despite`.",
-            )
-        return
-    plan, _ = plan_of(held)
-    plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, held)})
-    check = await check_document(station, plan, vehicle)
-    errors = [each for each in check["findings"] if each["severity"] == "error"]
-    unaccepted = [each for each in errors if each["code"] not in despite]
-    if unaccepted:
-        raise PlanFindings(
-            f"The plan on vehicle {vehicle.id} has errors: {unaccepted[0]['text']}",
-            codes=tuple(dict.fromkeys(each["code"] for each in unaccepted)),
-            reasons=tuple(each["text"] for each in unaccepted),
-            remedy="Correct the plan and upload it, or accept the findings by naming their codes in "
-            "`despite`.",
-        )
-
-
-async def _stored_obstacles(station: Station, held: Held) -> tuple[Obstacle, ...]:
-    """The obstacles of the stored plan that is on the vehicle, which does not hold them; none if the plan was
-    not stored or is deleted."""
-    if held.plan is None or held.plan.id is None:
-        return ()
-    try:
-        _, document = await station.plans.get(held.plan.id, held.plan.version)
-        return plan_document.read(document).obstacles
-    except (UnknownPlan, StorageError, PlanError):
-        return ()
 
 
 def _begin(
@@ -361,11 +321,3 @@ def _held(vehicle: Vehicle) -> Held:
             remedy="Download it first (POST …/mission/download).",
         )
     return held
-
-
-def _still_held(vehicle: Vehicle, held: Held) -> bool | None:
-    """Whether the vehicle still reports the ids of this transfer; None: it reports no ids."""
-    ids = vehicle.mission.ids()
-    if ids is None or not any((*ids.values(), *held.ids.values())):
-        return None
-    return ids == held.ids

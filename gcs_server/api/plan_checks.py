@@ -23,6 +23,7 @@ from missions.patterns.document import (
     StructurePattern,
 )
 from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
+from missions.values import HomePosition
 from missions.vehicle import PARAMETERS
 
 SMALL_ITEMS = 300
@@ -55,9 +56,22 @@ class PlanContext:
 
 
 async def check_document(
-    station: Station, document: Document, vehicle: Vehicle | None, power: dict[str, float] | None = None
+    station: Station,
+    document: Document,
+    vehicle: Vehicle | None,
+    power: dict[str, float] | None = None,
+    *,
+    home: HomePosition | None = None,
 ) -> dict[str, Any]:
-    """Findings and estimates of a plan for a vehicle; as `PlanCheck`."""
+    """Findings and estimates of a plan for a vehicle; as `PlanCheck`.
+
+    Args:
+        station: the running server.
+        document: the plan.
+        vehicle: the vehicle; None: the plan's own home, and PX4's default parameters.
+        power: of the vehicle, for the energy.
+        home: instead of the vehicle's home.
+    """
     known = plan_context_of(station, vehicle)
     needed = known.unknown_parameters
     if not isinstance(document, OffboardMission):
@@ -66,7 +80,7 @@ async def check_document(
         "plan": text_of(document),
         "parameters": known.parameters,
         "unknown_parameters": needed,
-        "home": known.home,
+        "home": known.home if home is None else home.model_dump(),
         "origin": known.origin,
         "reported": known.reported,
         "operator": known.operator.to_json(),

@@ -178,7 +178,9 @@ class SyncMission:
         self._portal = portal
 
     def state(self) -> dict[str, Any]:
-        """Progress of the vehicle's mission, and the plan that it `holds`."""
+        """Progress of the vehicle's mission, the plan that it `holds`, and where an interrupted flight can be
+        resumed (`resume`).
+        """
         return self._portal.call(lambda: self._inner.state())
 
     def upload(
@@ -225,24 +227,34 @@ class SyncMission:
         self._portal.call(lambda: self._inner.clear())
 
     def start(
-        self, item: int | None = None, *, despite: Sequence[str] = (), dry_run: str | None = None
+        self,
+        item: int | None = None,
+        *,
+        despite: Sequence[str] = (),
+        dry_run: str | None = None,
+        mission_id: int | None = None,
     ) -> None:
         """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
-        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it.
+        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it. An
+        interrupted flight is resumed with `item` and `mission_id` of `state()["resume"]`.
 
         Raises:
-            Refused: the plan is unknown or has errors, and `despite` does not list the codes; or the dry run
-                does not fit.
+            Refused: the plan is unknown or has errors, and `despite` does not list the codes; the dry run
+                does not fit; or the vehicle has another mission than `mission_id`.
         """
-        self._portal.call(lambda: self._inner.start(item, despite=despite, dry_run=dry_run))
+        self._portal.call(
+            lambda: self._inner.start(item, despite=despite, dry_run=dry_run, mission_id=mission_id)
+        )
 
     def flown(self) -> dict[str, Any]:
         """The newest flight of a plan, beside its plan: `samples`, `planned_legs`, `deviation_max_m`."""
         return self._portal.call(lambda: self._inner.flown())
 
     def resume(self) -> None:
-        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it."""
+        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it. After a landing, see
+        `start`.
+        """
         self._portal.call(lambda: self._inner.resume())
 
 

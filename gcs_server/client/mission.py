@@ -22,7 +22,8 @@ class Mission:
         self._operations = operations
 
     async def state(self) -> dict[str, Any]:
-        """Progress of the vehicle's mission, and the plan that it `holds`."""
+        """Progress of the vehicle's mission, the plan that it `holds`, and where an interrupted flight can be
+        resumed (`resume`)."""
         return await self._vehicle.request("GET", "/mission")
 
     async def upload(
@@ -68,27 +69,33 @@ class Mission:
         await self._vehicle.request("DELETE", "/mission")
 
     async def start(
-        self, item: int | None = None, *, despite: Sequence[str] = (), dry_run: str | None = None
+        self,
+        item: int | None = None,
+        *,
+        despite: Sequence[str] = (),
+        dry_run: str | None = None,
+        mission_id: int | None = None,
     ) -> None:
         """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
-        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it.
+        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it. An
+        interrupted flight is resumed with `item` and `mission_id` of `state()["resume"]`.
 
         Raises:
-            Refused: the plan is unknown or has errors, and `despite` does not list the codes; or the dry run
-                does not fit.
+            Refused: the plan is unknown or has errors, and `despite` does not list the codes; the dry run
+                does not fit; or the vehicle has another mission than `mission_id`.
         """
-        body: Body = {"despite": list(despite), **({} if dry_run is None else {"dry_run": dry_run})}
-        await self._vehicle.request(
-            "POST", "/mission/start", body if item is None else {**body, "item": item}
-        )
+        more = {"item": item, "dry_run": dry_run, "mission_id": mission_id}
+        body: Body = {"despite": list(despite), **{k: v for k, v in more.items() if v is not None}}
+        await self._vehicle.request("POST", "/mission/start", body)
 
     async def flown(self) -> dict[str, Any]:
         """The newest flight of a plan, beside its plan: `samples`, `planned_legs`, `deviation_max_m`."""
         return (await self._vehicle.request("GET", "/mission/flown"))["flown"]
 
     async def resume(self) -> None:
-        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it."""
+        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it. After a landing, see
+        `start`."""
         await self._vehicle.request("POST", "/mission/resume")
 
 

@@ -73,6 +73,11 @@ class DataFolder:
         return self.path / "limits"
 
     @property
+    def flights(self) -> Path:
+        """Folder of the progress of interrupted flights of plans, one file per vehicle."""
+        return self.path / "flights"
+
+    @property
     def plans(self) -> Path:
         """Folder of plans: one folder per plan, one file per version."""
         return self.path / "plans"

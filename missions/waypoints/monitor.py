@@ -14,6 +14,7 @@ from missions.runner.reading import Reading
 from missions.runner.requests import Notify
 from missions.waypoints.planned import PlannedPasses, item_title
 from missions.waypoints.progress import Match, Progress
+from missions.waypoints.resume import leg_start
 
 State = Literal["flying", "paused", "done", "stopped"]
 COMMANDED = ("command", "pilot", "station", "failsafe")
@@ -51,6 +52,8 @@ class WaypointMonitor:
         self._progress: Progress | None = None
         self._match: Match | None = None
         self._here_known = True
+        self._first: int | None = None
+        """Index of the item at which the flight began."""
         self.item: int | None = None
         """Index of the current item."""
         self.state: State = "flying"
@@ -77,6 +80,14 @@ class WaypointMonitor:
         """Kind of the current item."""
         known = self.item is not None and self.item < len(self._items)
         return item_title(self._items[self.item or 0]) if known else None
+
+    @property
+    def leg_start(self) -> int | None:
+        """Index of the item at which the flight would resume if it were interrupted now; None: at its
+        beginning."""
+        if self.item is None or self.item >= len(self._items):
+            return None
+        return leg_start(self._items, self.item, self._first if self._from_start else None)
 
     @property
     def remaining_s(self) -> float | None:
@@ -174,6 +185,8 @@ class WaypointMonitor:
             notices.append(Notify("monitoring_resumed", "The vehicle flies the plan again; it is monitored."))
         self.state, self.reason = "flying", None
         self.item = self.item if item is None else item
+        if self.item is not None and (self._first is None or self.item < self._first):
+            self._first = self.item  # also if PX4 began again at its first item
         self._here_known = here is not None
         if self._planned is not None and self._progress is None and item is not None:
             on_path = self._from_start and item in self._starts_at

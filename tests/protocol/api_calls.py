@@ -21,6 +21,7 @@ from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.waypoints.flights import WaypointFlights
+from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
@@ -38,7 +39,8 @@ class WorkHere:
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
-def station_of(world):
+def station_of(world, progress=None):
+    """The server's parts. `progress`: the store of interrupted flights; None: one without a folder."""
     journal = Journal(world.clock, None)
     streams = world.streamer._streams
     missions = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
@@ -46,7 +48,7 @@ def station_of(world):
     async def prepare(vehicle_id, mode):
         return await start_in_mode(station, vehicle_id, mode)
 
-    waypoint_flights = WaypointFlights(world.clock, world.supervisor)
+    waypoint_flights = WaypointFlights(world.clock, world.supervisor, progress or ProgressStore())
     for vehicle in world.fleet.all():
         waypoint_flights.attach(vehicle)
     station = Station(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gcs_server.streamer.missions.readings import vehicle_reading
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.waypoints.interrupted import FlightProgress
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.services.held_plan import plan_of
@@ -71,6 +72,7 @@ class WaypointFlight:
             corridor=None if self._path is None else self._path.corridor,
             from_start=seen and not reading.in_air,
         )
+        self._progress: FlightProgress | None = None
         name = held.plan.name if held.plan is not None and held.plan.name is not None else "Mission"
         self._record = FlightRecord(
             name, vehicle.clock.unix_s(), self._now_s, reading, VehicleEstimates(vehicle).origin(),
@@ -133,6 +135,27 @@ class WaypointFlight:
             reason=monitor.reason,
         )
 
+    def new_progress(self) -> FlightProgress | None:
+        """How far the plan is flown, if that has changed since the last call; None until the flight has
+        passed its first waypoint, because it then begins again at its first item."""
+        monitor, before = self._monitor, self._progress
+        finished, leg_start = monitor.state == "done", monitor.leg_start
+        if monitor.item is None or (leg_start is None and not finished):
+            return None
+        leg_start = 0 if leg_start is None else leg_start
+        state = (monitor.item, leg_start, finished)
+        if before is not None and (before.item, before.leg_start, before.finished) == state:
+            return None
+        home = _home(self._vehicle)
+        self._progress = FlightProgress(
+            self._held.ids["mission"],
+            None if self._held.plan is None else self._held.plan.name,
+            *state,
+            self._vehicle.clock.unix_s(),
+            home,
+        )
+        return self._progress
+
     def flown(self) -> FlownMission:
         """The flight so far, with its plan."""
         return self._record.flown(self._now_s)
@@ -161,8 +184,7 @@ def _planned(
         return None, NOT_SEEN
     if path is not None:
         return path.planned, None
-    estimates = VehicleEstimates(vehicle)
-    home, origin = estimates.home(), estimates.origin()
+    home, origin = _home(vehicle), VehicleEstimates(vehicle).origin()
     if home is None or origin is None:
         return None, "The home of the vehicle was not known at the start."
     parameters = {
@@ -170,11 +192,17 @@ def _planned(
         for name in PARAMETERS.values()
         if (param := vehicle.params.known(name)) is not None
     }
-    here = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=home.alt_amsl_m)
-    planned = planned_by_plan(plan, VehicleModel.from_parameters(parameters), here, origin)
+    planned = planned_by_plan(plan, VehicleModel.from_parameters(parameters), home, origin)
     if planned is None or not planned.passes:
         return None, f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
     return planned, None
+
+
+def _home(vehicle: Vehicle) -> HomePosition | None:
+    home = VehicleEstimates(vehicle).home()
+    if home is None:
+        return None
+    return HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=home.alt_amsl_m)
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
+from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.streamer.waypoints.flight import Announcement, WaypointFlight
+from gcs_server.streamer.waypoints.interrupted import ProgressStore
+from gcs_server.streamer.waypoints.resume import ResumeOffer, Resumes
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
@@ -23,10 +26,12 @@ class WaypointFlights:
     Args:
         clock: the server's clock.
         supervisor: runs the periodic update.
+        store: keeps the progress of the flights across restarts.
     """
 
-    def __init__(self, clock: Clock, supervisor: Supervisor) -> None:
+    def __init__(self, clock: Clock, supervisor: Supervisor, store: ProgressStore) -> None:
         self._clock, self._supervisor = clock, supervisor
+        self._store, self._resumes = store, Resumes(store)
         self._vehicles: dict[str, Vehicle] = {}
         self._flights: dict[str, WaypointFlight] = {}
         self._announced: dict[str, Announcement] = {}
@@ -43,6 +48,7 @@ class WaypointFlights:
         """Drops all data of a removed vehicle."""
         for kept in (self._vehicles, self._flights, self._announced, self._in_mission):
             kept.pop(vehicle.id, None)
+        self._resumes.forget(vehicle.id)
 
     def start(self) -> None:
         """Starts the periodic update."""
@@ -82,6 +88,12 @@ class WaypointFlights:
             )
         return flight.flown()
 
+    def resume(self, vehicle_id: str) -> ResumeOffer | str | None:
+        """Where a vehicle's interrupted flight can be resumed; otherwise the reason why it cannot, as a
+        sentence; None: no flight was interrupted."""
+        vehicle = self._vehicles.get(vehicle_id)
+        return None if vehicle is None else self._resumes.of(vehicle)
+
     def update(self) -> None:
         """Updates each flight. A fault in one affects only that vehicle."""
         for vehicle in list(self._vehicles.values()):
@@ -91,6 +103,7 @@ class WaypointFlights:
         flight = self._flights.get(vehicle.id)
         if flight is not None:
             flight.update()
+            self._keep_progress(vehicle, flight)
         if vehicle.status.link_lost:
             return
         was_flying = self._in_mission.get(vehicle.id, True)
@@ -113,6 +126,11 @@ class WaypointFlights:
         begun = WaypointFlight(vehicle, held, announcement, seen=announcement is not None or not was_flying)
         self._flights[vehicle.id] = begun
         begun.update()
+
+    def _keep_progress(self, vehicle: Vehicle, flight: WaypointFlight) -> None:
+        key, progress = key_of(vehicle.identity), flight.new_progress()
+        if key is not None and progress is not None:
+            self._store.keep(key, progress)
 
     async def _update_periodically(self) -> None:
         while True:

@@ -1854,8 +1854,10 @@ export interface paths {
          * @description Starts the vehicle's mission at an item, or the current one; arms if needed.
          *
          *     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
-         *     or is unknown, unless `despite` lists their codes. Hold pauses the mission. The server monitors the flight
-         *     of a plan that it knows (topic `waypoint_flight`), and never intervenes.
+         *     or is unknown, unless `despite` lists their codes. A start on the ground at a later item also checks the
+         *     flight from here to that item. An interrupted flight is resumed by a start at the item of `resume` of
+         *     `GET …/mission`. Hold pauses the mission. The server monitors the flight of a plan that it knows (topic
+         *     `waypoint_flight`), and never intervenes.
          */
         readonly post: operations["start_api_v1_vehicles__v__mission_start_post"];
         readonly delete?: never;
@@ -7810,6 +7812,13 @@ export interface components {
             readonly transfer: string | null;
             /** @description As in the topic `waypoint_flight`; null: none since the server started. */
             readonly flight: components["schemas"]["WaypointFlightStatus"] | null;
+            /** @description Where an interrupted flight of the plan on the vehicle can be resumed after a landing, also after a restart of the vehicle or the server; null: see `no_resume`. */
+            readonly resume: components["schemas"]["ResumeOffer"] | null;
+            /**
+             * No Resume
+             * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was interrupted.
+             */
+            readonly no_resume: string | null;
         };
         /**
          * ModeCause
@@ -10892,6 +10901,65 @@ export interface components {
             readonly reason?: string | null;
         };
         /**
+         * ResumeOffer
+         * @description Where an interrupted flight of the plan on the vehicle can be resumed: `POST …/mission/start` with
+         *     `item` and `mission_id`.
+         */
+        readonly ResumeOffer: {
+            /**
+             * Item
+             * @description Index of the item to start at, from 0: the beginning of the leg that was interrupted.
+             */
+            readonly item: number;
+            /**
+             * Title
+             * @description Kind of this item: "Waypoint".
+             */
+            readonly title: string;
+            /**
+             * Count
+             * @description Number of items.
+             */
+            readonly count: number;
+            /**
+             * Mission Id
+             * @description The vehicle's checksum of the mission that was interrupted, and that it still has.
+             */
+            readonly mission_id: number;
+            /**
+             * Altitude M
+             * @description Altitude to which the vehicle climbs where it stands, and at which it then flies straight to the first
+             *     waypoint. PX4 climbs to MIS_TAKEOFF_ALT if that is higher.
+             */
+            readonly altitude_m: number;
+            /**
+             * Altitude Reference
+             * @description Reference of `altitude_m`: home, which is where the vehicle takes off, or amsl.
+             * @enum {string}
+             */
+            readonly altitude_reference: "home" | "amsl" | "terrain";
+            /**
+             * Distance M
+             * @description Horizontal distance to this waypoint; null: the position is not known.
+             */
+            readonly distance_m: number | null;
+            /**
+             * Interrupted Item
+             * @description Index of the item to which the vehicle was flying.
+             */
+            readonly interrupted_item: number;
+            /**
+             * Interrupted Unix S
+             * @description Time at which this leg began.
+             */
+            readonly interrupted_unix_s: number;
+            /**
+             * Cautions
+             * @description What is different from a flight without interruption; sentences.
+             */
+            readonly cautions: readonly string[];
+        };
+        /**
          * ReturnHome
          * @description Return to home or to a rally point, as the vehicle's parameters say.
          */
@@ -13337,7 +13405,7 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only the flight from here to a later `item`, and on, has.
              */
             readonly despite?: readonly string[];
             /**
@@ -13345,6 +13413,11 @@ export interface components {
              * @description Id of a dry run of the plan on the vehicle; the flight is compared with its path, and a notice is sent if the vehicle leaves the corridor of its flights. Null: compared with the plan.
              */
             readonly dry_run?: string | null;
+            /**
+             * Mission Id
+             * @description The vehicle's checksum of the mission that `item` belongs to, as in `resume`. The start is refused if the vehicle has another mission. Null: any mission.
+             */
+            readonly mission_id?: number | null;
         };
         /**
          * Gimbal

@@ -1,0 +1,159 @@
+"""Keeps in the data folder how far each vehicle has flown its plan, so that the flight can be resumed after
+the vehicle or the server was restarted.
+
+The record of a flight is written while it is flown, each time when its next leg begins.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_server.storage.records import MAX_RECORDS, Records, Unreadable
+from gcs_server.streamer.offboard.limit_store import VehicleKey
+from missions.values import HomePosition
+
+log = logging.getLogger(__name__)
+
+FORMAT = 1
+MAX_TEXT, MAX_ITEM, MAX_UNIX_S = 300, 100_000, 1e11
+
+
+@dataclass(frozen=True, slots=True)
+class FlightProgress:
+    """How far a vehicle has flown its plan."""
+
+    mission_id: int
+    """The vehicle's checksum of the mission."""
+    name: str | None
+    """Name of the stored plan."""
+    item: int
+    """Index of the item that it was flying to."""
+    leg_start: int
+    """Index of the item at which that leg begins."""
+    finished: bool
+    """Whether it has flown the plan to its end."""
+    unix_s: float
+    """Time of the last change."""
+    home: HomePosition | None
+    """Where the flight took off."""
+
+
+class ProgressStore:
+    """The newest progress of each vehicle.
+
+    Args:
+        records: storage; None: nothing is kept after a restart.
+    """
+
+    def __init__(self, records: Records | None = None) -> None:
+        self._records = records
+        self._kept: dict[str, FlightProgress] = {}
+        self._problems: dict[str, str] = {}
+
+    async def load(self) -> None:
+        """Reads the records; unreadable ones become warnings."""
+        if self._records is None:
+            return
+        try:
+            found = await asyncio.to_thread(self._records.read_all)
+        except OSError as error:
+            folder, reason = self._records.folder, error.strerror or error
+            self._problem(
+                "", f"The folder {folder} cannot be read: {reason}. Interrupted flights cannot be resumed."
+            )
+            return
+        for name, content in found.items():
+            try:
+                if isinstance(content, Unreadable):
+                    raise ValueError(content)
+                self._kept[name] = _read(content)
+            except (ValueError, TypeError, KeyError) as error:
+                reason = (str(error).splitlines() or [type(error).__name__])[0]
+                self._problem(
+                    name,
+                    f"The file {self._file(name)} cannot be read: {reason}. Its flight cannot be resumed.",
+                )
+
+    def find(self, key: VehicleKey) -> FlightProgress | None:
+        """The progress of a vehicle's newest flight; None: none is known."""
+        return self._kept.get(key.name)
+
+    def keep(self, key: VehicleKey, progress: FlightProgress) -> None:
+        """Replaces the progress of a vehicle; a thread writes it."""
+        if self._kept.get(key.name) == progress:
+            return
+        if key.name not in self._kept and len(self._kept) >= MAX_RECORDS:
+            self._forget_oldest()
+        self._kept[key.name] = progress
+        if self._records is not None:
+            writing = self._records.write(key.name, {"format": FORMAT, **_content(progress)})
+            writing.add_done_callback(lambda done: self._written(key.name, done))
+
+    def warnings(self) -> list[str]:
+        """Messages about records that cannot be read or written."""
+        return list(self._problems.values())
+
+    def close(self) -> None:
+        """Waits for pending writes."""
+        if self._records is not None:
+            self._records.close()
+
+    def _forget_oldest(self) -> None:
+        oldest = min(self._kept, key=lambda name: self._kept[name].unix_s)
+        del self._kept[oldest]
+        if self._records is not None:
+            self._records.write(oldest, None)
+
+    def _written(self, name: str, done: Future[None]) -> None:
+        """Called in the writing thread."""
+        error = done.exception()
+        if error is None:
+            self._problems.pop(name, None)
+        elif name not in self._problems:
+            reason = (error.strerror if isinstance(error, OSError) else None) or error
+            self._problem(
+                name,
+                f"The file {self._file(name)} cannot be written: {reason}. After a restart of the server, "
+                "its flight cannot be resumed.",
+            )
+
+    def _problem(self, name: str, text: str) -> None:
+        self._problems[name] = text
+        log.warning(text)
+
+    def _file(self, name: str) -> str:
+        return "" if self._records is None else str(self._records.folder / f"{name}.json")
+
+
+def _content(progress: FlightProgress) -> dict[str, object]:
+    home = None if progress.home is None else progress.home.model_dump()
+    name = None if progress.name is None else progress.name[:MAX_TEXT]
+    values = {field: getattr(progress, field) for field in FlightProgress.__slots__}
+    return {**values, "name": name, "home": home}
+
+
+def _read(content: Mapping[str, Any]) -> FlightProgress:
+    if content.get("format") != FORMAT:
+        raise ValueError(f"format {content.get('format')!r} is not known")
+    whole = {name: content[name] for name in ("mission_id", "item", "leg_start")}
+    for name, value in whole.items():
+        most = 2**32 - 1 if name == "mission_id" else MAX_ITEM
+        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
+            raise ValueError(name)
+    name, finished, unix_s, home = (content[each] for each in ("name", "finished", "unix_s", "home"))
+    if name is not None and (not isinstance(name, str) or len(name) > MAX_TEXT):
+        raise ValueError("name")
+    if not isinstance(finished, bool):
+        raise ValueError("finished")
+    if isinstance(unix_s, bool) or not isinstance(unix_s, int | float):
+        raise ValueError("unix_s")
+    if not math.isfinite(unix_s) or not 0 <= unix_s <= MAX_UNIX_S:
+        raise ValueError("unix_s")
+    place = None if home is None else HomePosition.model_validate(home)
+    return FlightProgress(**whole, name=name, finished=finished, unix_s=float(unix_s), home=place)

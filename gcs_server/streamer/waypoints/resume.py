@@ -1,0 +1,131 @@
+"""Where the interrupted flight of a plan can be resumed: after a landing, also after a restart of the vehicle
+or the server."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.offboard.limit_store import key_of
+from gcs_server.streamer.waypoints.interrupted import FlightProgress, ProgressStore
+from gcs_server.vehicle.samples import GlobalPosition
+from gcs_server.vehicle.services.held_plan import plan_of
+from gcs_server.vehicle.services.mission_held import Held
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.geodesy import distance_m
+from missions.plan import Plan
+from missions.values import Reference
+from missions.waypoints.planned import item_title
+from missions.waypoints.resume import FAR_M, ResumePoint, resume_after
+
+
+@dataclass(frozen=True, slots=True)
+class ResumeOffer:
+    """Where an interrupted flight of the plan on the vehicle can be resumed: `POST …/mission/start` with
+    `item` and `mission_id`."""
+
+    item: int
+    """Index of the item to start at, from 0: the beginning of the leg that was interrupted."""
+    title: str
+    """Kind of this item: "Waypoint"."""
+    count: int
+    """Number of items."""
+    mission_id: int
+    """The vehicle's checksum of the mission that was interrupted, and that it still has."""
+    altitude_m: float
+    """Altitude to which the vehicle climbs where it stands, and at which it then flies straight to the first
+    waypoint. PX4 climbs to MIS_TAKEOFF_ALT if that is higher."""
+    altitude_reference: Reference
+    """Reference of `altitude_m`: home, which is where the vehicle takes off, or amsl."""
+    distance_m: float | None
+    """Horizontal distance to this waypoint; null: the position is not known."""
+    interrupted_item: int
+    """Index of the item to which the vehicle was flying."""
+    interrupted_unix_s: float
+    """Time at which this leg began."""
+    cautions: tuple[str, ...]
+    """What is different from a flight without interruption; sentences."""
+
+
+class Resumes:
+    """The interrupted flights of all vehicles.
+
+    Args:
+        store: their progress.
+    """
+
+    def __init__(self, store: ProgressStore) -> None:
+        self._store = store
+        self._points: dict[str, tuple[Held, FlightProgress, Plan, ResumePoint | str]] = {}
+        """By vehicle: the newest result, because a plan can have thousands of items."""
+
+    def forget(self, vehicle_id: str) -> None:
+        """Drops all data of a removed vehicle."""
+        self._points.pop(vehicle_id, None)
+
+    def of(self, vehicle: Vehicle) -> ResumeOffer | str | None:
+        """The offer; otherwise the reason why there is none, as a sentence; None: nothing was interrupted."""
+        key = key_of(vehicle.identity)
+        progress = None if key is None else self._store.find(key)
+        ids = vehicle.mission.ids()
+        if progress is None or ids is None or not ids["mission"]:
+            return None
+        held, what = vehicle.mission.held, "the plan" if progress.name is None else f"“{progress.name}”"
+        if ids["mission"] != progress.mission_id:
+            return (
+                f"Vehicle {vehicle.id} has flown {what} up to item {progress.item + 1}, and now has another "
+                "plan: that flight cannot be resumed."
+            )
+        if progress.finished:
+            return f"Vehicle {vehicle.id} has flown {what} to its end."
+        if vehicle.mission.holds() != "plan" or held is None:
+            return (
+                f"Vehicle {vehicle.id} has flown {what} up to item {progress.item + 1}. Read the plan back "
+                "and compare it; then the flight can be resumed."
+            )
+        if vehicle.status.armed:
+            return f"Vehicle {vehicle.id} is armed. In flight, the mission continues at its current item."
+        plan, point = self._point(vehicle, held, progress)
+        return point if isinstance(point, str) else _offer(vehicle, progress, plan, point)
+
+    def _point(
+        self, vehicle: Vehicle, held: Held, progress: FlightProgress
+    ) -> tuple[Plan, ResumePoint | str]:
+        known = self._points.get(vehicle.id)
+        if known is None or known[0] is not held or known[1] is not progress:
+            plan, _ = plan_of(held)
+            point = resume_after(plan, progress.leg_start, progress.item)
+            known = self._points[vehicle.id] = (held, progress, plan, point)
+        return known[2], known[3]
+
+
+def _offer(vehicle: Vehicle, progress: FlightProgress, plan: Plan, point: ResumePoint) -> ResumeOffer:
+    items = [item for _, item in plan.simple_items()]
+    first, here = point.first, VehicleEstimates(vehicle).global_position()
+    away_m = None if here is None else distance_m(here.lat_deg, here.lon_deg, first.lat_deg, first.lon_deg)
+    return ResumeOffer(
+        item=point.item,
+        title=item_title(items[point.item]),
+        count=len(items),
+        mission_id=progress.mission_id,
+        altitude_m=first.altitude.value_m,
+        altitude_reference=first.altitude.reference,
+        distance_m=None if away_m is None else round(away_m, 1),
+        interrupted_item=progress.item,
+        interrupted_unix_s=progress.unix_s,
+        cautions=(*_moved(progress, here), *point.not_restored),
+    )
+
+
+def _moved(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, ...]:
+    """Whether it takes off elsewhere than the interrupted flight did."""
+    home = progress.home
+    if home is None or here is None:
+        return ()
+    away_m = distance_m(here.lat_deg, here.lon_deg, home.lat_deg, home.lon_deg)
+    if away_m < FAR_M:
+        return ()
+    return (
+        f"The vehicle is {away_m:.0f} m from where the interrupted flight took off. Home will be here, and "
+        "altitudes above home count from the ground here.",
+    )

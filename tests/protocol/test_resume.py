@@ -1,0 +1,255 @@
+"""A plan is resumed after a landing: also after a restart of the vehicle and of the server."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_server.api import control_routes, mission_models, mission_routes
+from gcs_server.errors import NotInControl, PlanFindings, Refused
+from gcs_server.plans.store import PlanStore
+from gcs_server.storage.records import Records
+from gcs_server.streamer.waypoints.interrupted import ProgressStore
+from tests.protocol.api_calls import ANNA, BOB, MISSION, station_of, view
+from tests.protocol.fake_autopilot import HOLD, RTL
+from tests.protocol.mission_world import MissionAutopilot, OtherStation
+from tests.protocol.offboard_world import OffboardWorld, seconds
+
+LAT, LON = 47.397742, 8.545594
+NORTH_DEG = 1 / 111_195
+
+
+def item(kind, north_m, alt_m, **more):
+    altitude = {"value_m": alt_m, "reference": "home"}
+    return {"kind": kind, "lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "altitude": altitude, **more}
+
+
+PICTURES = {"kind": "trigger_distance", "distance_m": 10}
+PLAN = {
+    "items": [
+        item("takeoff", 0, 20),
+        item("waypoint", 40, 20),
+        PICTURES,
+        item("waypoint", 140, 20),
+        item("waypoint", 180, 30),
+        {"kind": "return_home"},
+    ]
+}
+
+
+def story(jump, tmp_path, work):
+    """Runs a test with a scripted vehicle, which has the simulator's mission service."""
+
+    async def run():
+        world = OffboardWorld()
+        link = world.link()
+        autopilot = link.autopilots["peer"] = MissionAutopilot(link)
+        at = SimpleNamespace(world=world, autopilot=autopilot, folder=tmp_path)
+        try:
+            at.vehicle = await world.ready()
+            await seconds(1.5)
+            await begin_server(at)
+            await work(at)
+            at.progress.close()
+        finally:
+            autopilot.alive = False
+            await world.close()
+
+    jump(run)
+
+
+async def begin_server(at):
+    """A server on the data folder of the test."""
+    at.progress = ProgressStore(Records(at.folder / "flights"))
+    await at.progress.load()
+    at.station = station_of(at.world, at.progress)
+    at.station.plans = PlanStore(at.folder / "plans", at.world.clock)
+    at.flights = at.station.waypoint_flights
+
+
+async def watched(at, duration_s):
+    """The server monitors the vehicle for some seconds."""
+    for _ in range(int(duration_s * 10)):
+        at.flights.update()
+        await seconds(0.1)
+
+
+async def upload(at, plan=PLAN):
+    body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
+    await mission_routes.upload("1", body, at.station, ANNA)
+    await seconds(1.5)
+
+
+async def start(at, by=ANNA, **body):
+    await mission_routes.start("1", at.station, by, mission_models.StartRequest.model_validate(body))
+
+
+async def shown(at):
+    answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+    mission_models.MissionView.model_validate(answer)
+    return answer
+
+
+async def fly_to(at, item, north_m):
+    at.autopilot.landed, at.autopilot.flight.current = 2, item
+    at.autopilot.position[0] = LAT + north_m * NORTH_DEG
+    await watched(at, 2.5)
+
+
+async def land(at, north_m=0.0):
+    """Returns because of its battery, lands and disarms."""
+    at.autopilot.mode = RTL
+    await watched(at, 2.5)
+    at.autopilot.position[0] = LAT + north_m * NORTH_DEG
+    at.autopilot.armed, at.autopilot.landed, at.autopilot.mode = False, 1, HOLD
+    await watched(at, 2.5)
+
+
+async def interrupted_at_item_4(at):
+    await upload(at)
+    await start(at, item=0)
+    await fly_to(at, 1, 10)
+    await fly_to(at, 3, 90)
+    await land(at)
+
+
+def test_after_a_battery_change_the_leg_that_was_interrupted_is_flown_from_its_beginning(jump, tmp_path):
+    async def work(at):
+        assert ((await shown(at))["resume"], (await shown(at))["no_resume"]) == (None, None)
+        await interrupted_at_item_4(at)
+        at.autopilot.alive = False
+        await watched(at, 12)
+        at.autopilot.alive, at.autopilot.flight.current = True, 0
+        await watched(at, 3)
+        offer = (await shown(at))["resume"]
+        assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
+            1,
+            6,
+            "Waypoint",
+            3,
+        )
+        assert (offer["altitude_m"], offer["altitude_reference"]) == (20, "home")
+        assert offer["distance_m"] == pytest.approx(40, abs=0.5)
+        assert offer["cautions"] == []
+        await start(at, item=offer["item"], mission_id=offer["mission_id"])
+        assert (at.autopilot.armed, at.autopilot.mode, at.autopilot.flight.current) == (True, MISSION, 1)
+        await fly_to(at, 1, 20)
+        assert "armed" in (await shown(at))["no_resume"]
+        await land(at)
+        assert (await shown(at))["resume"]["item"] == 1, (
+            "the waypoint at which it was resumed was not reached"
+        )
+        await start(at, item=1)
+        await fly_to(at, 4, 150)
+        await land(at)
+        assert (await shown(at))["resume"]["item"] == 3
+
+    story(jump, tmp_path, work)
+
+
+def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(jump, tmp_path):
+    async def work(at):
+        await interrupted_at_item_4(at)
+        at.progress.close()
+        at.vehicle.mission.held = None
+        await begin_server(at)
+        now = await shown(at)
+        assert now["resume"] is None
+        assert now["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
+        kept = await at.station.plans.create(
+            "Field", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
+        )
+        body = mission_models.DownloadRequest(wait=True)
+        await mission_routes.download(at.vehicle, at.station, ANNA, body)
+        which = mission_models.WhichPlan(plan_id=kept.id)
+        await mission_routes.compare(at.vehicle, which, at.station)
+        assert (await shown(at))["resume"]["item"] == 1
+
+    story(jump, tmp_path, work)
+
+
+def test_another_plan_is_not_resumed_and_the_reason_says_so(jump, tmp_path):
+    async def work(at):
+        await interrupted_at_item_4(at)
+        offer = (await shown(at))["resume"]
+        higher = [{**each} for each in PLAN["items"]]
+        higher[1] = item("waypoint", 40, 25)
+        await upload(at, {"items": higher})
+        now = await shown(at)
+        assert now["resume"] is None
+        assert now["no_resume"].startswith(
+            "Vehicle 1 has flown the plan up to item 4, and now has another plan"
+        )
+        with pytest.raises(Refused, match="another mission than the one that the start was chosen for"):
+            await start(at, item=offer["item"], mission_id=offer["mission_id"])
+        assert not at.autopilot.armed
+        await upload(at)
+        assert (await shown(at))["resume"] == {
+            **offer,
+            "distance_m": (await shown(at))["resume"]["distance_m"],
+        }
+        await OtherStation(at.autopilot).upload([])
+        await seconds(2)
+        assert (await shown(at))["resume"] is None
+
+    story(jump, tmp_path, work)
+
+
+def test_a_finished_plan_is_not_resumed_nor_is_one_that_did_not_reach_its_first_waypoint(jump, tmp_path):
+    async def work(at):
+        await upload(at)
+        await start(at, item=0)
+        await fly_to(at, 1, 10)
+        await land(at)
+        now = await shown(at)
+        assert (now["resume"], now["no_resume"]) == (None, None)
+        await interrupted_at_item_4(at)
+        await start(at, item=0)
+        await fly_to(at, 1, 10)
+        await land(at)
+        assert (await shown(at))["resume"]["interrupted_item"] == 3, (
+            "a new start that flew no leg changes nothing"
+        )
+        await start(at, item=0)
+        await fly_to(at, 4, 150)
+        await fly_to(at, 5, 180)
+        at.autopilot.armed, at.autopilot.landed = False, 1
+        await watched(at, 2.5)
+        now = await shown(at)
+        assert (now["resume"], now["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
+
+    story(jump, tmp_path, work)
+
+
+def test_a_resume_is_checked_and_refused_as_a_start_and_from_the_place_of_the_vehicle(jump, tmp_path):
+    async def work(at):
+        corners = ((170, -30), (190, -30), (190, 30), (170, 30))
+        polygon = [{"lat_deg": LAT + n * NORTH_DEG, "lon_deg": LON + e * NORTH_DEG} for n, e in corners]
+        tower = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
+        plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
+        kept = await at.station.plans.create("Field", plan, by=("anna", "key"))
+        body = mission_models.UploadRequest(plan_id=kept.id, wait=True)
+        await mission_routes.upload("1", body, at.station, ANNA)
+        await seconds(1.5)
+        await start(at, item=0)
+        await fly_to(at, 3, 90)
+        await land(at, north_m=260)
+        offer = (await shown(at))["resume"]
+        assert offer["cautions"][0].startswith(
+            "The vehicle is 260 m from where the interrupted flight took off."
+        )
+        await control_routes.release("1", at.station, ANNA)
+        await control_routes.take("1", at.station, BOB)
+        with pytest.raises(NotInControl):
+            await start(at, item=offer["item"])
+        assert not at.autopilot.armed
+        with pytest.raises(PlanFindings) as refused:
+            await start(at, BOB, item=offer["item"], despite=["obstacle_hit"])
+        assert refused.value.codes == ("flight_from_here",)
+        assert refused.value.reasons == ("The straight path to item 2 (waypoint) passes through Mast.",)
+        with pytest.raises(Refused, match=r"cannot start at item 6 on the ground\. No waypoint follows"):
+            await start(at, BOB, item=5)
+        assert not at.autopilot.armed
+        await start(at, BOB, item=offer["item"], despite=["flight_from_here"])
+        assert (at.autopilot.armed, at.autopilot.flight.current) == (True, 1)
+
+    story(jump, tmp_path, work)

@@ -1,0 +1,88 @@
+"""How far a plan was flown is kept in the data folder, and bad files end no start of the server."""
+
+import asyncio
+import json
+from dataclasses import replace
+
+import pytest
+
+from gcs_server.storage import records
+from gcs_server.storage.records import Records
+from gcs_server.streamer.offboard.limit_store import VehicleKey
+from gcs_server.streamer.waypoints import interrupted
+from gcs_server.streamer.waypoints.interrupted import FlightProgress, ProgressStore
+from missions.values import HomePosition
+
+KEY, OTHER = VehicleKey(1, None), VehicleKey(1, "0011223344556677")
+HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
+PROGRESS = FlightProgress(0xFFFF_FFFF, "Field", 12, 10, False, 1_700_000_000.5, HOME)
+
+
+def store_in(folder):
+    store = ProgressStore(Records(folder))
+    asyncio.run(store.load())
+    return store
+
+
+def test_progress_is_there_after_a_restart_for_the_same_vehicle_only(tmp_path):
+    store = store_in(tmp_path / "flights")
+    store.keep(KEY, PROGRESS)
+    store.close()
+    again = store_in(tmp_path / "flights")
+    assert (again.find(KEY), again.find(OTHER)) == (PROGRESS, None)
+    again.keep(KEY, replace(PROGRESS, finished=True, name=None, home=None))
+    again.close()
+    assert store_in(tmp_path / "flights").find(KEY).finished
+    assert again.warnings() == []
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("format", 2),
+        ("mission_id", -1),
+        ("mission_id", 2**32),
+        ("item", True),
+        ("leg_start", 1e300),
+        ("name", "x" * 301),
+        ("finished", "no"),
+        ("unix_s", float("nan")),
+        ("home", {"lat_deg": 91}),
+        ("home", [1]),
+    ],
+    ids=str,
+)
+def test_an_unreadable_file_is_a_warning_and_the_next_flight_replaces_it(tmp_path, field, value):
+    store = store_in(tmp_path)
+    store.keep(KEY, PROGRESS)
+    store.keep(OTHER, PROGRESS)
+    store.close()
+    file = tmp_path / "system-1.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), field: value}))
+    again = store_in(tmp_path)
+    assert (again.find(KEY), again.find(OTHER)) == (None, PROGRESS)
+    (warning,) = again.warnings()
+    assert "system-1.json cannot be read" in warning
+    again.keep(KEY, PROGRESS)
+    again.close()
+    assert again.warnings() == []
+
+
+def test_a_file_that_cannot_be_written_is_a_warning_and_the_progress_is_known_until_the_restart(tmp_path):
+    (tmp_path / "flights").write_text("a file in the place of the folder")
+    store = ProgressStore(Records(tmp_path / "flights"))
+    store.keep(KEY, PROGRESS)
+    store.close()
+    assert store.find(KEY) == PROGRESS
+    assert "cannot be written" in store.warnings()[0]
+
+
+def test_of_too_many_vehicles_the_oldest_is_forgotten(tmp_path, monkeypatch):
+    monkeypatch.setattr(interrupted, "MAX_RECORDS", 2)
+    monkeypatch.setattr(records, "MAX_RECORDS", 2)
+    store = store_in(tmp_path)
+    keys = [VehicleKey(system_id, None) for system_id in (1, 2, 3)]
+    for number, key in enumerate(keys):
+        store.keep(key, replace(PROGRESS, unix_s=float(number)))
+    store.close()
+    assert [store_in(tmp_path).find(key) is not None for key in keys] == [False, True, True]

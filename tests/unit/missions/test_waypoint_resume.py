@@ -1,0 +1,153 @@
+"""Where an interrupted flight of a plan resumes, and what the vehicle does not restore there."""
+
+import json
+
+import pytest
+
+from missions import plan as plan_document
+from missions.checks import check
+from missions.runner.reading import Reading
+from missions.values import HomePosition
+from missions.waypoints.monitor import WaypointMonitor
+from missions.waypoints.resume import leg_start, rest_of, resume_after, resume_point
+
+HERE = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
+
+
+def at(kind, north_m, alt_m=30, **more):
+    altitude = {"value_m": alt_m, "reference": "home"}
+    return {"kind": kind, "lat_deg": 47.0 + north_m / 111_195, "lon_deg": 8.0, "altitude": altitude, **more}
+
+
+UP, RETURN = at("takeoff", 0), {"kind": "return_home"}
+SPEED, CLIMB = ({"kind": "change_speed", "speed_type": t, "speed_m_s": 4} for t in (1.0, 2.0))
+PICTURES = {"kind": "trigger_distance", "distance_m": 10}
+NO_PICTURES = {"kind": "trigger_distance", "distance_m": 0}
+LINE = [
+    UP,
+    SPEED,
+    at("waypoint", 50),
+    PICTURES,
+    at("waypoint", 250),
+    NO_PICTURES,
+    at("waypoint", 300),
+    RETURN,
+]
+
+
+def plan_of(items, **more):
+    return plan_document.read(json.dumps({"items": items, **more}))
+
+
+def items_of(items):
+    return [item for _, item in plan_of(items).simple_items()]
+
+
+@pytest.mark.parametrize(
+    ("flying_to", "resumes_at"),
+    [(0, None), (1, None), (2, None), (3, 2), (4, 2), (5, 4), (6, 4), (7, 6)],
+    ids=lambda value: str(value),
+)
+def test_an_interrupted_leg_is_flown_again_from_its_beginning_with_the_items_after_it(flying_to, resumes_at):
+    assert leg_start(items_of(LINE), flying_to, 0) == resumes_at
+
+
+def test_a_flight_that_was_started_at_an_item_does_not_resume_before_it():
+    assert leg_start(items_of(LINE), 4, 4) == 4
+    assert leg_start(items_of(LINE), 6, 4) == 4
+    assert leg_start(items_of(LINE), 6, 2) == 4
+    assert leg_start(items_of(LINE), 4, None) == 2
+
+
+def test_a_region_of_interest_and_a_gate_are_no_beginning_of_a_leg():
+    items = [UP, at("waypoint", 50), at("roi_location", 90, 0), at("gate", 100), at("waypoint", 200), RETURN]
+    assert leg_start(items_of(items), 4, 0) == 1
+
+
+def test_the_first_waypoint_from_the_item_sets_the_altitude_of_the_way():
+    items = [UP, at("waypoint", 50), SPEED, at("waypoint", 90, 55), at("waypoint", 120, 20)]
+    point = resume_point(plan_of(items), 2)
+    assert (point.item, point.first.altitude.value_m) == (2, 55)
+
+
+@pytest.mark.parametrize("rest", [[RETURN], [at("land", 40, 0)], [SPEED, RETURN, at("waypoint", 9)], []])
+def test_without_a_waypoint_before_the_landing_there_is_no_start_on_the_ground(rest):
+    items = [UP, at("waypoint", 50), *rest]
+    assert resume_point(plan_of(items), 2) == "No waypoint follows."
+
+
+def test_the_last_item_is_no_start_because_px4_begins_again():
+    assert "begins again" in resume_point(plan_of([UP, at("waypoint", 50)]), 1)
+
+
+def test_an_interrupted_return_is_not_resumed():
+    plan = plan_of(LINE)
+    assert resume_after(plan, 6, 7) == "Only the return was left."
+    assert resume_after(plan, 4, 6) == resume_point(plan, 4)
+
+
+def not_restored(*before, after=()):
+    items = [UP, *before, at("waypoint", 50), at("waypoint", 90), *after, RETURN]
+    return resume_point(plan_of(items), len(before) + 1).not_restored
+
+
+def test_speed_gimbal_angles_camera_mode_and_trigger_are_restored_by_px4():
+    gimbal = {"kind": "gimbal_pitch_yaw", "pitch_deg": -90}
+    mode = {"kind": "camera_mode", "mode": 2}
+    assert not_restored(SPEED, gimbal, mode, PICTURES) == ()
+
+
+def test_what_px4_does_not_repeat_is_named_with_its_item():
+    roi, video = at("roi_location", 20, 0), {"kind": "video_start"}
+    (found,) = not_restored(roi)
+    assert found.startswith("PX4 does not repeat item 2: set the region of interest yourself")
+    assert [each.split(":")[0][-6:] for each in not_restored(roi, video, roi)] == ["item 3", "item 4"]
+    assert not_restored(roi, {"kind": "roi_none"}, video, {"kind": "video_stop"}) == ()
+
+
+def test_of_several_types_of_speed_px4_repeats_the_last_one():
+    (found,) = not_restored(CLIMB, SPEED)
+    assert found.startswith("PX4 does not repeat item 2: set the climb speed yourself")
+    assert not_restored(CLIMB, SPEED, CLIMB)[0].startswith("PX4 does not repeat item 3: set the speed")
+
+
+def test_repeats_that_px4_counts_are_named_only_inside_their_loop():
+    jump = {"kind": "jump", "target_index": 1, "repeat": 3}
+    (found,) = not_restored(after=[jump])
+    assert found.startswith("Item 4 repeats items from item 2 on.")
+    assert not_restored(after=[{**jump, "target_index": 2}]) == ()
+
+
+def test_the_rest_is_checked_from_the_new_place_under_its_own_item_numbers():
+    corners = [(120, -1e-4), (130, -1e-4), (130, 1e-4), (120, 1e-4)]
+    polygon = [{"lat_deg": 47.0 + n / 111_195, "lon_deg": 8.0 + e} for n, e in corners]
+    tower = {"name": "Tower", "top": {"value_m": 90, "reference": "home"}, "polygon": polygon}
+    plan = plan_of(
+        [UP, at("waypoint", 50), at("waypoint", 90), at("waypoint", 100), RETURN], obstacles=[tower]
+    )
+    for north_m, messages in (
+        (0, []),
+        (300, ["The straight path to item 3 (waypoint) passes through Tower."]),
+    ):
+        here = HERE.model_copy(update={"lat_deg": 47.0 + north_m / 111_195})
+        found = [each for each in check(rest_of(plan, 2, here)) if each.code == "obstacle_hit"]
+        assert [each.message for each in found if "home" not in each.message] == messages
+
+
+def see(monitor, item, mode="mission"):
+    monitor.update(0.0, Reading(mode=mode, armed=True, landed="in_air"), item, None)
+    return monitor.leg_start
+
+
+def test_a_monitored_flight_keeps_the_leg_that_it_was_flying_when_the_mode_changed():
+    monitor = WaypointMonitor(plan_of(LINE), None, from_start=True)
+    assert see(monitor, 0) is None
+    assert see(monitor, 4) == 2
+    assert see(monitor, 5, mode="rtl") == 2
+
+
+def test_a_flight_that_px4_begins_again_at_its_first_item_resumes_there():
+    monitor = WaypointMonitor(plan_of(LINE), None, from_start=True)
+    assert see(monitor, 7) == 7
+    see(monitor, 0)
+    assert see(monitor, 4) == 2
