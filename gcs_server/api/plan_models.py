@@ -26,6 +26,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard import reader as mission_reader
 from missions.offboard.document import OffboardMission
 from missions.offboard.samples import Leg, StepTime
+from missions.offboard.tables import ImportedTable
 from missions.patterns import document as pattern_document
 from missions.plan import Plan
 from missions.values import Point
@@ -252,6 +253,9 @@ class ImportedPlan(AnswerBody):
     plan: AnyDocument = Field(description="The plan's document.")
     areas: list[ImportedArea] = Field(description="Areas in the file that are not part of the plan.")
     notes: list[str] = Field(description="Notes on what was imported and what was not; sentences.")
+
+
+ImportedTableModel = model_of(ImportedTable, "ImportedTable")
 
 
 class ConvertedPlan(AnswerBody):

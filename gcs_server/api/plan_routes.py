@@ -32,6 +32,13 @@ SMALL_YAML_BYTES = 8_192
 MAX_NOTES_LENGTH = 4000
 """Maximum length of the header with the notes of an export."""
 NOTES_HEADER = "X-Plan-Notes"
+FILE_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+"""Description of a request whose body is an unchanged file."""
 MEDIA_TYPES: dict[FormatName, str] = {
     "json": "application/json",
     "plan": "application/json",
@@ -103,16 +110,7 @@ async def plan_schema(kind: PlanKind) -> Response:
     return answer(documents.schema(kind))
 
 
-@router.post(
-    "/import",
-    response_model=m.ImportedPlan,
-    openapi_extra={
-        "requestBody": {
-            "required": True,
-            "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
-        }
-    },
-)
+@router.post("/import", response_model=m.ImportedPlan, openapi_extra=FILE_BODY)
 async def import_plan(
     request: Request,
     station: StationDep,
@@ -135,9 +133,7 @@ async def import_plan(
 
     The body is the unchanged file.
     """
-    data = await request.body()
-    if not data:
-        raise InvalidRequest("body", "The file is empty.", remedy="Send the file as the request's body.")
+    data = await _file_of(request)
     altitude = None
     if altitude_m is not None:
         altitude = Altitude(value_m=altitude_m, reference=altitude_reference).model_dump()
@@ -146,6 +142,33 @@ async def import_plan(
     small = len(data) <= max_bytes and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
     result = await station.plan_work.run("import", arguments, small=small, field="body")
     return answer({**result, "plan": Raw(result["plan"].encode())})
+
+
+@router.post("/table", response_model=m.ImportedTableModel, openapi_extra=FILE_BODY)
+async def import_table(
+    request: Request,
+    station: StationDep,
+    filename: Annotated[
+        str, Query(max_length=255, description="Name of the file; the name of the table is made of it.")
+    ] = "",
+) -> Response:
+    """The trajectory in a file, as CSV text for the `tables` of an offboard mission: CSV, or a NumPy array
+    of shape (N, 4) or (N, 5) saved with `numpy.save` (.npy). Saves nothing.
+
+    The body is the unchanged file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
+    `yaw_ned_rad`.
+    """
+    data = await _file_of(request)
+    arguments = {"file": base64.b64encode(data).decode(), "filename": filename}
+    small = len(data) <= SMALL_FILE_BYTES
+    return answer(await station.plan_work.run("table", arguments, small=small, field="body"))
+
+
+async def _file_of(request: Request) -> bytes:
+    data = await request.body()
+    if not data:
+        raise InvalidRequest("body", "The file is empty.", remedy="Send the file as the request's body.")
+    return data
 
 
 @router.post(

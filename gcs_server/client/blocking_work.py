@@ -256,6 +256,12 @@ class SyncPlans:
         """
         return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
 
+    def read_table(self, data: bytes, filename: str = "") -> dict[str, Any]:
+        """Converts a trajectory from a CSV or NumPy file (.npy) to CSV `text` for `tables` of an offboard
+        mission, with a `name`; saves nothing.
+        """
+        return self._portal.call(lambda: self._inner.read_table(data, filename))
+
     def write_file(self, plan: Plan, format: str) -> bytes:
         """Converts a plan to a file. Formats of waypoint plans: `json`, `plan`, `waypoints`, `csv`,
         `geojson`, `kml`, `kmz`; of offboard missions: `yaml`, `json`.

@@ -108,6 +108,12 @@ class Plans:
         query = urlencode({"filename": filename, **altitude})
         return json.loads(await self._gcs.raw("POST", f"/plans/import?{query}", content=data))
 
+    async def read_table(self, data: bytes, filename: str = "") -> dict[str, Any]:
+        """Converts a trajectory from a CSV or NumPy file (.npy) to CSV `text` for `tables` of an offboard
+        mission, with a `name`; saves nothing."""
+        path = f"/plans/table?{urlencode({'filename': filename})}"
+        return json.loads(await self._gcs.raw("POST", path, content=data))
+
     async def write_file(self, plan: Plan, format: str) -> bytes:
         """Converts a plan to a file. Formats of waypoint plans: `json`, `plan`, `waypoints`, `csv`,
         `geojson`, `kml`, `kmz`; of offboard missions: `yaml`, `json`.

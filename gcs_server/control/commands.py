@@ -283,6 +283,7 @@ ALL: tuple[Command, ...] = (
         "POST /plans/export",
         "POST /plans/pattern",
         "POST /plans/ground",
+        "POST /plans/table",
         "GET /elevation",
         "GET /dry_runs/{d}",
         "POST /vehicles/{v}/mission/compare",

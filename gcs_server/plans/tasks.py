@@ -247,6 +247,14 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
     return {"plan": documents.write(converted.mission).decode(), "notes": list(converted.notes)}
 
 
+def _table(arguments: Mapping[str, Any]) -> Values:
+    """Imports a trajectory. Arguments: `file` (base64), `filename`."""
+    from missions.offboard import tables
+
+    data = base64.b64decode(arguments["file"])
+    return dataclasses.asdict(tables.import_file(data, arguments["filename"]))
+
+
 def _compile(arguments: Mapping[str, Any]) -> Values:
     """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `operator` (as
     `OperatorArea`), `start` (as `Start`, `origin` as a mapping or null), `elevation`: paths of elevation
@@ -373,4 +381,5 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "export": _export,
     "pattern": _pattern,
     "pattern_on_ground": _pattern,
+    "table": _table,
 }

@@ -20,6 +20,7 @@ from missions.offboard.steps import (
     Repeat,
     Speed,
 )
+from missions.offboard.tables import MAX_TABLE_LENGTH
 from missions.values import FenceZone, HomePosition, Model, Obstacles
 
 MAX_CALL_DEPTH = 8
@@ -27,7 +28,7 @@ MAX_ROLES = 10
 MINIMUM_SEPARATION_M = 5.0
 """Same default as for groups of vehicles."""
 Steps = Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
-TableText = Annotated[str, Field(max_length=1_000_000)]
+TableText = Annotated[str, Field(max_length=MAX_TABLE_LENGTH)]
 
 
 class Actions(Model):
@@ -132,7 +133,7 @@ def check_calls(mission: OffboardMission) -> None:
     for name in mission.missions:
         _depth(mission, name, depths, ())
     for role, steps in mission.steps_by_role.items():
-        for name in _calls(steps):
+        for name in calls_of(steps):
             _check_exists(mission, "the steps" if role is None else f"role {role!r}", name)
 
 
@@ -149,7 +150,7 @@ def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: t
         raise PlanError(f"mission {name!r}", f"the calls form a loop ({circle})", "Remove one of them.")
     if name not in depths:
         deepest = 0
-        for called in dict.fromkeys(_calls(mission.missions[name])):
+        for called in dict.fromkeys(calls_of(mission.missions[name])):
             _check_exists(mission, f"mission {name!r}", called)
             deepest = max(deepest, _depth(mission, called, depths, (*above, name)))
         depths[name] = deepest + 1
@@ -159,11 +160,12 @@ def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: t
     return depths[name]
 
 
-def _calls(steps: Iterable[Any]) -> Iterator[str]:
+def calls_of(steps: Iterable[Any]) -> Iterator[str]:
+    """Names of the lists that these steps call, also inside repeats and branches."""
     for step in steps:
         if isinstance(step, Call):
             yield step.mission
         elif isinstance(step, Repeat):
-            yield from _calls(step.steps)
+            yield from calls_of(step.steps)
         elif isinstance(step, Branch):
-            yield from _calls((*step.then, *step.otherwise))
+            yield from calls_of((*step.then, *step.otherwise))

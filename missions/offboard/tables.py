@@ -1,25 +1,96 @@
-"""Reads trajectories from tables of limited size: CSV text or a NumPy array."""
+"""Reads trajectories from tables of limited size: CSV text or a NumPy array.
+
+A document keeps its tables as CSV text, so an imported NumPy array becomes CSV (`import_file`).
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
+import tokenize
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from missions.bounded_json import decode_lines
 from missions.curves import PathCurve
 from missions.errors import PlanError
 from missions.frames import Vector3
+from missions.offboard.names import MAX_NAME_LENGTH, valid_name
 from missions.setpoints import Path, PathPoint
 from missions.trajectory.points import MAX_COORDINATE_M
 
 COLUMNS = ("t_s", "north_m", "east_m", "down_m", "yaw_ned_rad")
 MAX_ROWS = 20_000
 MAX_NPY_BYTES = 4 * 1024 * 1024
+MAX_TABLE_LENGTH = 1_000_000
+"""Maximum length of a table's CSV text in a document."""
 LONGEST_S = 86_400.0
 _MAGIC = b"\x93NUMPY"
+_ARCHIVE = b"PK"
+_HEADER_ERRORS = (
+    ValueError, TypeError, KeyError, OSError, EOFError, OverflowError, SyntaxError, MemoryError,
+    RecursionError, tokenize.TokenError,
+)  # fmt: skip
+"""What NumPy raises for a header that is not one: it evaluates the header as a Python literal."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedTable:
+    """A trajectory from a file, as a document keeps it."""
+
+    name: str
+    """Name for the document's `tables`: that of the file, with `.csv`."""
+    text: str
+    """CSV text for the document's `tables`."""
+    rows: int
+    """Number of rows."""
+    duration_s: float
+    """From the first row to the last [s]."""
+    has_yaw: bool
+    """Whether it has the column `yaw_ned_rad`."""
+
+
+def import_file(data: bytes, filename: str) -> ImportedTable:
+    """Reads and checks a file. CSV text is kept as it is; the numbers of an array are not rounded.
+
+    Args:
+        data: content of the file.
+        filename: its name; it becomes the name of the table.
+
+    Raises:
+        PlanError: The file cannot be read or flown; the error names the row and the fix.
+    """
+    is_array = data.startswith(_MAGIC)
+    if not is_array and filename.lower().endswith((".npy", ".npz")):
+        reason = "it is an archive of arrays" if data.startswith(_ARCHIVE) else "it is not a NumPy array"
+        raise PlanError("the table", reason, "Save one array with numpy.save.")
+    rows = read_rows(data)
+    text = csv_text(rows) if is_array else decode_lines(data)
+    if len(text) > MAX_TABLE_LENGTH:
+        reason = f"as CSV it has {len(text)} characters, {MAX_TABLE_LENGTH} are possible"
+        fix = "Give fewer rows, or round the values: numpy.round(array, 4)."
+        raise PlanError("the table", reason, fix)
+    return ImportedTable(_name_of(filename), text, len(rows), rows[-1][0] - rows[0][0], len(rows[0]) > 4)
+
+
+def _name_of(filename: str) -> str:
+    has_ending = filename.lower().endswith((".npy", ".csv"))
+    stem = valid_name(filename[:-4] if has_ending else filename, "path")
+    return f"{stem[: MAX_NAME_LENGTH - 4]}.csv"
+
+
+def csv_text(rows: Sequence[Sequence[float]]) -> str:
+    """Rows as CSV text, from which `read_rows` reads the same values."""
+    lines = [",".join(COLUMNS[: len(rows[0])]), *(",".join(map(_number, row)) for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> str:
+    return repr(int(value)) if value.is_integer() else repr(value)
 
 
 def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurve:
@@ -29,6 +100,21 @@ def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurv
         data: content of the file.
         offset_ned_m: added to its positions.
         default_yaw_rad: the heading for a table without yaw.
+
+    Raises:
+        PlanError: The table cannot be read or flown; the error names the row and the fix.
+    """
+    rows = read_rows(data)
+    n, e, d = offset_ned_m
+    points = tuple(
+        PathPoint(row[0] - rows[0][0], (row[1] + n, row[2] + e, row[3] + d), row[4] if len(row) > 4 else None)
+        for row in rows
+    )
+    return PathCurve(Path(points), default_yaw_rad)
+
+
+def read_rows(data: bytes) -> list[list[float]]:
+    """The checked rows of a table: time, north, east, down, and the heading if it has one.
 
     Raises:
         PlanError: The table cannot be read or flown; the error names the row and the fix.
@@ -46,15 +132,14 @@ def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurv
                 f"row {number}, column t_s", "times must increase, and cover a day at most", "Sort the rows."
             )
         previous_s = row[0]
-    n, e, d = offset_ned_m
-    points = tuple(
-        PathPoint(row[0] - rows[0][0], (row[1] + n, row[2] + e, row[3] + d), row[4] if len(row) > 4 else None)
-        for row in rows
-    )
-    return PathCurve(Path(points), default_yaw_rad)
+    return rows
 
 
 def _csv(data: bytes) -> list[list[float]]:
+    if (lines := max(data.count(b"\n"), data.count(b"\r"))) > MAX_ROWS + 1:
+        raise PlanError(
+            "the table", f"it has {lines} lines, {MAX_ROWS} rows are possible", "Give fewer rows."
+        )
     reader = csv.reader(io.StringIO(decode_lines(data)))
     try:
         header = [name.strip() for name in next(reader, [])]
@@ -82,19 +167,34 @@ def _csv(data: bytes) -> list[list[float]]:
 def _array(data: bytes) -> list[list[float]]:
     if len(data) > MAX_NPY_BYTES:
         raise PlanError("the table", f"{len(data) / 1e6:.0f} MB are too large", "Give fewer rows.")
+    shape, is_fortran, dtype, begin = _header(data)
+    if dtype.kind not in "fiu":
+        reason = f"its values are of type {dtype!s:.60}, not numbers"
+        raise PlanError("the table", reason, "Save it as numbers: numpy.save(file, array.astype(float)).")
+    if len(shape) != 2 or shape[1] not in (4, 5):
+        reason = f"its shape is {shape!s:.60}"
+        turned = " Yours may need array.T." if len(shape) == 2 and shape[0] in (4, 5) else ""
+        raise PlanError("the table", reason, f"Save shape (N, 4) or (N, 5): {', '.join(COLUMNS)}.{turned}")
+    needed = shape[0] * shape[1] * dtype.itemsize
+    if not 0 <= needed <= len(data) - begin:
+        reason = f"its header promises {shape[0]} rows, but the file ends before them"
+        raise PlanError("the table", reason, "Copy the file again, or save it again with numpy.save.")
+    values: NDArray[np.generic] = np.frombuffer(data[begin : begin + needed], dtype)
+    if dtype.kind == "f" and dtype.itemsize < 8:
+        values = values.astype(str)  # 0.1 of a shorter type stays 0.1
+    with np.errstate(over="ignore"):  # `read_rows` refuses infinity
+        numbers = values.astype(float)
+    return numbers.reshape(shape, order="F" if is_fortran else "C").tolist()
+
+
+def _header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[np.generic], int]:
+    """Shape, order and type of an array in a file, and where its values begin; no value is read."""
     file = io.BytesIO(data)
     try:
         if np.lib.format.read_magic(file) != (1, 0):
             raise ValueError("only version 1.0 of the format is supported")
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=1000)
-        if math.prod(shape) * dtype.itemsize > len(data):
-            raise ValueError("the file is shorter than its header says")
-        values = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, OSError, EOFError, OverflowError) as error:
-        raise PlanError(
-            "the table", f"not a NumPy array ({error!s:.100})", "Save it with numpy.save."
-        ) from None
-    if values.ndim != 2 or values.shape[1] not in (4, 5) or values.dtype.kind not in "fiu":
-        reason = f"shape {values.shape} of {values.dtype}"
-        raise PlanError("the table", reason, f"Give numbers (N, 4 or 5): {', '.join(COLUMNS)}.")
-    return values.astype(float).tolist()
+        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=1000)
+    except _HEADER_ERRORS as error:
+        reason = f"not a NumPy array ({error!s:.100})"
+        raise PlanError("the table", reason, "Save it with numpy.save.") from None
+    return shape, is_fortran, dtype, file.tell()

@@ -1,8 +1,10 @@
 """Plans over HTTP: stored, changed by two clients, checked, imported, exported, made from patterns."""
 
+import io
 import json
 import math
 
+import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
@@ -289,6 +291,23 @@ def test_a_plan_is_converted_to_a_mission_with_notes(client):
     assert "Rally points are omitted" in made["notes"][0]
     refused = client.post("plans/convert", json={"plan": {"items": []}, "name": "Mast"})
     assert (refused.status_code, refused.json()["field"]) == (422, "plan")
+
+
+def test_a_trajectory_file_becomes_a_table_of_a_mission(client):
+    file = io.BytesIO()
+    np.save(file, np.array([[0, 0, 0, -10], [4, 8, 0, -10]], dtype=float))
+    table = client.post("plans/table", params={"filename": "line.npy"}, content=file.getvalue()).json()
+    text = "t_s,north_m,east_m,down_m\n0,0,0,-10\n4,8,0,-10\n"
+    assert table == {"name": "line.csv", "text": text, "rows": 2, "duration_s": 4.0, "has_yaw": False}
+    steps = [MISSION["steps"][0], {"step": "table", "file": table["name"]}, MISSION["steps"][2]]
+    mission = {**MISSION, "steps": steps, "tables": {table["name"]: table["text"]}}
+    found = client.post("plans/check", json={"plan": mission}).json()
+    assert "step_invalid" not in [each["code"] for each in found["findings"]]
+    assert [8, 0, -10] in [leg["points"][-1][1:] for leg in found["flight"]["legs"]]
+    refused = client.post("plans/table", params={"filename": "a.npy"}, content=b"t_s")
+    assert (refused.status_code, refused.json()["field"]) == (422, "body")
+    assert refused.json()["remedy"] == "Save one array with numpy.save."
+    assert "The file is empty" in client.post("plans/table", content=b"").json()["detail"]
 
 
 def test_a_mission_is_exported_to_yaml_and_imported_again(client):

@@ -195,7 +195,7 @@ LYING_ARRAY = (
         (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,x,0,0\n", "row 2"),
         (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,0,0\n", "row 2"),
         (b"\x93NUMPY\x01\x00", "not a NumPy array"),
-        (LYING_ARRAY, "not a NumPy array"),
+        (LYING_ARRAY, "ends before"),
         (b"\xff\xfe", "UTF-8"),
     ],
 )  # fmt: skip

@@ -1550,6 +1550,30 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/plans/table": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Import Table
+         * @description The trajectory in a file, as CSV text for the `tables` of an offboard mission: CSV, or a NumPy array
+         *     of shape (N, 4) or (N, 5) saved with `numpy.save` (.npy). Saves nothing.
+         *
+         *     The body is the unchanged file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
+         *     `yaw_ned_rad`.
+         */
+        readonly post: operations["import_table_api_v1_plans_table_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/plans/export": {
         readonly parameters: {
             readonly query?: never;
@@ -6579,6 +6603,37 @@ export interface components {
              * @description Notes on what was imported and what was not; sentences.
              */
             readonly notes: readonly string[];
+        };
+        /**
+         * ImportedTable
+         * @description A trajectory from a file, as a document keeps it.
+         */
+        readonly ImportedTable: {
+            /**
+             * Name
+             * @description Name for the document's `tables`: that of the file, with `.csv`.
+             */
+            readonly name: string;
+            /**
+             * Text
+             * @description CSV text for the document's `tables`.
+             */
+            readonly text: string;
+            /**
+             * Rows
+             * @description Number of rows.
+             */
+            readonly rows: number;
+            /**
+             * Duration S
+             * @description From the first row to the last [s].
+             */
+            readonly duration_s: number;
+            /**
+             * Has Yaw
+             * @description Whether it has the column `yaw_ned_rad`.
+             */
+            readonly has_yaw: boolean;
         };
         /**
          * JointMissionView
@@ -18520,6 +18575,70 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["ImportedPlan"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly import_table_api_v1_plans_table_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Name of the file; the name of the table is made of it. */
+                readonly filename?: string;
+            };
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/octet-stream": Blob;
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ImportedTable"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

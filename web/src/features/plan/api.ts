@@ -56,6 +56,9 @@ export interface GroundPlan {
   readonly notes: readonly string[];
 }
 
+/** A trajectory as CSV text. */
+export type ImportedTable = Readonly<Schemas['ImportedTable']>;
+
 type Format = Schemas['ImportedPlan']['format'];
 export type { Format };
 
@@ -139,6 +142,12 @@ export class PlanApi {
     const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
     const headers = { 'Content-Type': 'application/octet-stream' };
     return fromApi(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
+  }
+
+  /** The trajectory in a CSV or NumPy file (.npy). */
+  importTable(file: File): Promise<Outcome<ImportedTable>> {
+    const headers = { 'Content-Type': 'application/octet-stream' };
+    return this.api.post('/plans/table', { params: { query: { filename: file.name } }, body: file, bodySerializer: (body) => body, headers });
   }
 
   export(plan: Document, format: Format): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {

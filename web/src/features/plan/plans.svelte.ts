@@ -9,8 +9,10 @@ import { EMPTY, type PlannedHome } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './document-kinds';
 import type { Downloaded } from './plan-transfer.svelte';
-import { isMission, roleNames } from './offboard/mission';
+import { isMission, roleNames, type StepNode } from './offboard/mission';
 import { frameOf } from './offboard/positions';
+import { MAX_TABLES, withTable } from './offboard/tables';
+import { fixed } from '../../ui/format';
 
 /** A plan as it was last read or written. */
 interface SavedPlan {
@@ -182,6 +184,28 @@ export class Plans {
       return false;
     }
     this.openImported(file.name.replace(/\.[^.]*$/, ''), answer.value);
+    return true;
+  }
+
+  /** Makes a step of the mission fly the trajectory in a CSV or NumPy file, as one change. */
+  async importTable(file: File, node: StepNode): Promise<boolean> {
+    const [draft, mission] = [this.editor.draft, this.editor.mission];
+    const answer = await this.call(this.api.importTable(file));
+    const what = `“${file.name}” was not imported.`;
+    if (!answer.ok) {
+      this.showProblem(what, answer.problem);
+      return false;
+    }
+    const changed = mission === null || this.editor.draft !== draft;
+    const next = changed ? null : withTable(mission, node, answer.value);
+    if (next === null) {
+      const why = changed ? 'The plan was changed during the request. Try again.' : `A mission has at most ${MAX_TABLES} tables. Split the mission.`;
+      this.notice = { tone: 'caution', text: `${what} ${why}` };
+      return false;
+    }
+    this.editor.change(next);
+    const { rows, duration_s, has_yaw } = answer.value;
+    this.notice = { tone: 'ok', text: `“${file.name}”: ${rows} rows, ${fixed(duration_s, 1)} s, ${has_yaw ? 'with' : 'without'} yaw.` };
     return true;
   }
 

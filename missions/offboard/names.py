@@ -1,0 +1,23 @@
+"""Names of lists and tables in an offboard mission."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+MAX_NAME_LENGTH = 100
+
+
+def valid_name(text: str, fallback: str) -> str:
+    """A name made of any text: printable, not empty, of limited length."""
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    return printable.strip()[:MAX_NAME_LENGTH].strip() or fallback
+
+
+def free_name(wanted: str, is_taken: Callable[[str], bool]) -> str:
+    """The wanted name, or with the first number that makes it free: `Tower 2`, `loop 2.csv`."""
+    name, number = wanted, 2
+    stem, ending = (wanted[:-4], wanted[-4:]) if wanted.lower().endswith(".csv") else (wanted, "")
+    while is_taken(name):
+        end = f" {number}{ending}"
+        name, number = f"{stem[: MAX_NAME_LENGTH - len(end)]}{end}", number + 1
+    return name

@@ -1,0 +1,132 @@
+"""Trajectories from files: CSV and NumPy arrays become tables of a mission, hostile files are refused."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from missions.errors import PlanError
+from missions.offboard.tables import COLUMNS, MAX_ROWS, import_file, read_rows
+
+ROWS = [[0, 0, 0, -10, 0], [4, 20, 0.125, -10, 0.5], [8, 20, 20, -12.5, 1.25]]
+CSV = b"t_s,north_m,east_m,down_m\r\n0,0,0,-10\r\n10,20,0,-10\r\n"
+
+
+def saved(values: Any, **options: Any) -> bytes:
+    file = io.BytesIO()
+    np.save(file, values, **options)
+    return file.getvalue()
+
+
+def lying(header: str) -> bytes:
+    text = header.encode().ljust(118) + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+
+
+def error_of(data: bytes, filename: str = "loop.npy") -> PlanError:
+    with pytest.raises(PlanError) as raised:
+        import_file(data, filename)
+    return raised.value
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", "<f2"])
+def test_a_numpy_array_becomes_csv_with_the_same_numbers(kind: str, order: Any) -> None:
+    found = import_file(saved(np.array(ROWS, dtype=kind, order=order)), "flights/loop.npy")
+    assert (found.name, found.rows, found.duration_s, found.has_yaw) == ("flights/loop.csv", 3, 8.0, True)
+    assert found.text.splitlines()[:3] == [",".join(COLUMNS), "0,0,0,-10,0", "4,20,0.125,-10,0.5"]
+    assert read_rows(found.text.encode()) == ROWS
+
+
+def test_short_floats_keep_the_decimals_that_they_stand_for() -> None:
+    found = import_file(saved(np.array([[0, 0, 0, 0], [0.1, 1.3, 0, 0]], dtype="<f4")), "a.npy")
+    assert found.text.splitlines()[2] == "0.1,1.3,0,0"
+
+
+def test_whole_numbers_without_yaw_are_possible() -> None:
+    found = import_file(saved(np.array(ROWS)[:, :4].astype(int)), "a.npy")
+    assert (found.has_yaw, found.text.splitlines()[0]) == (False, "t_s,north_m,east_m,down_m")
+
+
+@given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), min_size=2, max_size=20))
+@settings(deadline=None, max_examples=15)
+def test_every_double_is_kept_exactly(places: list[list[float]]) -> None:
+    rows = [[float(t), *place] for t, place in enumerate(places)]
+    assert read_rows(import_file(saved(np.array(rows)), "a.npy").text.encode()) == rows
+
+
+def test_csv_text_is_kept_as_it_is() -> None:
+    found = import_file(b"\xef\xbb\xbf" + CSV, "loop.CSV")
+    assert (found.name, found.text, found.rows) == ("loop.csv", CSV.decode(), 2)
+
+
+@pytest.mark.parametrize(
+    ("filename", "name"),
+    [("", "path.csv"), (".csv", "path.csv"), ("a\x00\nb", "a  b.csv"), ("x" * 300, "x" * 96 + ".csv")],
+)
+def test_the_table_gets_a_valid_name(filename: str, name: str) -> None:
+    assert import_file(CSV, filename).name == name
+
+
+@pytest.mark.parametrize(
+    ("data", "reason", "fix"),
+    [
+        (saved(np.array([[{}] * 4] * 3, dtype=object), allow_pickle=True), "type object", "astype(float)"),
+        (saved(np.array([["0"] * 4] * 3)), "not numbers", "astype(float)"),
+        (saved(np.zeros((3, 4), dtype=complex)), "complex128", "astype(float)"),
+        (saved(np.zeros((3, 4), dtype=[("a", float)])), "not numbers", "astype(float)"),
+        (saved(np.zeros(20)), "shape is (20,)", "(N, 4) or (N, 5)"),
+        (saved(np.zeros((2, 2, 4))), "shape is (2, 2, 4)", "(N, 4) or (N, 5)"),
+        (saved(np.zeros((5, 300))), "shape is (5, 300)", "array.T"),
+        (saved(np.zeros((0, 5))), "0 rows", "number of rows"),
+        (saved(np.array(ROWS))[:-1], "ends before", "again"),
+        (saved(np.array(ROWS, dtype=float) * np.nan), "not finite", "this row"),
+        (saved(np.full((2, 4), 1e300, dtype=np.longdouble) ** 4), "not finite", "this row"),
+        (saved(np.array(ROWS)[::-1]), "times must increase", "Sort"),
+        (b"PK\x03\x04 and more", "an archive of arrays", "numpy.save"),
+        (b"t_s,north_m", "not a NumPy array", "numpy.save"),
+        (b"\x93NUMPY", "not a NumPy array", "numpy.save"),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}", "version 1.0", "numpy.save"),
+        (lying("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
+        (lying("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
+        (lying("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
+        (lying("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
+        (lying("(" * 110), "not a NumPy array", "numpy.save"),
+        (lying("'''"), "not a NumPy array", "numpy.save"),
+        (lying("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"), "not a NumPy array", "numpy.save"),
+        (b"\x93NUMPY" + bytes(5_000_000), "too large", "fewer rows"),
+    ],
+)  # fmt: skip
+def test_a_hostile_array_is_refused_with_a_fix(data: bytes, reason: str, fix: str) -> None:
+    tracemalloc.start()
+    error = error_of(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert reason in error.reason
+    assert fix in error.fix
+    assert peak < 1_000_000
+
+
+def test_csv_with_too_many_rows_or_characters_is_refused() -> None:
+    line = b"\n0,0,0,0"
+    assert f"{MAX_ROWS} rows are possible" in error_of(b"t_s" + line * 20_500, "a.csv").reason
+    long = np.arange(80_000).reshape(20_000, 4) / 3.0
+    assert "1000000 are possible" in error_of(saved(long)).reason
+    assert "numpy.round" in error_of(saved(long)).fix
+    assert import_file(saved(np.round(long, 2)), "a.npy").rows == 20_000
+
+
+@given(st.binary(max_size=200), st.integers(0, 120))
+@settings(deadline=None, max_examples=60)
+def test_a_damaged_array_is_read_or_refused(noise: bytes, at: int) -> None:
+    good = saved(np.array(ROWS))
+    damaged = good[:at] + noise + good[at + len(noise) :]
+    with contextlib.suppress(PlanError):
+        assert 2 <= import_file(damaged, "a.npy").rows <= len(ROWS)

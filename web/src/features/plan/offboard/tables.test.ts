@@ -1,0 +1,91 @@
+import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../../../api/client';
+import { PlanApi } from '../api';
+import { PlanEditor } from '../editor.svelte';
+import { Plans } from '../plans.svelte';
+import { nodesOf, type Mission, type StepNode } from './mission';
+import { newMission, newStep } from './step-titles';
+import { MAX_TABLES, withTable } from './tables';
+
+const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+const TABLE = { name: 'loop.csv', text: 't_s,north_m,east_m,down_m\n0,0,0,-9\n2,4,0,-9\n' };
+const fly = (file: string) => ({ ...newStep('table'), file });
+const missionOf = (files: readonly string[], tables: Record<string, string>): Mission => ({ ...newMission(HOME), steps: files.map(fly), tables });
+const nodeOf = (mission: Mission, index = 0): StepNode => nodesOf(mission)[index] as StepNode;
+const filesOf = (mission: Mission | null) => mission?.steps.map((step) => step['file']);
+
+describe('a table of a mission', () => {
+  it('replaces the table that only this step used', () => {
+    const mission = missionOf(['old.csv'], { 'old.csv': 'x', 'spare.csv': 'y' });
+    const next = withTable(mission, nodeOf(mission), TABLE);
+    expect(next?.tables).toEqual({ 'spare.csv': 'y', 'loop.csv': TABLE.text });
+    expect(filesOf(next)).toEqual(['loop.csv']);
+    expect(mission.tables).toEqual({ 'old.csv': 'x', 'spare.csv': 'y' });
+  });
+
+  it('keeps the table of another step, also of the same name', () => {
+    const mission = missionOf(['loop.csv', 'loop.csv'], { 'loop.csv': 'x', 'loop 2.csv': 'y' });
+    const next = withTable(mission, nodeOf(mission), TABLE);
+    expect(next?.tables).toEqual({ 'loop.csv': 'x', 'loop 2.csv': 'y', 'loop 3.csv': TABLE.text });
+    expect(filesOf(next)).toEqual(['loop 3.csv', 'loop.csv']);
+  });
+
+  it('keeps the table of a step in a list that nothing calls', () => {
+    const mission = { ...missionOf(['old.csv'], { 'old.csv': 'x' }), missions: { spare: [{ ...newStep('repeat'), steps: [fly('old.csv')] }] } };
+    expect(withTable(mission, nodeOf(mission), TABLE)?.tables).toEqual({ 'old.csv': 'x', 'loop.csv': TABLE.text });
+  });
+
+  it('is stored once for two steps with the same content', () => {
+    const mission = missionOf(['path.csv', 'loop.csv'], { 'loop.csv': TABLE.text });
+    const next = withTable(mission, nodeOf(mission), TABLE);
+    expect([next?.tables, filesOf(next)]).toEqual([{ 'loop.csv': TABLE.text }, ['loop.csv', 'loop.csv']]);
+  });
+
+  it('is refused when the mission has too many, but replaces one', () => {
+    const full = Object.fromEntries(Array.from({ length: MAX_TABLES }, (_, number) => [`${number}.csv`, 'x']));
+    const mission = missionOf(['0.csv', 'path.csv'], full);
+    expect(withTable(mission, nodeOf(mission, 1), TABLE)).toBeNull();
+    expect(Object.keys(withTable(mission, nodeOf(mission), TABLE)?.tables ?? {})).toHaveLength(MAX_TABLES);
+  });
+});
+
+describe('importing a trajectory', () => {
+  const file = new File(['x'], 'loop.npy');
+  function session(status: number, answer: object, meanwhile: (editor: PlanEditor) => void = () => undefined) {
+    const editor = new PlanEditor();
+    const api = new PlanApi(
+      new ApiClient('p', undefined, () => {
+        meanwhile(editor);
+        return Promise.resolve(new Response(JSON.stringify(answer), { status }));
+      }),
+    );
+    const memory = { getItem: () => null, setItem: () => undefined, removeItem: () => undefined };
+    editor.replace('Loop', missionOf(['path.csv'], {}));
+    return { editor, plans: new Plans(api, editor, memory), node: nodeOf(editor.mission as Mission) };
+  }
+
+  it('is one change, and says what the file contains', async () => {
+    const { editor, plans, node } = session(200, { ...TABLE, rows: 2, duration_s: 2, has_yaw: false });
+    expect(await plans.importTable(file, node)).toBe(true);
+    expect(editor.mission?.tables).toEqual({ 'loop.csv': TABLE.text });
+    expect(plans.notice).toEqual({ tone: 'ok', text: '“loop.npy”: 2 rows, 2.0 s, without yaw.' });
+    editor.undo();
+    expect([editor.mission?.tables, filesOf(editor.mission)]).toEqual([{}, ['path.csv']]);
+  });
+
+  it('changes nothing when the server refuses the file, and shows the reason and the fix', async () => {
+    const problem = { code: 'invalid_request', detail: 'body: the table: its shape is (20,).', remedy: 'Save shape (N, 4).', field: 'body' };
+    const { editor, plans, node } = session(422, problem);
+    const before = editor.document;
+    expect(await plans.importTable(file, node)).toBe(false);
+    expect(editor.document).toBe(before);
+    expect(plans.notice).toMatchObject({ tone: 'danger', text: expect.stringMatching(/loop\.npy.*shape is \(20,\).*Save shape/s) as string });
+  });
+
+  it('changes nothing when the mission was changed during the request', async () => {
+    const { editor, plans, node } = session(200, { ...TABLE, rows: 2, duration_s: 2, has_yaw: false }, (now) => now.rename('Other'));
+    expect(await plans.importTable(file, node)).toBe(false);
+    expect(editor.mission?.tables).toEqual({});
+    expect(plans.notice?.text).toMatch(/changed during the request/);
+  });
+});
