@@ -3,9 +3,9 @@
 import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
 import type { GeoPosition } from '../../vehicle/geo';
-import type { Plan } from './document';
-import type { Finding } from './fixes';
-import type { Power } from './conditions';
+import type { Plan } from './document/document';
+import type { Finding } from './document/fixes';
+import type { Power } from './dry-run/conditions';
 import type { Document, PlanKind } from './document-kinds';
 import type { Flight } from './offboard/compiled-path';
 import type { Mission } from './offboard/mission';

@@ -2,13 +2,13 @@
 
 import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
-import { AcceptedErrors } from './accepted-errors.svelte';
-import { RoleAssignment } from './role-assignment.svelte';
-import type { PlannedHome } from './document';
+import { AcceptedErrors } from './flight/accepted-errors.svelte';
+import { RoleAssignment } from './flight/role-assignment.svelte';
+import type { PlannedHome } from './document/document';
 import { PlanApi } from './api';
-import { DryRun } from './dry-run.svelte';
-import { PlanEditor } from './editor.svelte';
-import { VehicleMission } from './plan-transfer.svelte';
+import { DryRun } from './dry-run/dry-run.svelte';
+import { PlanEditor } from './editor/editor.svelte';
+import { VehicleMission } from './flight/plan-transfer.svelte';
 import { PatternDrawing } from './patterns/drawing.svelte';
 import { Plans } from './plans.svelte';
 

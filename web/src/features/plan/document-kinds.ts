@@ -2,16 +2,16 @@
 
 import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, positionOf, allPositions, refOf, sharedPositionOf, sharedPositions, type PlannedHome, type Plan } from './document';
-import * as edit from './edit';
-import { newItem } from './items';
-import { insertionOf, picture, type Sketch } from './layer';
+import { altitudeBefore, positionOf, allPositions, refOf, sharedPositionOf, sharedPositions, type PlannedHome, type Plan } from './document/document';
+import * as edit from './document/edit';
+import { newItem } from './document/items';
+import { insertionOf, picture, type Sketch } from './document/layer';
 import * as offboard from './offboard/edit';
 import type { Flight } from './offboard/compiled-path';
 import { isMission, nodesOf, pathOf, positionsOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
 import * as missionPicture from './offboard/mission-layer';
 import { geoPointOf, type Frame } from './offboard/positions';
-import { treeOf, type TreeEntry } from './list-entries';
+import { treeOf, type TreeEntry } from './document/list-entries';
 
 export type Document = Plan | Mission;
 

@@ -2,7 +2,7 @@
 
 import { registry, rooms, type RoomParts } from '../../app/registry.svelte';
 import { drawing, editor } from './controllers';
-import PlanCard from './PlanCard.svelte';
+import PlanCard from './editor/PlanCard.svelte';
 import PlanRoom from './PlanRoom.svelte';
 
 export const parts: RoomParts = { station: PlanRoom, cards: [{ component: PlanCard }] };

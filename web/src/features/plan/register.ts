@@ -1,6 +1,6 @@
 import { registry, rooms } from '../../app/registry.svelte';
-import FlightCard from './FlightCard.svelte';
-import OffboardFlightCard from './OffboardFlightCard.svelte';
+import FlightCard from './flight/FlightCard.svelte';
+import OffboardFlightCard from './flight/OffboardFlightCard.svelte';
 
 const ROOM = 'plan';
 

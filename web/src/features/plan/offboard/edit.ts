@@ -1,6 +1,6 @@
 /** Edits of a mission. Pure: each function returns a new mission. */
 
-import { moveShared, removeShared } from '../edit';
+import { moveShared, removeShared } from '../document/edit';
 import type { GeoPosition } from '../../../vehicle/geo';
 import {
   nodesOf,

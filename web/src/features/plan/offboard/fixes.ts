@@ -1,7 +1,7 @@
 /** Fixes that the page can make for a finding of a mission. Pure; null if a person has to decide. */
 
-import { removeObstacle } from '../edit';
-import { numberText, type Finding, type Fix } from '../fixes';
+import { removeObstacle } from '../document/edit';
+import { numberText, type Finding, type Fix } from '../document/fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type StepNode } from './mission';
 import { inFrame, geoPointOf, frameOfPosition, type Frame } from './positions';

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
-import { ClosedCards } from '../closed-cards.svelte';
-import type { DryRunView } from '../dry-run.svelte';
+import { ClosedCards } from '../flight/closed-cards.svelte';
+import type { DryRunView } from '../dry-run/dry-run.svelte';
 import { distanceText, figures, flownLength_m, flownPicture, flownPlot, pathDistances, sourceText, type FlownPath } from './flown-path';
 
 type Vector = [number, number, number];

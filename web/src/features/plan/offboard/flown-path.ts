@@ -4,8 +4,8 @@ import type { components } from '../../../api/schema';
 import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';
 import { duration, fixed, metres } from '../../../ui/format';
 import { positionAt } from '../../../vehicle/geo';
-import type { DryRunView } from '../dry-run.svelte';
-import { scaledTrace, type Trace } from '../dry-run-trace';
+import type { DryRunView } from '../dry-run/dry-run.svelte';
+import { scaledTrace, type Trace } from '../dry-run/dry-run-trace';
 
 type Schemas = components['schemas'];
 export type FlownPath = Readonly<Schemas['FlownMission']>;

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
-import type { DryRunView } from '../dry-run.svelte';
+import type { DryRunView } from '../dry-run/dry-run.svelte';
 import {
   chargeText,
   corridorFor,
@@ -16,7 +16,7 @@ import {
   stateWords,
   type Flown,
 } from './mission-flight';
-import type { Finding } from '../fixes';
+import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
 
 const FLOWN: Flown = {

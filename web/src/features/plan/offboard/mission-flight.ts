@@ -4,9 +4,9 @@ import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
 import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { acceptedErrorsText } from '../accepted-errors.svelte';
-import type { DryRunView } from '../dry-run.svelte';
-import type { Finding } from '../fixes';
+import { acceptedErrorsText } from '../flight/accepted-errors.svelte';
+import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { Finding } from '../document/fixes';
 import { nodesOf, type Mission } from './mission';
 
 export type Flown = components['schemas']['OffboardMissionStatus'];

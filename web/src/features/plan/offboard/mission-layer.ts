@@ -3,9 +3,9 @@
 import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
 import { duration } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { adder, fencePicture, sketchLines, type Sketch } from '../layer';
-import { midpoint } from '../edit';
-import { homeEntry, sharedEntries, type TreeEntry } from '../list-entries';
+import { adder, fencePicture, sketchLines, type Sketch } from '../document/layer';
+import { midpoint } from '../document/edit';
+import { homeEntry, sharedEntries, type TreeEntry } from '../document/list-entries';
 import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
 import { geoPointOf, heightText, type Frame, type GeoPoint } from './positions';
 import type { Flight, StepTime } from './compiled-path';

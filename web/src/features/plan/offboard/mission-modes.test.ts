@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { canRemove, canSelect, deferralOf, deferralProblem, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
-import type { Finding } from '../fixes';
+import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
 
 const MODE: MissionMode = {

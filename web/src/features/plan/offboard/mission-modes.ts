@@ -2,7 +2,7 @@
 
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
-import type { Finding } from '../fixes';
+import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
 
 export type MissionMode = Readonly<components['schemas']['MissionModeStatus']>;

@@ -1,7 +1,7 @@
 /** The document of an offboard mission (`docs/missions.md`), and its steps as one tree. Pure. */
 
 import type { components } from '../../../api/schema';
-import type { PlannedHome, SharedParts } from '../document';
+import type { PlannedHome, SharedParts } from '../document/document';
 
 type Schemas = components['schemas'];
 type Wire = Schemas['OffboardMission'];

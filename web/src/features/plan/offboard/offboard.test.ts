@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
-import { PlanEditor } from '../editor.svelte';
-import type { Finding } from '../fixes';
+import { PlanEditor } from '../editor/editor.svelte';
+import type { Finding } from '../document/fixes';
 import { addCalled, addStep, addToBranch, insertPoint, nodeOf, movePoint, raisePoint, remove, reorder } from './edit';
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';

@@ -2,7 +2,7 @@
 
 import { fixed } from '../../../ui/format';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
-import type { PlannedHome } from '../document';
+import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Vector } from './mission';
 
 /** The mission's position on the earth. */

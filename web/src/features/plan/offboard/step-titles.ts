@@ -1,7 +1,7 @@
 /** Titles and details of a mission's steps, and the default values of new ones. Pure. */
 
 import { fixed } from '../../../ui/format';
-import type { PlannedHome } from '../document';
+import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 
 const TITLES: Readonly<Record<StepKind, string>> = {

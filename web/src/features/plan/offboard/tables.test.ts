@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { PlanApi } from '../api';
-import { PlanEditor } from '../editor.svelte';
+import { PlanEditor } from '../editor/editor.svelte';
 import { Plans } from '../plans.svelte';
 import { nodesOf, type Mission, type StepNode } from './mission';
 import { newMission, newStep } from './step-titles';

@@ -5,7 +5,7 @@ import type { GeoPosition } from '../../../vehicle/geo';
 import type { Problem } from '../../../api/problems';
 import type { MadePattern, PlanApi } from '../api';
 import { kindOf, type PlanKind } from '../document-kinds';
-import type { PlanEditor } from '../editor.svelte';
+import type { PlanEditor } from '../editor/editor.svelte';
 import type { FieldValue } from '../offboard/fields';
 import { shapePicture } from './pattern-layer';
 import * as shape from './shape';

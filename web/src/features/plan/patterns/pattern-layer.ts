@@ -1,7 +1,7 @@
 /** The shape that is being drawn, and the lines of its pattern, as a map layer. Pure. */
 
 import type { LayerLine, LayerPicture, LayerPoint } from '../../../app/map-layers.svelte';
-import { ringOf } from '../layer';
+import { ringOf } from '../document/layer';
 import type { MadePattern } from '../api';
 import { midpoints, pointId, type Rings, type ShapeKind, type ShapePoint } from './shape';
 

@@ -2,7 +2,7 @@
 
 import type { components } from '../../../api/schema';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { midpoint } from '../edit';
+import { midpoint } from '../document/edit';
 
 export type Pattern = components['schemas']['SurveyPattern'] | Others;
 type Others = components['schemas']['CorridorPattern' | 'PerimeterPattern' | 'OrbitPattern' | 'StructurePattern'];

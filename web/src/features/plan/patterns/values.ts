@@ -1,8 +1,8 @@
 /** The settings of patterns: their rows in the form, and the pattern in the API's format. Pure. */
 
 import type { GeoPosition } from '../../../vehicle/geo';
-import type { Altitude, Reference } from '../document';
-import { REFERENCE_CHOICES } from '../items';
+import type { Altitude, Reference } from '../document/document';
+import { REFERENCE_CHOICES } from '../document/items';
 import type { FieldValue, ShownField } from '../offboard/fields';
 import { PATTERNS, type Pattern, type PatternKind, type Rings } from './shape';
 

@@ -1,0 +1,166 @@
+/** The document of a waypoint plan (`docs/missions.md`) and the positions of its parts. */
+
+import type { components } from '../../../api/schema';
+import type { GeoPosition } from '../../../vehicle/geo';
+
+type Schemas = components['schemas'];
+
+export type Altitude = Readonly<Schemas['Altitude']>;
+export type Reference = Altitude['reference'];
+export type ItemKind = Schemas['Plan']['items'][number]['kind'];
+
+/** A mission item. Its other fields depend on `kind`; `fields.ts` finds them by name. */
+export interface Item {
+  readonly kind: ItemKind;
+  readonly lat_deg?: number;
+  readonly lon_deg?: number;
+  readonly altitude?: Altitude;
+  /** The items of a pattern from another program. */
+  readonly items?: readonly Item[];
+  readonly [field: string]: unknown;
+}
+
+export type PlacedItem = Item & GeoPosition & { readonly altitude: Altitude };
+export type PlannedHome = Readonly<Schemas['HomePosition']>;
+export type FenceCircle = Readonly<Schemas['FenceCircle']>;
+export type FencePolygon = Readonly<Omit<Schemas['FencePolygon'], 'polygon'>> & { readonly polygon: readonly GeoPosition[] };
+export type FenceZone = FenceCircle | FencePolygon;
+export type Obstacle = Readonly<Omit<Schemas['Obstacle'], 'polygon' | 'name'>> & { readonly name?: string; readonly polygon: readonly GeoPosition[] };
+export type RallyPoint = Readonly<Schemas['RallyPoint']>;
+
+/** Properties that waypoint plans and missions share. */
+export interface SharedParts {
+  readonly fence: readonly FenceZone[];
+  /** Missing in documents that were stored before plans had obstacles. */
+  readonly obstacles?: readonly Obstacle[];
+}
+
+export function obstaclesOf(document: SharedParts): readonly Obstacle[] {
+  return document.obstacles ?? [];
+}
+
+export type Plan = Readonly<Required<Omit<Schemas['Plan'], 'items' | 'fence' | 'rally_points' | 'obstacles'>>> &
+  SharedParts & {
+    readonly items: readonly Item[];
+    readonly rally_points: readonly RallyPoint[];
+  };
+
+export const EMPTY: Plan = {
+  format: 'offboard-gcs-plan',
+  version: 1,
+  planned_home: null,
+  cruise_speed_m_s: null,
+  hover_speed_m_s: null,
+  items: [],
+  fence: [],
+  obstacles: [],
+  rally_points: [],
+  original: null,
+};
+
+export const DEFAULT_ALTITUDE: Altitude = { value_m: 30, reference: 'home' };
+
+export function isPlaced(item: Item): item is PlacedItem {
+  return item.lat_deg !== undefined && item.lon_deg !== undefined && item.altitude !== undefined;
+}
+
+/** Items with a position that the camera looks at and the vehicle does not fly to. */
+export const LOOKED_AT: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
+
+export function isFlownTo(item: Item): item is PlacedItem {
+  return isPlaced(item) && !LOOKED_AT.has(item.kind);
+}
+
+/** A simple item with its row in the plan. All items of a pattern have the same row. */
+export interface RowItem {
+  readonly row: number;
+  readonly item: Item;
+}
+
+export function simpleItems(plan: Plan): RowItem[] {
+  return plan.items.flatMap((item, row) => (item.kind === 'complex' ? (item.items ?? []).map((inner) => ({ row, item: inner })) : [{ row, item }]));
+}
+
+/** The items that the vehicle flies through, in the order of their rows. Jumps are not followed. */
+export function path(plan: Plan): (RowItem & { item: PlacedItem })[] {
+  return simpleItems(plan).filter((one): one is RowItem & { item: PlacedItem } => isFlownTo(one.item));
+}
+
+/** Altitude above home [m]; null if it cannot be computed. */
+export function alt_home_m(altitude: Altitude, home: PlannedHome | null): number | null {
+  if (altitude.reference === 'home') return altitude.value_m;
+  const amsl_m = altitude.reference === 'amsl' ? altitude.value_m : (altitude.resolved_amsl_m ?? null);
+  return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;
+}
+
+/** Altitude AMSL [m]; an altitude above terrain that is not resolved counts from home. */
+export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
+  if (altitude.reference === 'amsl') return altitude.value_m;
+  return (altitude.reference === 'terrain' ? altitude.resolved_amsl_m : null) ?? home_amsl_m + altitude.value_m;
+}
+
+/**
+ * Ids of everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a corner of
+ * an obstacle, a rally point, home.
+ */
+export type PointId = `item:${number}` | `corner:${number}:${number}` | `circle:${number}` | `obstacle:${number}:${number}` | `rally:${number}` | 'home';
+
+export type PointRef =
+  | { readonly of: 'item'; readonly row: number }
+  | { readonly of: 'corner'; readonly zone: number; readonly corner: number }
+  | { readonly of: 'circle'; readonly zone: number }
+  | { readonly of: 'obstacle'; readonly index: number; readonly corner: number }
+  | { readonly of: 'rally'; readonly index: number }
+  | { readonly of: 'home' };
+
+export function refOf(id: string): PointRef | null {
+  const [of, first, second] = id.split(':');
+  const [a, b] = [Number(first), Number(second)];
+  if (of === 'item') return { of, row: a };
+  if (of === 'corner') return { of, zone: a, corner: b };
+  if (of === 'circle') return { of, zone: a };
+  if (of === 'obstacle') return { of, index: a, corner: b };
+  if (of === 'rally') return { of, index: a };
+  return of === 'home' ? { of } : null;
+}
+
+/** Position of the point with this id; null if it has none or no longer exists. */
+export function positionOf(plan: Plan, id: string): GeoPosition | null {
+  const ref = refOf(id);
+  if (ref === null) return null;
+  if (ref.of === 'item') {
+    const item = plan.items[ref.row];
+    return item !== undefined && isPlaced(item) ? item : null;
+  }
+  if (ref.of === 'home') return plan.planned_home;
+  if (ref.of === 'rally') return plan.rally_points[ref.index] ?? null;
+  return sharedPositionOf(plan, ref);
+}
+
+/** Position of a part of the geofence or of an obstacle; null: it is another part, or no longer exists. */
+export function sharedPositionOf(document: SharedParts, ref: PointRef | null): GeoPosition | null {
+  if (ref?.of === 'obstacle') return obstaclesOf(document)[ref.index]?.polygon[ref.corner] ?? null;
+  if (ref?.of !== 'corner' && ref?.of !== 'circle') return null;
+  const zone = document.fence[ref.zone];
+  if (ref.of === 'circle') return zone?.shape === 'circle' ? zone.center : null;
+  return zone?.shape === 'polygon' ? (zone.polygon[ref.corner] ?? null) : null;
+}
+
+/** All positions of the geofence and the obstacles. */
+export function sharedPositions(document: SharedParts): GeoPosition[] {
+  const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
+  return [...zones, ...obstaclesOf(document).flatMap((obstacle) => obstacle.polygon)];
+}
+
+/** All positions of the plan, to fit them into the view. */
+export function allPositions(plan: Plan): GeoPosition[] {
+  const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
+  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...sharedPositions(plan), ...plan.rally_points];
+}
+
+/** Altitude for a new item: that of the item before it. */
+export function altitudeBefore(plan: Plan, row: number): Altitude {
+  const before = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
+  const altitude = before?.altitude ?? DEFAULT_ALTITUDE;
+  return { value_m: altitude.value_m, reference: altitude.reference };
+}

@@ -1,0 +1,228 @@
+/** Edits of a waypoint plan. Pure: each function returns a new plan. */
+
+import type { LayerPosition } from '../../../app/map-layers.svelte';
+import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
+import {
+  isPlaced,
+  obstaclesOf,
+  refOf,
+  type Altitude,
+  type FenceZone,
+  type Item,
+  type Obstacle,
+  type Plan,
+  type PlannedHome,
+  type PointRef,
+  type RallyPoint,
+  type SharedParts,
+} from './document';
+
+function withReplaced<T>(list: readonly T[], index: number, next: T): T[] {
+  return list.map((one, i) => (i === index ? next : one));
+}
+
+function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
+  return { lat_deg, lon_deg };
+}
+
+/**
+ * Changes only these fields. An imported item keeps its text (`original`) with keys that this editor does not know; when
+ * the plan is written to a file, the changed values replace those in the text.
+ */
+export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
+  const item = plan.items[row];
+  return item === undefined ? plan : { ...plan, items: withReplaced(plan.items, row, { ...item, ...fields }) };
+}
+
+export function setZone<D extends SharedParts>(plan: D, zone: number, fields: Partial<FenceZone>): D {
+  const old = plan.fence[zone];
+  return old === undefined ? plan : { ...plan, fence: withReplaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
+}
+
+export function setObstacle<D extends SharedParts>(plan: D, index: number, fields: Partial<Obstacle>): D {
+  const old = obstaclesOf(plan)[index];
+  return old === undefined ? plan : { ...plan, obstacles: withReplaced(obstaclesOf(plan), index, { ...old, ...fields }) };
+}
+
+export function addObstacle<D extends SharedParts>(plan: D, obstacle: Obstacle): D {
+  return { ...plan, obstacles: [...obstaclesOf(plan), { ...obstacle, polygon: obstacle.polygon.map(latLon) }] };
+}
+
+/** Moves the point with this id. */
+export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
+  const ref = refOf(id);
+  const to = latLon(at);
+  if (ref === null) return plan;
+  if (ref.of === 'item') {
+    const item = plan.items[ref.row];
+    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to, altitude: unresolved(item.altitude) }) : plan;
+  }
+  if (ref.of === 'rally') {
+    const point = plan.rally_points[ref.index];
+    return point === undefined
+      ? plan
+      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
+  }
+  return moveShared(plan, id, at);
+}
+
+/** Limits of an altitude [m]. */
+export const ALTITUDE_M = { min: -12_000, max: 100_000 } as const;
+
+/** Raises an item or a rally point by a height [m]; other parts have no height. */
+export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
+  const ref = refOf(id);
+  const item = ref?.of === 'item' ? plan.items[ref.row] : undefined;
+  if (ref?.of === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: raised(item.altitude, by_m) });
+  const point = ref?.of === 'rally' ? plan.rally_points[ref.index] : undefined;
+  if (ref?.of !== 'rally' || point === undefined) return plan;
+  return { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: raised(point.altitude, by_m) } satisfies RallyPoint) };
+}
+
+function raised(altitude: Altitude, by_m: number): Altitude {
+  const value_m = Number(Math.max(ALTITUDE_M.min, Math.min(altitude.value_m + by_m, ALTITUDE_M.max)).toFixed(2));
+  const resolved_amsl_m = altitude.resolved_amsl_m ?? null;
+  return resolved_amsl_m === null ? { ...altitude, value_m } : { ...altitude, value_m, resolved_amsl_m: resolved_amsl_m + value_m - altitude.value_m };
+}
+
+/** Removes the resolved terrain altitude, because the terrain differs at another position. */
+function unresolved(altitude: Altitude): Altitude {
+  return altitude.reference === 'terrain' ? { ...altitude, resolved_amsl_m: null } : altitude;
+}
+
+/** Moves home, a part of the geofence, or a corner of an obstacle. */
+export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPosition): D {
+  const ref = refOf(id);
+  const to = latLon(at);
+  if (ref?.of === 'home') {
+    const field = 'planned_home' in plan ? 'planned_home' : 'home';
+    const home = (plan as Readonly<Record<string, unknown>>)[field] as PlannedHome | null | undefined;
+    return home == null ? plan : { ...plan, [field]: { ...home, ...to } };
+  }
+  if (ref?.of === 'obstacle') {
+    const obstacle = obstaclesOf(plan)[ref.index];
+    return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: withReplaced(obstacle.polygon, ref.corner, to) });
+  }
+  if (ref?.of !== 'corner' && ref?.of !== 'circle') return plan;
+  const zone = plan.fence[ref.zone];
+  if (zone?.shape === 'circle' && ref.of === 'circle') return setZone(plan, ref.zone, { center: to });
+  if (zone?.shape === 'polygon' && ref.of === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, to) });
+  return plan;
+}
+
+export function insertItem(plan: Plan, row: number, item: Item): Plan {
+  return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
+}
+
+/** Items that end the flight: no item is added after them. */
+export const FLIGHT_ENDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_home']);
+
+/** The row after the selected ones, else at the end, but before a final landing or return. */
+export function rowToInsert(plan: Plan, selected: readonly string[]): number {
+  const { items } = plan;
+  const last = items.at(-1);
+  const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;
+  const rows = selected.flatMap((id) => ((ref) => (ref?.of === 'item' ? [ref.row] : []))(refOf(id)));
+  return rows.length > 0 ? Math.min(Math.max(...rows) + 1, end) : end;
+}
+
+/** Inserts several items, for example those of a pattern; jumps keep their targets. */
+export function insertItems(plan: Plan, row: number, items: readonly Item[]): Plan {
+  const { length } = items;
+  const shifted = shiftJumps(plan, (target) => (target >= row ? target + length : target));
+  return { ...shifted, items: [...shifted.items.slice(0, row), ...items, ...shifted.items.slice(row)] };
+}
+
+export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, at: GeoPosition): D {
+  const old = plan.fence[zone];
+  if (old?.shape !== 'polygon') return plan;
+  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
+}
+
+export function insertObstacleCorner<D extends SharedParts>(plan: D, index: number, corner: number, at: GeoPosition): D {
+  const old = obstaclesOf(plan)[index];
+  if (old === undefined) return plan;
+  return setObstacle(plan, index, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
+}
+
+/** The midpoint, for a point that is inserted there. */
+export function midpoint(a: LayerPosition, b: LayerPosition): LayerPosition {
+  const { east_m, north_m } = eastNorth(a, b);
+  const at = positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
+  return a.alt_amsl_m === undefined || b.alt_amsl_m === undefined ? at : { ...at, alt_amsl_m: (a.alt_amsl_m + b.alt_amsl_m) / 2 };
+}
+
+/** Removes the selected parts. A polygon with fewer than three remaining corners is removed completely. */
+export function remove(plan: Plan, ids: readonly string[]): Plan {
+  const refs = ids.flatMap((id) => refOf(id) ?? []);
+  const rows = new Set(refs.flatMap((ref) => (ref.of === 'item' ? [ref.row] : [])));
+  const rallies = new Set(refs.flatMap((ref) => (ref.of === 'rally' ? [ref.index] : [])));
+  const kept = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
+  const next = {
+    ...removeShared(plan, ids),
+    items: plan.items.filter((_, row) => !rows.has(row)),
+    rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
+  };
+  // A jump to a removed item goes to the item after it.
+  return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
+}
+
+/** Removes home, corners and circles of the geofence, and corners of obstacles. */
+export function removeShared<D extends SharedParts>(plan: D, ids: readonly string[]): D {
+  const refs = ids.flatMap((id) => refOf(id) ?? []);
+  const circles = new Set(refs.flatMap((ref) => (ref.of === 'circle' ? [ref.zone] : [])));
+  const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
+    if (circles.has(index)) return [];
+    if (zone.shape === 'circle') return [zone];
+    return withoutCorners(zone, (ref, corner) => ref.of === 'corner' && ref.zone === index && ref.corner === corner, refs);
+  });
+  const obstacles = obstaclesOf(plan).flatMap((obstacle, index) =>
+    withoutCorners(obstacle, (ref, corner) => ref.of === 'obstacle' && ref.index === index && ref.corner === corner, refs),
+  );
+  const home = refs.some((ref) => ref.of === 'home') ? { ['planned_home' in plan ? 'planned_home' : 'home']: null } : {};
+  return { ...plan, ...home, fence, ...(obstaclesOf(plan).length === 0 ? {} : { obstacles }) };
+}
+
+/** The polygon without the selected corners; none if fewer than three remain. */
+function withoutCorners<P extends { readonly polygon: readonly GeoPosition[] }>(
+  part: P,
+  isCorner: (ref: PointRef, corner: number) => boolean,
+  refs: readonly PointRef[],
+): P[] {
+  const polygon = part.polygon.filter((_, corner) => !refs.some((ref) => isCorner(ref, corner)));
+  return polygon.length === part.polygon.length ? [part] : polygon.length < 3 ? [] : [{ ...part, polygon }];
+}
+
+export function removeObstacle<D extends SharedParts>(plan: D, index: number): D {
+  return { ...plan, obstacles: obstaclesOf(plan).filter((_, i) => i !== index) };
+}
+
+export function removeZone<D extends SharedParts>(plan: D, zone: number): D {
+  return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
+}
+
+/** Moves the rows, in their order, before another row of the present plan. */
+export function reorder(plan: Plan, rows: readonly number[], before: number): { plan: Plan; rows: number[] } {
+  const chosen = new Set(rows);
+  const order = plan.items.map((_, row) => row);
+  const head = order.filter((row) => row < before && !chosen.has(row));
+  const tail = order.filter((row) => row >= before && !chosen.has(row));
+  const moved = order.filter((row) => chosen.has(row));
+  const next = [...head, ...moved, ...tail];
+  const items = next.flatMap((row) => plan.items[row] ?? []);
+  const result = shiftJumps({ ...plan, items }, (target) => (next.includes(target) ? next.indexOf(target) : target));
+  return { plan: result, rows: moved.map((row) => next.indexOf(row)) };
+}
+
+/**
+ * Adapts the target indexes of jumps when rows are inserted, removed or moved. Plans with patterns count items
+ * differently and are not changed.
+ */
+function shiftJumps(plan: Plan, to: (target: number) => number, inserted = -1): Plan {
+  if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;
+  const items = plan.items.map((item, row) => {
+    const target = item['target_index'];
+    return item.kind === 'jump' && row !== inserted && typeof target === 'number' ? { ...item, target_index: to(target) } : item;
+  });
+  return { ...plan, items };
+}

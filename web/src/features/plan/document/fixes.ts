@@ -1,0 +1,104 @@
+/** Fixes that the page can make for a finding. Pure: returns a changed plan, or null if a person has to decide. */
+
+import type { components } from '../../../api/schema';
+import { DEFAULT_ALTITUDE, isPlaced, path, type PlannedHome, type Plan } from './document';
+import { insertItem, remove, removeObstacle, removeZone, reorder, setItem } from './edit';
+import { newItem } from './items';
+
+export type Finding = Readonly<components['schemas']['FindingModel']>;
+
+export interface Fix<D = Plan> {
+  /** Text of the button. */
+  readonly text: string;
+  readonly plan: D;
+}
+
+/** The speed in a speed change that means the vehicle's own. */
+const OWN_SPEED = -2;
+
+/** @param home home of the vehicle; null if it is not known. */
+export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): Fix | null {
+  const { row, zone, obstacle } = finding.place;
+  const item = row === null ? undefined : plan.items[row];
+  switch (finding.code) {
+    case 'home_missing':
+      return home === null ? null : { text: 'Use the vehicle’s home', plan: { ...plan, planned_home: home } };
+    case 'takeoff_missing':
+      return takeoff(plan);
+    case 'takeoff_not_first': {
+      const first = plan.items.findIndex((one) => one.kind === 'takeoff');
+      return first <= 0 ? null : { text: 'Move the take-off to the beginning', plan: reorder(plan, [first], 0).plan };
+    }
+    case 'landing_missing':
+      return landing(plan);
+    case 'takeoff_landing_mismatch':
+      return plan.items.some((one) => one.kind === 'takeoff') ? landing(plan) : takeoff(plan);
+    case 'takeoff_too_low':
+      return height(plan, finding, 'Climb');
+    case 'altitude_too_high':
+    case 'altitude_fence':
+      return height(plan, finding, 'Lower');
+    case 'speed_too_high':
+      return speed(plan, finding);
+    case 'speed_invalid':
+      return row === null ? null : { text: 'Fly at the vehicle’s own speed', plan: setItem(plan, row, { speed_m_s: OWN_SPEED }) };
+    case 'endurance_endless': {
+      const endless = plan.items.findIndex((one) => one.kind === 'jump' && Number(one['repeat']) < 0);
+      return endless < 0 ? null : { text: `Repeat step ${endless + 1} once`, plan: setItem(plan, endless, { repeat: 1 }) };
+    }
+    case 'jump_endless':
+      return item?.kind === 'jump' && row !== null ? { text: 'Repeat once', plan: setItem(plan, row, { repeat: 1 }) } : null;
+    case 'items_never_reached': {
+      const after = row === null ? [] : plan.items.flatMap((_, i) => (i > row ? [`item:${i}`] : []));
+      return row === null || after.length === 0 ? null : { text: `Delete the steps after step ${row + 1}`, plan: remove(plan, after) };
+    }
+    case 'complex_without_items':
+    case 'command_refused':
+    case 'vtol_item':
+    case 'jump_target_missing':
+    case 'jump_stalls':
+      return row === null || item === undefined ? null : { text: `Delete step ${row + 1}`, plan: remove(plan, [`item:${row}`]) };
+    case 'fence_invalid':
+      return zone === null ? null : { text: 'Delete this fence', plan: removeZone(plan, zone) };
+    case 'obstacle_invalid':
+      return obstacle === null ? null : { text: 'Delete this obstacle', plan: removeObstacle(plan, obstacle) };
+    default:
+      return null;
+  }
+}
+
+/** Adds a take-off at the plan's start, to the altitude of its first point. */
+function takeoff(plan: Plan): Fix | null {
+  const first = path(plan)[0]?.item;
+  const at = plan.planned_home ?? first;
+  if (at === undefined || at === null) return null;
+  return { text: 'Take off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
+}
+
+/** Adds a landing at home, else at the last point; null if the plan already ends by a return or an unlimited loiter. */
+function landing(plan: Plan): Fix | null {
+  const last = plan.items.at(-1);
+  const at = plan.planned_home ?? path(plan).at(-1)?.item;
+  if (at === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
+  const text = plan.planned_home == null ? 'Land at the last point' : 'Land at home at the end';
+  return { text, plan: insertItem(plan, plan.items.length, newItem('land', at, DEFAULT_ALTITUDE)) };
+}
+
+/** Sets an item's altitude to the number that it was checked against. */
+function height(plan: Plan, { limit, place: { row } }: Finding, verb: string): Fix | null {
+  const item = row === null ? undefined : plan.items[row];
+  if (item === undefined || row === null || limit === null || !isPlaced(item)) return null;
+  return { text: `${verb} to ${numberText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
+}
+
+/** Sets a speed to the vehicle's maximum: that of an item, or the plan's. */
+function speed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
+  if (limit === null) return null;
+  const text = `Fly at ${numberText(limit)} m/s`;
+  return { text, plan: row === null ? { ...plan, hover_speed_m_s: limit } : setItem(plan, row, { speed_m_s: limit }) };
+}
+
+/** A limit with at most one decimal. */
+export function numberText(value: number): string {
+  return String(Number(value.toFixed(1)));
+}

@@ -1,0 +1,252 @@
+/**
+ * Every field of every mission item: initial value, label, bounds, and texts instead of code numbers. The types require
+ * an entry for each field of the API's items. Meanings: the MAVLink common message set and PX4 v1.16. Pure.
+ */
+
+import type { components } from '../../../api/schema';
+import type { Item, ItemKind } from './document';
+
+type ApiItem = components['schemas']['Plan']['items'][number];
+/** Kinds with fields of their own; `command` and `complex` are kept unchanged. */
+export type SimpleKind = Exclude<ItemKind, 'command' | 'complex'>;
+type Shared = 'kind' | 'autocontinue' | 'spare_params' | 'original' | 'lat_deg' | 'lon_deg' | 'altitude';
+type OwnField<K extends SimpleKind> = Exclude<keyof Extract<ApiItem, { kind: K }>, Shared>;
+
+export interface FieldSpec {
+  /** Value in a new item; null is sent as NaN. */
+  readonly initial: number | null;
+  /** null: the field is not shown and is kept unchanged. */
+  readonly label: string | null;
+  readonly min?: number;
+  readonly max?: number;
+  readonly step?: number;
+  /** Only whole numbers. */
+  readonly whole?: boolean;
+  /** The field may be empty; this text then describes what applies. */
+  readonly placeholder?: string;
+  /** Texts of the code numbers. */
+  readonly options?: Readonly<Record<string, string>>;
+  /** Unit, if the name of the field does not give it. */
+  readonly unit?: (item: Item) => string;
+  /** Whether the field applies, depending on the other fields. */
+  readonly when?: (item: Item) => boolean;
+}
+
+type More = Omit<FieldSpec, 'initial' | 'label'>;
+
+const field = (initial: number | null, label: string, more: More = {}): FieldSpec => ({ initial, label, ...more });
+/** Unused by PX4 on a multicopter. */
+const hidden = (initial: number | null): FieldSpec => ({ initial, label: null });
+const choice = (initial: number, label: string, options: Readonly<Record<string, string>>, more: More = {}): FieldSpec => ({
+  initial,
+  label,
+  options,
+  ...more,
+});
+const isOneOf =
+  (name: string, ...values: readonly number[]) =>
+  (item: Item): boolean =>
+    values.includes(Number(item[name]));
+
+const WHOLE_ID = { min: 0, max: 255, whole: true };
+const camera = field(0, 'Camera (0: all)', WHOLE_ID);
+const gimbal = field(0, 'Gimbal (0: all)', WHOLE_ID);
+const stream = field(0, 'Video stream (0: all)', WHOLE_ID);
+const shutter = field(0, 'Shutter time (0: the camera’s)', { min: -1 });
+const hold = (initial: number) => field(initial, 'Hold for', { min: 0 });
+const yaw = field(null, 'Yaw from north', { placeholder: 'autopilot' });
+const ANGLE = { min: -360, max: 360 };
+const WHOLE_ANGLE = { min: -180, max: 180, whole: true };
+const UNCHANGED = { placeholder: 'unchanged' };
+
+const YES_NO = { 0: 'no', 1: 'yes' };
+const YES_NO_UNCHANGED = { ...YES_NO, '-1': 'unchanged' };
+const VIDEO = { 0: 'off', 1: 'compressed', 2: 'raw' };
+const CAMERA_MODES = { 0: 'pictures', 1: 'video', 2: 'survey pictures' };
+const ZOOM_TYPES = { 0: 'step', 1: 'continuous', 2: 'percent of the range', 3: 'focal length', 4: 'field of view' };
+const FOCUS_TYPES = {
+  0: 'step',
+  1: 'continuous',
+  2: 'percent of the range',
+  3: 'distance',
+  4: 'automatic',
+  5: 'automatic, once',
+  6: 'automatic, continuous',
+};
+const MOUNT_MODES = { 0: 'retract', 1: 'neutral', 2: 'angles', 3: 'RC control', 4: 'position', 5: 'follow a system', 6: 'home' };
+const WINCH_ACTIONS = {
+  0: 'relax',
+  1: 'move by a length',
+  2: 'move at a rate',
+  3: 'lock',
+  4: 'deliver',
+  5: 'hold',
+  6: 'retract',
+  7: 'load line',
+  8: 'abandon line',
+  9: 'load payload',
+};
+const OWNER = { '-2': 'the vehicle', '-1': 'unchanged', 0: 'nobody' };
+const SYSTEMS = { ...OWNER, 1: 'system 1', 255: 'ground station (255)' };
+const COMPONENTS = { ...OWNER, 1: 'autopilot (1)', 190: 'ground station (190)', 191: 'onboard computer (191)' };
+/** Sums of GIMBAL_MANAGER_FLAGS: 4 roll lock, 8 pitch lock, 16 yaw lock. */
+const GIMBAL_FLAGS = { 0: 'vehicle', 12: 'vehicle, level', 16: 'north', 28: 'north, level' };
+
+export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnField<K>]-?: FieldSpec } } = {
+  takeoff: { pitch_deg: hidden(0), yaw_ned_deg: yaw },
+  waypoint: {
+    hold_s: hold(0),
+    acceptance_radius_m: field(0, 'Acceptance radius', { min: 0 }),
+    pass_radius_m: field(0, 'Pass radius'),
+    yaw_ned_deg: yaw,
+  },
+  loiter_unlimited: { radius_m: hidden(0), yaw_ned_deg: yaw },
+  loiter_time: { hold_s: hold(10), radius_m: hidden(0), exit_xtrack: hidden(0) },
+  loiter_to_altitude: { leave_towards_next: hidden(0), radius_m: hidden(0), exit_xtrack: hidden(0) },
+  land: {
+    abort_altitude_m: hidden(0),
+    precision: choice(0, 'Precision landing', { 0: 'off', 1: 'if a target is visible', 2: 'required' }),
+    yaw_ned_deg: yaw,
+  },
+  roi_location: { gimbal_id: gimbal },
+  // With a position PX4 accepts only these two modes.
+  roi: { mode: choice(3, 'Mode', { 3: 'look at the position', 0: 'clear' }), target: hidden(0), index: hidden(0) },
+  gate: { geometry: hidden(0), use_altitude: hidden(0) },
+  return_home: {},
+  delay: {
+    delay_s: field(5, 'Wait for', { min: -1 }),
+    hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
+    minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
+    second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
+  },
+  jump: {
+    target_index: field(0, 'From step', { min: 1, max: 100_001, whole: true }),
+    repeat: field(1, 'Repeats (−1: endless)', { min: -1, max: 65_535, whole: true }),
+  },
+  change_speed: {
+    speed_type: choice(1, 'Speed type', { 1: 'ground speed', 2: 'climb speed', 3: 'descent speed', 0: 'airspeed' }),
+    speed_m_s: field(5, 'Speed', { min: -2, max: 1000 }),
+    throttle_percent: hidden(-1),
+  },
+  // PX4 accepts only the vehicle's position.
+  set_home: { use_current: choice(1, 'New home', { 1: 'vehicle’s position' }, { when: (item) => item['use_current'] !== 1 }) },
+  land_start: {},
+  roi_next_waypoint: {
+    gimbal_id: gimbal,
+    pitch_offset_deg: field(0, 'Pitch offset', WHOLE_ANGLE),
+    roll_offset_deg: field(0, 'Roll offset', WHOLE_ANGLE),
+    yaw_offset_deg: field(0, 'Yaw offset', ANGLE),
+  },
+  roi_none: { gimbal_id: gimbal },
+  set_servo: { servo: field(1, 'Servo', WHOLE_ID), pulse_us: field(1500, 'Pulse width', { min: 0, max: 65_535 }) },
+  set_actuator: {
+    actuator_1: field(null, 'Actuator 1, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
+    actuator_2: field(null, 'Actuator 2, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
+    actuator_3: field(null, 'Actuator 3, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
+    actuator_4: field(null, 'Actuator 4, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
+    // PX4 has the set 0 only.
+    set_index: field(0, 'Actuator set', { ...WHOLE_ID, when: (item) => item['set_index'] !== 0 }),
+  },
+  gripper: { gripper: field(1, 'Gripper', { ...WHOLE_ID, min: 1 }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
+  winch: {
+    winch: field(1, 'Winch', { ...WHOLE_ID, min: 1 }),
+    action: choice(4, 'Action', WINCH_ACTIONS),
+    length_m: field(0, 'Line out (negative: in)', { when: isOneOf('action', 1) }),
+    rate_m_s: field(0, 'Rate out (negative: in)', { when: isOneOf('action', 1, 2) }),
+  },
+  trigger_distance: {
+    distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
+    shutter_ms: shutter,
+    at_once: choice(1, 'First picture', { 1: 'immediately', 0: 'after the distance' }),
+    camera,
+  },
+  trigger_interval: { interval_ms: field(1000, 'Time between pictures', { min: -1 }), shutter_ms: shutter, camera },
+  trigger_control: {
+    enable: choice(1, 'Trigger', { 1: 'start', 0: 'stop', '-1': 'unchanged' }),
+    reset: choice(0, 'Restart the sequence', YES_NO_UNCHANGED),
+    pause: choice(0, 'Pause', YES_NO_UNCHANGED),
+    camera,
+  },
+  photo_start: {
+    interval_s: field(0, 'Interval', { min: 0 }),
+    count: field(1, 'Pictures (0: until stopped)', { min: 0, whole: true }),
+    camera,
+    sequence: hidden(0),
+  },
+  photo_stop: { camera },
+  video_start: { stream, status_hz: field(0, 'Status messages (0: none)', { min: 0 }), camera },
+  video_stop: { stream, camera },
+  camera_mode: { mode: choice(0, 'Mode', CAMERA_MODES), camera },
+  camera_zoom: {
+    zoom_type: choice(2, 'Zoom by', ZOOM_TYPES),
+    value: field(0, 'Zoom', { unit: (item) => ({ 2: '%', 3: 'mm', 4: '°' })[Number(item['zoom_type'])] ?? '' }),
+    camera,
+  },
+  camera_focus: {
+    focus_type: choice(4, 'Focus by', FOCUS_TYPES),
+    value: field(0, 'Focus', { when: isOneOf('focus_type', 0, 1, 2, 3), unit: (item) => ({ 2: '%', 3: 'm' })[Number(item['focus_type'])] ?? '' }),
+    camera,
+  },
+  control_video: {
+    transmission: choice(0, 'Transmission', VIDEO),
+    interval_s: field(0, 'Pictures every (0: video)', { min: 0 }),
+    recording: choice(1, 'Recording', VIDEO),
+    camera,
+  },
+  digicam: {
+    shoot: choice(1, 'Take a picture', YES_NO),
+    shot_id: choice(0, 'Test picture, not counted', YES_NO),
+    session: hidden(0),
+    zoom: hidden(0),
+    zoom_step: hidden(0),
+    focus_lock: hidden(0),
+    command_id: hidden(0),
+  },
+  oblique_survey: {
+    distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
+    interval_ms: field(0, 'Minimum time between pictures', { min: 0, whole: true }),
+    positions: field(3, 'Camera positions', { min: 0, max: 100, whole: true }),
+    roll_deg: field(30, 'Roll to each side', WHOLE_ANGLE),
+    pitch_deg: field(-90, 'Pitch', WHOLE_ANGLE),
+    shutter_ms: shutter,
+  },
+  gimbal_pitch_yaw: {
+    pitch_deg: field(-90, 'Pitch', { ...ANGLE, ...UNCHANGED }),
+    yaw_deg: field(0, 'Yaw', { ...ANGLE, ...UNCHANGED }),
+    flags: choice(0, 'Angles relative to', GIMBAL_FLAGS),
+    pitch_rate_deg_s: field(null, 'Pitch rate', { placeholder: 'gimbal’s' }),
+    yaw_rate_deg_s: field(null, 'Yaw rate', { placeholder: 'gimbal’s' }),
+    gimbal_id: gimbal,
+  },
+  gimbal_configure: {
+    primary_system: choice(-2, 'Primary control, system', SYSTEMS),
+    primary_component: choice(-2, 'Primary control, component', COMPONENTS),
+    secondary_system: choice(0, 'Secondary control, system', SYSTEMS),
+    secondary_component: choice(0, 'Secondary control, component', COMPONENTS),
+    gimbal_id: gimbal,
+  },
+  mount_configure: {
+    mode: choice(2, 'Mode', MOUNT_MODES),
+    stabilize_roll: choice(1, 'Stabilize roll', YES_NO),
+    stabilize_pitch: choice(1, 'Stabilize pitch', YES_NO),
+    stabilize_yaw: choice(0, 'Stabilize yaw', YES_NO),
+  },
+  mount_control: {
+    mode: choice(2, 'Mode', MOUNT_MODES),
+    pitch_deg: field(0, 'Pitch', ANGLE),
+    roll_deg: field(0, 'Roll', ANGLE),
+    yaw_deg: field(0, 'Yaw', ANGLE),
+  },
+};
+
+/** The fields of a kind in the order of the editor; none for items that are kept unchanged. */
+export function specsOf(kind: ItemKind): [string, FieldSpec][] {
+  return Object.entries((ITEM_FIELDS as Readonly<Partial<Record<ItemKind, Readonly<Record<string, FieldSpec>>>>>)[kind] ?? {});
+}
+
+/** Text of a code number; null if the field has no texts. */
+export function optionText(item: Item, name: string): string | null {
+  const options = specsOf(item.kind).find(([field]) => field === name)?.[1].options;
+  const value = item[name];
+  return options === undefined ? null : (options[String(value)] ?? (typeof value === 'number' ? `other (${value})` : 'not set'));
+}

@@ -1,0 +1,108 @@
+import { describe, expect, it } from 'vitest';
+import schema from '../../../api/schema.d.ts?raw';
+import type { Item, ItemKind } from './document';
+import { fieldsOf, toDocument } from './fields';
+import { ITEM_FIELDS, specsOf } from './item-fields';
+import { CHOICES, detailOf, needsPosition, newItem, titleOf } from './items';
+
+const AT = { lat_deg: 47.4, lon_deg: 8.5 };
+const ALTITUDE = { value_m: 30, reference: 'home' } as const;
+const SHARED = ['kind', 'autocontinue', 'spare_params', 'original', 'lat_deg', 'lon_deg', 'altitude'];
+/** PX4 v1.16 ends the upload of a mission with one of these. */
+const REFUSED = ['set_servo', 'camera_zoom'];
+
+/** The mission items of the API: kind and fields of each schema that has `spare_params`. */
+const API_ITEMS = new Map(
+  schema.split(/\n {8}(?=readonly \w+: \{\n)/).flatMap((part): [string, string[]][] => {
+    const fields = [...part.matchAll(/^ {12}readonly (\w+)\??: /gm)].map((match) => match[1] ?? '');
+    const kind = /^ {12}readonly kind: "(\w+)";/m.exec(part)?.[1];
+    return kind === undefined || !fields.includes('spare_params') ? [] : [[kind, fields]];
+  }),
+);
+const KINDS = [...API_ITEMS.keys()] as ItemKind[];
+const ADDED = CHOICES.flatMap(({ kinds }) => kinds);
+const added = (kind: ItemKind): Item => newItem(kind, needsPosition(kind) ? AT : null, ALTITUDE);
+
+describe('the kinds of mission items', () => {
+  it('are those of the API, each with its fields in the editor', () => {
+    expect(KINDS.length).toBeGreaterThanOrEqual(38);
+    expect(Object.keys(ITEM_FIELDS).sort()).toEqual([...KINDS].sort());
+    for (const [kind, fields] of API_ITEMS) {
+      const own = fields.filter((field) => !SHARED.includes(field));
+      expect([kind, ...specsOf(kind as ItemKind).map(([name]) => name)].sort()).toEqual([kind, ...own].sort());
+    }
+  });
+  it('have different titles', () => {
+    const titles = KINDS.map((kind) => titleOf({ kind }));
+    for (const title of titles) expect(title).toMatch(/^[A-Z][^_]+$/);
+    expect(new Set(titles).size).toBe(titles.length);
+  });
+  it('can each be added once, except those that PX4 refuses', () => {
+    expect([...ADDED].sort()).toEqual(KINDS.filter((kind) => !REFUSED.includes(kind)).sort());
+  });
+  it('need a position exactly if the API requires one', () => {
+    expect(KINDS.filter(needsPosition).sort()).toEqual(KINDS.filter((kind) => API_ITEMS.get(kind)?.includes('lat_deg')).sort());
+  });
+  it('are added with all their fields', () => {
+    for (const kind of ADDED) expect(Object.keys(added(kind)).sort()).toEqual([...(API_ITEMS.get(kind) ?? [])].sort());
+    expect(added('land').altitude?.value_m).toBe(0);
+    expect(added('loiter_to_altitude').altitude?.value_m).toBe(30);
+  });
+  it('have a label for each shown field, and a text for each code number of a new item', () => {
+    for (const kind of KINDS) {
+      const rows = fieldsOf(added(kind));
+      for (const row of rows) {
+        expect(row.label).toMatch(/^[A-Z][^_]+$/);
+        if (row.of === 'choice') expect(row.options?.find(({ value }) => value === row.value)?.text).toMatch(/^(?!other|not set)/);
+      }
+      expect(new Set(rows.map(({ label }) => label)).size).toBe(rows.length);
+    }
+  });
+});
+
+describe('the fields of an item', () => {
+  const labels = (item: Item) => fieldsOf(item).map(({ label, unit, placeholder }) => `${label} [${unit}]${placeholder === undefined ? '' : '?'}`);
+  const field = (item: Item, name: string) => fieldsOf(item).find((row) => row.name === name);
+
+  it('have units, and may be empty if the autopilot then decides', () => {
+    expect(labels(added('waypoint'))).toEqual(['Hold for [s]', 'Acceptance radius [m]', 'Pass radius [m]', 'Yaw from north [°]?']);
+    expect(field(added('gimbal_pitch_yaw'), 'pitch_rate_deg_s')).toMatchObject({ unit: '°/s', value: null, placeholder: 'gimbal’s' });
+  });
+  it('offer texts instead of code numbers', () => {
+    const climb: Item = { ...added('change_speed'), speed_type: 2 };
+    expect(field(climb, 'speed_type')).toMatchObject({ of: 'choice', value: '2' });
+    expect(detailOf(climb)).toBe('climb speed · 5.0 m/s');
+    expect(toDocument(climb, 'speed_type', '3')).toBe(3);
+  });
+  it('keep a code number of a file that has no text', () => {
+    const row = field({ ...added('roi'), mode: 1 }, 'mode');
+    expect(row?.value).toBe('1');
+    expect(row?.options?.at(-1)).toEqual({ value: '1', text: 'other (1)' });
+    const empty = field({ ...added('gripper'), action: null }, 'action');
+    expect(empty?.options?.at(-1)).toEqual({ value: 'null', text: 'not set' });
+    expect(toDocument(added('gripper'), 'action', 'null')).toBeNull();
+  });
+  it('appear only if they apply', () => {
+    expect(labels({ ...added('winch'), action: 1 })).toEqual(['Winch []', 'Action []', 'Line out (negative: in) [m]', 'Rate out (negative: in) [m/s]']);
+    expect(labels({ ...added('winch'), action: 4 })).toEqual(['Winch []', 'Action []']);
+    expect(labels(added('delay'))).toEqual(['Wait for [s]']);
+    expect(labels({ ...added('delay'), delay_s: -1 })).toHaveLength(4);
+    expect(labels(added('set_home'))).toEqual([]);
+    expect(labels({ ...added('set_home'), use_current: 0 })).toEqual(['New home []']);
+  });
+  it('have the unit of the chosen type', () => {
+    expect(field({ ...added('camera_focus'), focus_type: 3 }, 'value')?.unit).toBe('m');
+    expect(field({ ...added('camera_focus'), focus_type: 4 }, 'value')).toBeUndefined();
+    expect(field({ ...added('camera_zoom'), zoom_type: 2 }, 'value')?.unit).toBe('%');
+  });
+  it('count steps from 1 on the page', () => {
+    const jump: Item = { ...added('jump'), target_index: 2 };
+    expect(field(jump, 'target_index')?.value).toBe(3);
+    expect(toDocument(jump, 'target_index', 3)).toBe(2);
+    expect(toDocument(jump, 'repeat', 1.6)).toBe(2);
+  });
+  it('of an item of another program are kept unchanged and not shown', () => {
+    expect(fieldsOf({ kind: 'command', command: 17, frame: 2 })).toEqual([]);
+    expect(titleOf({ kind: 'command', command: 17 })).toBe('MAV_CMD 17');
+  });
+});

@@ -1,0 +1,159 @@
+/** Titles and details of a plan's items, and the kinds that can be added. Pure. */
+
+import { fixed } from '../../../ui/format';
+import type { GeoPosition } from '../../../vehicle/geo';
+import { isPlaced, LOOKED_AT, type Altitude, type Item, type ItemKind, type Reference } from './document';
+import { optionText, specsOf, type SimpleKind } from './item-fields';
+
+const TITLES: Readonly<Record<ItemKind, string>> = {
+  takeoff: 'Take off',
+  waypoint: 'Waypoint',
+  loiter_time: 'Hold',
+  loiter_unlimited: 'Hold until continued',
+  loiter_to_altitude: 'Climb or descend',
+  gate: 'Gate',
+  change_speed: 'Change speed',
+  land: 'Land',
+  return_home: 'Return',
+  photo_start: 'Take pictures',
+  photo_stop: 'Stop taking pictures',
+  trigger_distance: 'Picture every …',
+  trigger_interval: 'Time between pictures',
+  trigger_control: 'Camera trigger',
+  oblique_survey: 'Oblique pictures every …',
+  video_start: 'Start video',
+  video_stop: 'Stop video',
+  camera_mode: 'Camera mode',
+  camera_focus: 'Camera focus',
+  camera_zoom: 'Camera zoom',
+  gimbal_pitch_yaw: 'Gimbal angles',
+  roi_location: 'Look at a point',
+  roi_next_waypoint: 'Look at the next waypoint',
+  roi_none: 'Clear region of interest',
+  gimbal_configure: 'Gimbal control',
+  gripper: 'Gripper',
+  winch: 'Winch',
+  set_actuator: 'Set actuators',
+  set_servo: 'Set servo',
+  delay: 'Wait',
+  jump: 'Repeat from',
+  set_home: 'Set home here',
+  land_start: 'Landing sequence start',
+  roi: 'Region of interest (older command)',
+  mount_configure: 'Gimbal mode (older command)',
+  mount_control: 'Gimbal angles (older command)',
+  control_video: 'Video (older command)',
+  digicam: 'Take a picture (older command)',
+  command: 'Other command',
+  complex: 'Pattern',
+};
+
+const REFERENCES: Readonly<Record<Reference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
+
+export const REFERENCE_CHOICES = (Object.keys(REFERENCES) as Reference[]).map((value) => ({ value, text: REFERENCES[value] }));
+
+export function altitudeText(altitude: Altitude): string {
+  return `${fixed(altitude.value_m, 1)} m ${REFERENCES[altitude.reference]}`;
+}
+
+export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
+  if (item.kind === 'complex') return `Pattern (${String(item['complex_type'])})`;
+  if (item.kind === 'trigger_distance' && item['distance_m'] === 0) return 'Stop taking pictures';
+  if (item.kind === 'command') return `MAV_CMD ${String(item['command'])}`;
+  return TITLES[item.kind];
+}
+
+const number = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
+
+/** Choices that the text below the title states. */
+const DETAILS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
+  change_speed: ['speed_type'],
+  trigger_control: ['enable'],
+  camera_mode: ['mode'],
+  camera_focus: ['focus_type'],
+  camera_zoom: ['zoom_type'],
+  gripper: ['action'],
+  winch: ['action'],
+  mount_configure: ['mode'],
+};
+
+/** Text below the title. */
+export function detailOf(item: Item): string {
+  const parts: string[] = [];
+  const add = (field: string, words: (value: number) => string): void => {
+    const value = number(item, field);
+    if (value !== null && value !== 0) parts.push(words(value));
+  };
+  if (isPlaced(item)) parts.push(altitudeText(item.altitude));
+  if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items of another program`);
+  if (item.kind === 'jump')
+    parts.push(
+      `step ${(number(item, 'target_index') ?? 0) + 1}`,
+      number(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
+    );
+  if (item.kind === 'takeoff' || item.kind === 'land') return parts.join(' · ');
+  parts.push(...(DETAILS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
+  add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
+  add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));
+  add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
+  add('distance_m', (m) => `${fixed(m, 1)} m`);
+  add('interval_s', (s) => `every ${fixed(s, 1)} s`);
+  add('count', (n) => `${n} ${n === 1 ? 'picture' : 'pictures'}`);
+  add('pitch_deg', (deg) => `pitch ${fixed(deg, 0)}°`);
+  add('yaw_deg', (deg) => `yaw ${fixed(deg, 0)}°`);
+  return parts.join(' · ');
+}
+
+/** Kinds with a position: they need a click on the map. */
+const PLACED: ReadonlySet<ItemKind> = new Set([
+  'takeoff',
+  'waypoint',
+  'loiter_time',
+  'loiter_unlimited',
+  'loiter_to_altitude',
+  'gate',
+  'land',
+  'roi_location',
+  'roi',
+]);
+
+export function needsPosition(kind: ItemKind): boolean {
+  return PLACED.has(kind);
+}
+
+/** The kinds that can be added, in groups. Without `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
+export const CHOICES: readonly { readonly label: string; readonly folded: boolean; readonly kinds: readonly SimpleKind[] }[] = [
+  {
+    label: 'Movement',
+    folded: false,
+    kinds: ['takeoff', 'waypoint', 'loiter_time', 'loiter_unlimited', 'loiter_to_altitude', 'gate', 'change_speed', 'land', 'return_home'],
+  },
+  {
+    label: 'Camera',
+    folded: true,
+    kinds: [
+      'photo_start',
+      'photo_stop',
+      'trigger_distance',
+      'trigger_interval',
+      'trigger_control',
+      'oblique_survey',
+      'video_start',
+      'video_stop',
+      'camera_mode',
+      'camera_focus',
+    ],
+  },
+  { label: 'Gimbal', folded: true, kinds: ['gimbal_pitch_yaw', 'roi_location', 'roi_next_waypoint', 'roi_none', 'gimbal_configure'] },
+  { label: 'Payload', folded: true, kinds: ['gripper', 'winch', 'set_actuator'] },
+  { label: 'Mission flow', folded: true, kinds: ['delay', 'jump', 'set_home', 'land_start'] },
+  { label: 'Older commands', folded: true, kinds: ['roi', 'mount_configure', 'mount_control', 'control_video', 'digicam'] },
+];
+
+/** @param at position of a kind that needs one. */
+export function newItem(kind: ItemKind, at: GeoPosition | null, altitude: Altitude): Item {
+  const onGround = kind === 'land' || LOOKED_AT.has(kind);
+  const where = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: onGround ? 0 : altitude.value_m } };
+  const fields = Object.fromEntries(specsOf(kind).map(([name, { initial }]) => [name, initial]));
+  return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...where };
+}

@@ -1,0 +1,135 @@
+/** A waypoint plan as an editable map layer. Pure. */
+
+import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, Tone } from '../../../app/map-layers.svelte';
+import type { GeoPosition } from '../../../vehicle/geo';
+import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, path, type Altitude, type FenceZone, type Plan, type SharedParts } from './document';
+import { midpoint } from './edit';
+import { altitudeText } from './items';
+
+/** Above this number of legs, midpoints are shown only beside the selection. */
+const MAX_MIDPOINTS = 60;
+const CIRCLE_CORNERS = 72;
+const EARTH_M_PER_DEG = 111_194.9;
+
+/**
+ * Parses the id of a midpoint. `middle:` inserts an item before this row; `side:` inserts a corner into this zone,
+ * `edge:` into this obstacle.
+ */
+export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | { obstacle: number; corner: number } | null {
+  const [of, a, b] = id.split(':');
+  if (of === 'middle') return { row: Number(a) };
+  if (of === 'edge') return { obstacle: Number(a), corner: Number(b) };
+  return of === 'side' ? { zone: Number(a), corner: Number(b) } : null;
+}
+
+/** An area that is being drawn and is not yet part of the plan. */
+export interface Sketch {
+  readonly corners: readonly GeoPosition[];
+  readonly tone: Tone;
+}
+
+/** @param ground position from which altitudes above home count. */
+export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
+  const inSpace = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
+    lat_deg: at.lat_deg,
+    lon_deg: at.lon_deg,
+    alt_amsl_m: alt_amsl_m(at.altitude, ground.alt_amsl_m),
+  });
+  const { points, lines: fences, areas } = fencePicture(plan, selected, sketch);
+  const add = adder(points, selected);
+  const way = path(plan);
+  const showsAllMidpoints = way.length <= MAX_MIDPOINTS;
+  way.forEach(({ row, item }, i) => {
+    const before = way[i - 1];
+    if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
+    if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${before.row}`))
+      add(`middle:${row}`, midpoint(inSpace(before.item), inSpace(item)), 'middle', 'target');
+  });
+  plan.rally_points.forEach((point, index) => add(`rally:${index}`, inSpace(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
+  if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m }, 'home', 'text2');
+  plan.items.forEach((item, row) => {
+    if (!isPlaced(item)) return;
+    const flown = isFlownTo(item);
+    add(`item:${row}`, inSpace(item), flown ? 'disc' : 'cross', 'target', flown ? String(row + 1) : '', altitudeText(item.altitude));
+  });
+  return { points, lines: [...fences, ...lines(plan, inSpace, ground), ...sketchLines(sketch)], areas, ground };
+}
+
+/** @returns a function that adds a point; one with a `height` can be raised. */
+export function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
+  return (id: string, at: LayerPosition, mark: LayerPoint['mark'], tone: Tone, text = '', height?: string): void => {
+    const position = { lat_deg: at.lat_deg, lon_deg: at.lon_deg, ...(at.alt_amsl_m === undefined ? {} : { alt_amsl_m: at.alt_amsl_m }) };
+    points.push({ id, ...position, mark, tone, text, selected: selected.has(id), ...(height === undefined ? {} : { height }) });
+  };
+}
+
+/** Draws the geofence, the obstacles, and the area that is being drawn. */
+export function fencePicture(
+  plan: SharedParts,
+  selected: ReadonlySet<string>,
+  sketch: Sketch | null,
+): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[] } {
+  const points: LayerPoint[] = [];
+  const add = adder(points, selected);
+  const addPolygon = (polygon: readonly GeoPosition[], corners: string, sides: string, tone: Tone): void => {
+    polygon.forEach((corner, i) => add(`${corners}:${i}`, corner, 'corner', tone));
+    polygon.forEach((corner, i) => add(`${sides}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'middle', tone));
+  };
+  plan.fence.forEach((zone, index) => {
+    const tone = toneOf(zone);
+    if (zone.shape === 'circle') add(`circle:${index}`, zone.center, 'corner', tone);
+    else addPolygon(zone.polygon, `corner:${index}`, `side:${index}`, tone);
+  });
+  obstaclesOf(plan).forEach(({ polygon }, index) => addPolygon(polygon, `obstacle:${index}`, `edge:${index}`, 'danger'));
+  sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
+  const fences = plan.fence.map((zone): LayerLine => {
+    const ring = ringOf(zone);
+    return { positions: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
+  });
+  const walls = obstaclesOf(plan).map(({ polygon }): LayerLine => ({ positions: [...polygon, ...polygon.slice(0, 1)], tone: 'danger', style: 'solid' }));
+  return { points, lines: [...fences, ...walls], areas: areas(plan, sketch) };
+}
+
+/** An inclusion zone is a limit, an exclusion zone is forbidden. */
+function toneOf(zone: FenceZone): Tone {
+  return zone.inclusion ? 'caution' : 'danger';
+}
+
+/** The outline of a fence zone. */
+export function ringOf(zone: FenceZone): GeoPosition[] {
+  if (zone.shape === 'polygon') return [...zone.polygon];
+  const { lat_deg, lon_deg } = zone.center;
+  const north_deg = zone.radius_m / EARTH_M_PER_DEG;
+  const east_deg = north_deg / Math.max(0.01, Math.cos((lat_deg * Math.PI) / 180));
+  return Array.from({ length: CIRCLE_CORNERS }, (_, i) => {
+    const angle = (i / CIRCLE_CORNERS) * 2 * Math.PI;
+    return { lat_deg: lat_deg + north_deg * Math.cos(angle), lon_deg: lon_deg + east_deg * Math.sin(angle) };
+  });
+}
+
+function lines(plan: Plan, inSpace: (item: GeoPosition & { readonly altitude: Altitude }) => LayerPosition, ground: Required<LayerPosition>): LayerLine[] {
+  const way = path(plan).map(({ item }) => inSpace(item));
+  const home = plan.planned_home === null ? null : { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m };
+  const found: LayerLine[] = [];
+  if (way.length > 1) found.push({ positions: way, tone: 'target', style: 'solid' });
+  const [first, last] = [way[0], way.at(-1)];
+  if (home !== null && first !== undefined) found.push({ positions: [home, first], tone: 'target', style: 'dotted' });
+  const returns = plan.items.some((item) => item.kind === 'return_home');
+  if (home !== null && last !== undefined && returns) found.push({ positions: [last, home], tone: 'target', style: 'dotted' });
+  return found;
+}
+
+export function sketchLines(sketch: Sketch | null): LayerLine[] {
+  const corners = sketch?.corners ?? [];
+  const [first, tone] = [corners[0], sketch?.tone];
+  if (first === undefined || corners.length < 2 || tone === undefined) return [];
+  return [{ positions: [...corners, first], tone, style: 'dashed' }];
+}
+
+function areas(plan: SharedParts, sketch: Sketch | null): LayerArea[] {
+  const forbidden = [
+    ...plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const })),
+    ...obstaclesOf(plan).map(({ polygon }) => ({ ring: polygon, tone: 'danger' as const })),
+  ];
+  return sketch !== null && sketch.corners.length > 2 ? [...forbidden, { ring: sketch.corners, tone: sketch.tone }] : forbidden;
+}

@@ -1,0 +1,219 @@
+import { describe, expect, it } from 'vitest';
+import { groundDistance_m, positionAt } from '../../../vehicle/geo';
+import { EMPTY, positionOf, type Item, type Plan } from './document';
+import { insertItem, movePoint, remove, reorder, raisePoint } from './edit';
+import { parseNumber } from './fields';
+import { fixOf, type Finding } from './fixes';
+import * as history from './history';
+import { newItem } from './items';
+import { picture, ringOf } from './layer';
+import { groundAreas, polylines, profile } from '../profile/profile';
+import { treeOf } from './list-entries';
+
+const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
+const waypoint = (north_m: number, value_m = 30): Item => newItem('waypoint', at(north_m), { value_m, reference: 'home' });
+const planOf = (...items: Item[]): Plan => ({ ...EMPTY, planned_home: HOME, items });
+const fenced: Plan = { ...planOf(waypoint(10)), fence: [{ shape: 'polygon', inclusion: true, polygon: [at(-50, -50), at(50, -50), at(50, 50), at(-50, 50)] }] };
+
+describe('history', () => {
+  it('undoes and redoes each change', () => {
+    let all = history.begin(0);
+    for (const next of [1, 2]) all = history.change(all, next);
+    all = history.undo(history.undo(all));
+    expect(all.now).toBe(0);
+    expect(history.undo(all)).toBe(all);
+    expect(history.redo(history.redo(all)).now).toBe(2);
+  });
+  it('undoes the changes of one gesture in one step', () => {
+    let all = history.begin(0);
+    for (const next of [1, 2, 3]) all = history.change(all, next, 'drag 1');
+    all = history.change(history.endGroup(all), 4, 'drag 1');
+    expect(history.undo(all).now).toBe(3);
+    expect(history.undo(history.undo(all)).now).toBe(0);
+  });
+  it('removes only the changes of a cancelled gesture', () => {
+    const all = history.change(history.change(history.begin(0), 1), 2, 'drag 1');
+    expect(history.cancel(all, 'drag 1')).toMatchObject({ now: 1, future: [] });
+    expect(history.cancel(all, 'drag 2')).toBe(all);
+  });
+  it('drops undone changes after a new one', () => {
+    const all = history.change(history.undo(history.change(history.begin(0), 1)), 5);
+    expect(history.redo(all)).toBe(all);
+  });
+});
+
+describe('editing', () => {
+  it('returns a new plan', () => {
+    const before = planOf(waypoint(10), waypoint(20));
+    const text = JSON.stringify(before);
+    const moved = movePoint(before, 'item:1', at(99));
+    expect(JSON.stringify(before)).toBe(text);
+    expect(groundDistance_m(positionOf(moved, 'item:1') ?? HOME, at(99))).toBeLessThan(0.01);
+  });
+  it('adapts the targets of jumps', () => {
+    const jump = { ...newItem('jump', null, { value_m: 0, reference: 'home' }), target_index: 1 };
+    const plan = planOf(waypoint(10), waypoint(20), jump);
+    const target = (one: Plan) => one.items.find((item) => item.kind === 'jump')?.['target_index'];
+    expect(target(insertItem(plan, 0, waypoint(5)))).toBe(2);
+    expect(target(insertItem(plan, 2, waypoint(5)))).toBe(1);
+    expect(target(remove(plan, ['item:0']))).toBe(0);
+    expect(target(reorder(plan, [1], 0).plan)).toBe(0);
+  });
+  it('moves steps together and returns their positions', () => {
+    const plan = planOf(waypoint(1), waypoint(2), waypoint(3), waypoint(4));
+    const { plan: moved, rows } = reorder(plan, [2, 3], 1);
+    expect(rows).toEqual([1, 2]);
+    expect(moved.items).toEqual([plan.items[0], plan.items[2], plan.items[3], plan.items[1]]);
+  });
+  it('removes a fence with too few corners', () => {
+    expect(remove(fenced, ['corner:0:0']).fence[0]).toMatchObject({ polygon: { length: 3 } });
+    expect(remove(fenced, ['corner:0:0', 'corner:0:1']).fence).toEqual([]);
+    expect(remove(fenced, ['home']).planned_home).toBeNull();
+  });
+});
+
+describe('the map', () => {
+  it('shows steps, midpoints, fence and home, with the selection marked', () => {
+    const shown = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null, HOME);
+    const ids = shown.points.map((point) => point.id);
+    expect(ids).toEqual(expect.arrayContaining(['home', 'item:0', 'item:1', 'middle:1', 'corner:0:3', 'side:0:4']));
+    expect(shown.points.filter((point) => point.selected).map((point) => point.id)).toEqual(['item:1']);
+    const middle = shown.points.find((point) => point.id === 'middle:1');
+    expect(groundDistance_m(middle ?? HOME, at(20))).toBeLessThan(0.01);
+  });
+  it('shows midpoints of a long plan only beside the selection', () => {
+    const plan = planOf(...Array.from({ length: 200 }, (_, i) => waypoint(i * 10)));
+    const middles = (selected: string[]) => picture(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'middle');
+    expect(middles([])).toEqual([]);
+    expect(middles(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
+  });
+  it('has the altitudes of steps, path and rally points for the 3D view', () => {
+    const high = { ...waypoint(10), altitude: { value_m: 900, reference: 'amsl' as const } };
+    const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
+    const shown = picture(
+      { ...planOf(waypoint(0), high, terrain), rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' } }] },
+      new Set(),
+      null,
+      HOME,
+    );
+    const altitudeOf = (id: string) => shown.points.find((point) => point.id === id)?.alt_amsl_m;
+    expect(['item:0', 'item:1', 'item:2', 'middle:1', 'rally:0', 'home'].map(altitudeOf)).toEqual([510, 900, 507, 705, 500, 480]);
+    expect(shown.lines.find((line) => line.style === 'solid')?.positions.map((position) => position.alt_amsl_m)).toEqual([510, 900, 507]);
+    expect(shown.points.find((point) => point.id === 'item:1')?.height).toBe('900.0 m AMSL');
+    expect(shown.points.find((point) => point.id === 'home')).not.toHaveProperty('height');
+    expect(shown.ground).toEqual(HOME);
+  });
+  it('raises steps and rally points within the limits of altitudes, with their resolved altitude', () => {
+    const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
+    const plan = { ...fenced, items: [terrain], rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' as const } }] };
+    expect(raisePoint(plan, 'item:0', 2.5).items[0]?.altitude).toEqual({ value_m: 9.5, reference: 'terrain', resolved_amsl_m: 509.5 });
+    expect(raisePoint(plan, 'item:0', 1e9).items[0]?.altitude?.value_m).toBe(100_000);
+    expect(raisePoint(plan, 'rally:0', -3).rally_points[0]?.altitude.value_m).toBe(17);
+    for (const id of ['home', 'corner:0:0', 'item:9', 'rally:4']) expect(raisePoint(plan, id, 2)).toBe(plan);
+  });
+  it('draws circles with their radius', () => {
+    const ring = ringOf({ shape: 'circle', inclusion: true, center: at(0), radius_m: 120 });
+    for (const corner of ring) expect(groundDistance_m(at(0), corner)).toBeCloseTo(120, 0);
+  });
+  it('draws no path to a point that the camera looks at', () => {
+    const roi = newItem('roi_location', at(500), { value_m: 0, reference: 'home' });
+    const shown = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null, HOME);
+    expect(shown.lines.find((line) => line.style === 'solid')?.positions).toHaveLength(2);
+    expect(shown.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
+  });
+});
+
+describe('the list', () => {
+  it('has home, steps, fence and rally points', () => {
+    const titles = treeOf({ ...fenced, rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'amsl' } }] }).map(
+      (entry) => `${entry.title}|${entry.detail}`,
+    );
+    expect(titles).toEqual(['Home|480.0 m AMSL', 'Waypoint|30.0 m above home', 'Geofence: stay inside|4 corners', 'Rally point|20.0 m AMSL']);
+  });
+});
+
+describe('number fields', () => {
+  it('accept commas and report errors', () => {
+    expect(parseNumber('12,5')).toEqual({ ok: true, value: 12.5 });
+    expect(parseNumber('−3')).toEqual({ ok: true, value: -3 });
+    expect(parseNumber(' ', { optional: true })).toEqual({ ok: true, value: null });
+    expect(parseNumber(' ')).toEqual({ ok: false, problem: 'Enter a number.' });
+    expect(parseNumber('ten')).toEqual({ ok: false, problem: '“ten” is not a number.' });
+    expect(parseNumber('95', { max: 90, min: -90 })).toEqual({ ok: false, problem: 'Enter a number from -90 to 90.' });
+  });
+});
+
+describe('fixes', () => {
+  const LIMIT = 120;
+  const finding = (code: string, row: number | null = null): Finding => ({
+    code,
+    severity: 'error',
+    text: '',
+    place: { row, zone: null, rally_point: null, obstacle: null, step: null },
+    fix: null,
+    limit: LIMIT,
+  });
+  it('add a take-off at the plan’s start', () => {
+    const fix = fixOf(planOf(waypoint(10, 25)), finding('takeoff_missing'), null);
+    expect(fix?.plan.items[0]).toMatchObject({ kind: 'takeoff', lat_deg: HOME.lat_deg, altitude: { value_m: 25, reference: 'home' } });
+  });
+  it('use the vehicle’s home only if it is known', () => {
+    const plan = { ...planOf(waypoint(10)), planned_home: null };
+    expect(fixOf(plan, finding('home_missing'), null)).toBeNull();
+    expect(fixOf(plan, finding('home_missing'), HOME)?.plan.planned_home).toEqual(HOME);
+  });
+  it('lower points that are too high', () => {
+    expect(fixOf(planOf(waypoint(10, 500)), finding('altitude_too_high', 0), null)?.plan.items[0]?.altitude).toEqual({ value_m: 120, reference: 'home' });
+  });
+  it('return null if a person has to decide', () => {
+    expect(fixOf(planOf(waypoint(10)), finding('fence_violation', 0), HOME)).toBeNull();
+  });
+});
+
+describe('the altitude profile', () => {
+  it('starts at home and follows the horizontal distance', () => {
+    const shape = profile(planOf(waypoint(100, 40), waypoint(300, 20)));
+    expect(shape.points.map((point) => [point.row, Math.round(point.along_m), point.alt_home_m])).toEqual([
+      [-1, 0, 0],
+      [0, 100, 40],
+      [1, 300, 20],
+    ]);
+    expect([shape.top_m, shape.bottom_m]).toEqual([50, 0]);
+    expect(polylines(shape, 300, 100)[0]?.map(({ x, y }) => [Math.round(x), Math.round(y)])).toEqual([
+      [0, 100],
+      [100, 20],
+      [300, 60],
+    ]);
+  });
+  it('has a gap where an altitude cannot be compared with home', () => {
+    const amsl: Item = { ...waypoint(200), altitude: { value_m: 520, reference: 'amsl' } };
+    const plan = { ...planOf(waypoint(100), amsl, waypoint(300)), planned_home: null };
+    expect(profile(plan).points.map((point) => point.alt_home_m)).toEqual([30, null, 30]);
+    expect(polylines(profile(plan), 300, 100)).toHaveLength(2);
+    expect(profile({ ...plan, planned_home: HOME }).points.map((point) => point.alt_home_m)).toEqual([0, 30, 40, 30]);
+  });
+});
+
+describe('the terrain below a plan', () => {
+  it('is within the plot, with a gap where it is not known', () => {
+    const plan = planOf(waypoint(100));
+    const ground = [
+      [0, 0],
+      [30, 50],
+      [50, null],
+      [80, -20],
+      [100, -5],
+    ] as const;
+    const shape = profile(plan, ground);
+    expect([shape.top_m, shape.bottom_m]).toEqual([60, -20]);
+    const areas = groundAreas(shape, ground, 100, 80);
+    expect(areas).toBe('M0.0 80L0.0 60.0L30.0 10.0L30.0 80ZM80.0 80L80.0 80.0L100.0 65.0L100.0 80Z');
+  });
+  it('is resolved again when an item above it is moved', () => {
+    const item = newItem('waypoint', at(0), { value_m: 30, reference: 'terrain', resolved_amsl_m: 510 });
+    const moved = movePoint(planOf(item), 'item:0', at(50)).items[0];
+    expect(moved).toMatchObject({ altitude: { value_m: 30, resolved_amsl_m: null } });
+    expect(movePoint(planOf(waypoint(0)), 'item:0', at(50)).items[0]).toMatchObject({ altitude: { value_m: 30, reference: 'home' } });
+  });
+});

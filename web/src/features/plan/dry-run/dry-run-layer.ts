@@ -1,0 +1,184 @@
+/**
+ * A dry run on the map and as text: the flown path, the corridor of many flights, vehicle and gimbal at one time.
+ * Pure.
+ */
+
+import type { LayerPicture } from '../../../app/map-layers.svelte';
+import { duration, fixed, metres } from '../../../ui/format';
+import { positionAt, type GeoPosition } from '../../../vehicle/geo';
+import type { DryRunView } from './dry-run.svelte';
+
+type Vector = readonly number[];
+type Flight = DryRunView['nominal'];
+type MonteCarlo = NonNullable<DryRunView['monte_carlo']>;
+
+export interface Ghost extends GeoPosition {
+  /** Height above the start. */
+  readonly up_m: number;
+  readonly speed_m_s: number;
+  readonly step: string;
+  /** Directions of nose and camera, clockwise from north. */
+  readonly yaw_deg: number;
+  readonly look_deg: number;
+  /** Pitch of the camera, positive up. */
+  readonly pitch_deg: number;
+}
+
+const DEG = 180 / Math.PI;
+/** Half the drawn field of view of the camera [deg]. */
+const HALF_VIEW_DEG = 27;
+/** Limits of the drawn length of the camera's view on the ground [m]. */
+const VIEW_LENGTH_M = { least: 4, most: 15 } as const;
+/** Shortest distance between two samples of the corridor [m], and samples per area. */
+const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
+
+/** The flights of all vehicles, or the one flight. */
+const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
+
+/** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
+function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [string | null, MonteCarlo])[] {
+  if (monte_carlo === null) return [];
+  return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
+}
+
+/** The vehicle at a time, interpolated between the samples; null if it never flew. */
+export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): Ghost | null {
+  const { path, origin } = nominal;
+  const last = (path?.t_s.length ?? 0) - 1;
+  if (path === null || last < 0) return null;
+  let [low, high] = [0, last];
+  while (low < high) {
+    const half = Math.ceil((low + high) / 2);
+    if ((path.t_s[half] ?? 0) <= t_s) low = half;
+    else high = half - 1;
+  }
+  const next = Math.min(low + 1, last);
+  const [from_s, to_s] = [path.t_s[low] ?? 0, path.t_s[next] ?? 0];
+  const fraction = to_s > from_s ? Math.min(1, Math.max(0, (t_s - from_s) / (to_s - from_s))) : 0;
+  const [a, b] = [(path.position_ned_m[low] ?? []) as Vector, (path.position_ned_m[next] ?? []) as Vector];
+  const at = (axis: number): number => (a[axis] ?? 0) + fraction * ((b[axis] ?? 0) - (a[axis] ?? 0));
+  return {
+    ...positionAt(origin, { north_m: at(0), east_m: at(1) }),
+    up_m: -at(2) + 0,
+    speed_m_s: Math.hypot(...((path.velocity_ned_m_s[low] ?? []) as Vector)),
+    step: path.step_places[path.step[low] ?? -1] ?? '',
+    yaw_deg: yaw_deg((path.q_ned_frd[low] ?? [1, 0, 0, 0]) as Vector),
+    look_deg: (path.gimbal_rad[low]?.[1] ?? 0) * DEG,
+    pitch_deg: (path.gimbal_rad[low]?.[0] ?? 0) * DEG,
+  };
+}
+
+function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
+  return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG;
+}
+
+/** The camera's view on the ground, up to a maximum length; empty while the camera points straight down. */
+function cameraViewRing(ghost: Ghost): GeoPosition[] {
+  const down = Math.tan(-ghost.pitch_deg / DEG);
+  const far_m = down > 1e-3 ? Math.max(0, ghost.up_m) / down : VIEW_LENGTH_M.most;
+  if (far_m < VIEW_LENGTH_M.least) return [];
+  const length_m = Math.min(VIEW_LENGTH_M.most, far_m);
+  const edge = (turn_deg: number): GeoPosition => {
+    const angle = (ghost.look_deg + turn_deg) / DEG;
+    return positionAt(ghost, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
+  };
+  return [{ lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
+}
+
+/**
+ * The 95th percentile of the horizontal deviation, on both sides of the path. It is drawn in short pieces, because
+ * one ring about a path that turns back would cross itself. Samples at the same position count once.
+ */
+function corridorRings(origin: Flight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
+  if (corridor === null) return [];
+  const samples: { north_m: number; east_m: number; off_m: number }[] = [];
+  corridor.position_ned_m.forEach(([north_m = 0, east_m = 0]: Vector, i) => {
+    const last = samples.at(-1);
+    if (last === undefined || Math.hypot(north_m - last.north_m, east_m - last.east_m) >= CORRIDOR.step_m)
+      samples.push({ north_m, east_m, off_m: corridor.horizontal_m.p95[i] ?? 0 });
+  });
+  const sides = samples.map((here, i) => {
+    const [before, after] = [samples[Math.max(0, i - 1)] ?? here, samples[Math.min(samples.length - 1, i + 1)] ?? here];
+    const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
+    const length = Math.hypot(north, east) || 1;
+    const side = (sign: number): GeoPosition =>
+      positionAt(origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
+    return { left: side(-1), right: side(1) };
+  });
+  const rings: GeoPosition[][] = [];
+  for (let from = 0; from < sides.length - 1; from += CORRIDOR.piece) {
+    const piece = sides.slice(from, from + CORRIDOR.piece + 1);
+    rings.push([...piece.map(({ left }) => left), ...piece.reverse().map(({ right }) => right)]);
+  }
+  return rings;
+}
+
+/** The parts of the picture that do not depend on the time, all in the colour of planned things. */
+export function dryRunPicture(view: DryRunView): LayerPicture {
+  const paths = flights(view).map(({ path, origin }) =>
+    ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m })),
+  );
+  return {
+    lines: paths.filter((positions) => positions.length > 1).map((positions) => ({ positions, tone: 'target', style: 'dotted' })),
+    areas: monteCarloByRole(view)
+      .flatMap(([, monteCarlo]) => corridorRings(view.nominal.origin, monteCarlo))
+      .map((ring) => ({ ring, tone: 'target' })),
+    points: [],
+  };
+}
+
+/** The vehicles at a time, and the views of their cameras. */
+export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null {
+  const ghosts = flights(view).flatMap((nominal) => ghostAt({ nominal }, t_s) ?? []);
+  if (ghosts.length === 0) return null;
+  return {
+    lines: [],
+    areas: ghosts
+      .map(cameraViewRing)
+      .filter((ring) => ring.length > 2)
+      .map((ring) => ({ ring, tone: 'target' })),
+    points: ghosts.map(({ lat_deg, lon_deg, yaw_deg: yaw }, i) => ({
+      id: i === 0 ? 'ghost' : `ghost ${i}`,
+      lat_deg,
+      lon_deg,
+      mark: 'ghost',
+      tone: 'target',
+      text: '',
+      selected: false,
+      yaw_deg: yaw,
+    })),
+  };
+}
+
+/** The position of a finding on the map; null: it has neither a position nor a time in the flight. */
+export function findingPosition(view: DryRunView, { position_ned_m, t_s }: Pick<Flight['findings'][number], 'position_ned_m' | 't_s'>): GeoPosition | null {
+  if (position_ned_m !== null) return positionAt(view.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
+  const ghost = t_s === null ? null : ghostAt(view, t_s);
+  return ghost === null ? null : { lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg };
+}
+
+const percent = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
+
+/** The result in numbers, as sentences. */
+export function resultLines(view: DryRunView): string[] {
+  const { nominal, together } = view;
+  const length = metres(nominal.length_m);
+  const battery = `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}`;
+  const lines = [`${nominal.finished ? 'Flown' : 'Not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
+  if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
+  for (const { roles, distance_m, t_s } of together?.closest ?? [])
+    lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
+  for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
+  for (const { roles, distance_m, nearer_than_minimum: near } of together?.monte_carlo?.closest ?? [])
+    lines.push(
+      `${roles.join(' and ')} in all flights: at least ${fixed(distance_m.least, 1)} m apart; ${near.count} flights nearer than the minimum separation (probability at most ${percent(near.upper)}).`,
+    );
+  return lines;
+}
+
+function monteCarloText(role: string | null, monteCarlo: MonteCarlo): string {
+  const parts = [`95 % within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
+  if (monteCarlo.duration_s !== null) parts.push(`${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)}`);
+  if (monteCarlo.battery_end_share !== null) parts.push(`battery at the end ${percent(monteCarlo.battery_end_share.p5)} or more`);
+  return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} flights: ${parts.join(', ')}.`;
+}

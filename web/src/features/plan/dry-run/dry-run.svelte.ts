@@ -1,0 +1,78 @@
+/** A dry run of a plan: starts it, follows its progress, and keeps the time that map and 3D view show. */
+
+import type { ApiClient } from '../../../api/client';
+import type { Problem } from '../../../api/problems';
+import type { components } from '../../../api/schema';
+import type { WireEvent } from '../../../live/wire';
+import { toApi } from '../api';
+import { asDryRun, type Conditions } from './conditions';
+import type { Document } from '../document-kinds';
+
+type Schemas = components['schemas'];
+type Operation = Readonly<Schemas['Operation']>;
+export type DryRunView = Readonly<Schemas['DryRunView']>;
+
+export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
+
+export class DryRun {
+  operation = $state.raw<Operation | null>(null);
+  problem = $state.raw<Problem | null>(null);
+  private view = $state.raw<DryRunView | null>(null);
+  /** The document that `view` belongs to. */
+  private simulatedDocument = $state.raw<Document | null>(null);
+  private requestedDocument: Document | null = null;
+  /** The time that is shown [s]. */
+  t_s = $state(0);
+  playing = $state(false);
+
+  constructor(private readonly api: ApiClient) {}
+
+  readonly running: boolean = $derived.by(() => this.operation?.state === 'running');
+
+  /** Result of the dry run of exactly this document; null if it has none. */
+  resultOf(document: Document): DryRunView | null {
+    return this.simulatedDocument === document ? this.view : null;
+  }
+
+  /**
+   * With a vehicle the dry run uses its parameters, position and battery charge. A mission with roles needs a vehicle
+   * for each role; null: it uses the planned start positions.
+   */
+  async start(document: Document, flownBy: DryRunVehicles, conditions: Conditions): Promise<void> {
+    this.problem = null;
+    this.requestedDocument = document;
+    const answer = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...flownBy, ...asDryRun(conditions) } });
+    if (!answer.ok) this.problem = answer.problem;
+    else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
+  }
+
+  /** Shows this time and stops playing. */
+  showTime(t_s: number): void {
+    this.playing = false;
+    this.t_s = t_s;
+  }
+
+  async cancel(): Promise<void> {
+    if (this.operation === null) return;
+    const answer = await this.api.delete('/operations/{o}', { params: { path: { o: this.operation.id } } });
+    if (!answer.ok) this.problem = answer.problem;
+  }
+
+  /** Handles the progress event of the operation that this page started. */
+  async onEvent(event: WireEvent): Promise<void> {
+    const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
+    const document = this.requestedDocument;
+    if (operation === undefined || document === null || operation.id !== this.operation?.id) return;
+    this.operation = operation;
+    const id = operation.result?.['dry_run'];
+    if (operation.state !== 'succeeded' || typeof id !== 'string') return;
+    const answer = await this.api.get('/dry_runs/{d}', { params: { path: { d: id } } });
+    if (!answer.ok) {
+      this.problem = answer.problem;
+      return;
+    }
+    this.view = answer.value;
+    this.simulatedDocument = document;
+    this.showTime(0);
+  }
+}

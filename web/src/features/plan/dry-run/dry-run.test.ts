@@ -1,0 +1,222 @@
+import schema from '../../../api/schema.d.ts?raw';
+import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../../../api/client';
+import { groundDistance_m, positionAt } from '../../../vehicle/geo';
+import { EMPTY } from '../document/document';
+import { asDryRun, DEFAULT_CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
+import { DryRun, type DryRunView } from './dry-run.svelte';
+import { dryRunPicture, findingPosition, ghostAt, ghostPicture, resultLines } from './dry-run-layer';
+import { plotShape, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
+
+const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+const VIEW = {
+  nominal: {
+    origin: ORIGIN,
+    finished: true,
+    duration_s: 65,
+    length_m: 120,
+    battery_start_share: 1,
+    battery_end_share: 0.81,
+    fence_distance_m: null,
+    path: {
+      t_s: [0, 10, 20],
+      position_ned_m: [
+        [0, 0, 0],
+        [0, 0, -10],
+        [100, 0, -10],
+      ],
+      velocity_ned_m_s: [
+        [0, 0, 0],
+        [3, 0, -4],
+        [0, 0, 0],
+      ],
+      q_ned_frd: [
+        [1, 0, 0, 0],
+        [Math.SQRT1_2, 0, 0, Math.SQRT1_2],
+        [1, 0, 0, 0],
+      ],
+      gimbal_rad: [
+        [0, 0],
+        [-Math.PI / 4, Math.PI],
+        [-Math.PI / 2, 0],
+      ],
+      battery_share: [1, 0.9, 0.81],
+      step: [0, 1, -1],
+      step_places: ['step 1', 'step 2'],
+    },
+  },
+  monte_carlo: null,
+  together: null,
+} as unknown as DryRunView;
+const TOGETHER = {
+  ...VIEW,
+  together: {
+    roles: {
+      lead: VIEW.nominal,
+      left: { ...VIEW.nominal, path: { ...VIEW.nominal.path, position_ned_m: VIEW.nominal.path?.position_ned_m.map(([n = 0, , d = 0]) => [n, 9, d]) } },
+    },
+    closest: [{ roles: ['lead', 'left'], distance_m: 8.96, t_s: 65 }],
+  },
+} as unknown as DryRunView;
+const MANY = {
+  ...VIEW,
+  monte_carlo: {
+    flights: [{}, {}],
+    corridor: {
+      t_s: VIEW.nominal.path?.t_s,
+      position_ned_m: VIEW.nominal.path?.position_ned_m,
+      horizontal_m: { p95: [1, 1, 2] },
+      vertical_m: { p5: [0, 0, -1], p95: [0, 0, 2] },
+    },
+    duration_s: { p5: 60, p95: 70 },
+    battery_end_share: { p5: 0.7 },
+  },
+} as unknown as DryRunView;
+
+const MANY_TOGETHER = {
+  ...MANY,
+  together: {
+    ...TOGETHER.together,
+    monte_carlo: {
+      roles: { lead: MANY.monte_carlo, left: { ...MANY.monte_carlo, battery_end_share: null } },
+      closest: [{ roles: ['lead', 'left'], distance_m: { least: 6.21 }, nearer_than_minimum: { count: 0, upper: 0.161 } }],
+    },
+  },
+} as unknown as DryRunView;
+
+describe('a dry run', () => {
+  it('interpolates the vehicle’s position between samples, and clamps it at both ends', () => {
+    const ghost = ghostAt(VIEW, 15);
+    expect(groundDistance_m(ghost ?? ORIGIN, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
+    expect(ghost).toMatchObject({ up_m: 10, speed_m_s: 5, step: 'step 2' });
+    expect(ghostAt(VIEW, 99)).toMatchObject({ up_m: 10, step: '' });
+    expect(ghostAt(VIEW, -1)).toMatchObject({ up_m: 0, step: 'step 1' });
+    expect(ghostAt({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+  });
+
+  it('draws the path and the corridor of many flights', () => {
+    const shown = dryRunPicture(MANY);
+    expect(shown.lines[0]?.positions).toHaveLength(3);
+    const [ring] = shown.areas;
+    expect(ring?.ring).toHaveLength(4);
+    expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
+    expect(dryRunPicture(VIEW).areas).toEqual([]);
+    expect(dryRunPicture(MANY_TOGETHER).areas).toHaveLength(2);
+  });
+
+  it('draws the corridor of a path that turns back in pieces that do not cross other parts of it', () => {
+    const there = Array.from({ length: 9 }, (_, i) => [i * 10, 0, -10]);
+    const back = Array.from({ length: 8 }, (_, i) => [80 - i * 10, 10, -10]);
+    const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...there, ...back];
+    const p95 = position_ned_m.map(() => 2);
+    const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
+    const { areas } = dryRunPicture({ ...MANY, monte_carlo: { ...MANY.monte_carlo, corridor } } as unknown as DryRunView);
+    expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // the samples before the start are one point
+    const east_m = (place: { lat_deg: number; lon_deg: number }) => groundDistance_m(place, { ...place, lon_deg: ORIGIN.lon_deg });
+    expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
+    expect(Math.min(...(areas[3]?.ring ?? []).map(east_m))).toBeGreaterThan(7.9);
+  });
+
+  it('draws the vehicle with its heading, and its camera’s view on the ground', () => {
+    const shown = ghostPicture(VIEW, 10);
+    expect(shown?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);
+    const ahead = shown?.areas[0]?.ring[2] ?? ORIGIN;
+    expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
+    expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);
+    expect(ghostPicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    expect(ghostPicture(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['ghost', 'ghost 1']);
+    expect(dryRunPicture(TOGETHER).lines).toHaveLength(2);
+  });
+
+  it('plots values over time, with the band of 90 % of many flights', () => {
+    const of = (one: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, one) as Trace;
+    expect(QUANTITIES.map((one) => valueAt(of(one), 10))).toEqual([10, 5, 0, 90]);
+    expect(valueAt(of('Height'), 5)).toBe(5);
+    expect([of('Height').top, of('Height').bottom, of('Height').end_s, of('Height').band]).toEqual([10, 0, 20, []]);
+    expect(of('Height', MANY).band[2]).toEqual([20, 9, 12]);
+    expect(of('Height', MANY).top).toBe(20);
+    expect(of('Speed', MANY).band).toEqual([]);
+    expect(plotShape(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', zero_y: 50 });
+    expect(plotShape(of('Height', MANY), 100, 50).band).toMatch(/^M.*Z$/);
+    const path = { ...VIEW.nominal.path, battery_share: null };
+    expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
+  });
+
+  it('moves in time by keys, within its start and end', () => {
+    expect(timeAfterKey('ArrowRight', false, 5, 20)).toBe(6);
+    expect(timeAfterKey('ArrowLeft', true, 5, 20)).toBeCloseTo(4.9);
+    expect(timeAfterKey('PageUp', false, 15, 20)).toBe(20);
+    expect([timeAfterKey('Home', false, 5, 20), timeAfterKey('End', false, 5, 20), timeAfterKey('a', false, 5, 20)]).toEqual([0, 20, null]);
+  });
+
+  it('shows its result in numbers', () => {
+    expect(resultLines(VIEW)).toEqual(['Flown: 01:05, 120 m, battery 100 % → 81 %.']);
+    expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
+    expect(resultLines(MANY)[1]).toBe('2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.');
+    expect(resultLines(MANY_TOGETHER).slice(2)).toEqual([
+      'lead, 2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.',
+      'left, 2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10.',
+      'lead and left in all flights: at least 6.2 m apart; 0 flights nearer than the minimum separation (probability at most 16 %).',
+    ]);
+  });
+
+  it('counts the wind from the direction it comes from', () => {
+    expect(windOf({ ...DEFAULT_CONDITIONS, wind_m_s: 5, from_deg: 270 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
+  });
+
+  it('sends mass, battery and endurance as entered', () => {
+    const stated = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
+    expect(asDryRun(stated)).toMatchObject({ conditions: { mass_scale: 1.1, battery_scale: 0.9 }, flights: 20, endurance_s: 1800, battery_reserve: 0.3 });
+    expect(asDryRun(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null, conditions: { sensor_noise: 1 } });
+    const varied = { ...DEFAULT_CONDITIONS, noise_percent: 200, spread_wind_m_s: 3, spread_mass_percent: 10, spread_noise_percent: 0 };
+    expect(asDryRun(varied)).toMatchObject({
+      conditions: { sensor_noise: 2 },
+      spread: { wind_m_s: 3, gusts: 0.3, mass: 0.1, battery: 0.05, sensor_noise: 0 },
+    });
+    expect(powerOf(stated)).toBeNull();
+    expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
+    const row = (name: string) => ROWS.filter((one) => one.name === name)[0] as ConditionRow;
+    expect(withCondition(stated, row('flights'), 7.6).flights).toBe(8);
+    expect(withCondition(stated, row('hover_power_w'), null).hover_power_w).toBeNull();
+    expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
+  });
+
+  it('varies many flights by default as the server does', () => {
+    const server = [...schema.matchAll(/DryRunSpread: \{[\s\S]*?\n {8}\};/g)][0]?.[0] ?? '';
+    const { spread } = asDryRun(DEFAULT_CONDITIONS);
+    for (const [name, value] of Object.entries(spread)) expect(server, name).toMatch(new RegExp(`@default ${value}\\s+\\*/\\s+readonly ${name}:`));
+  });
+
+  it('shows its result for exactly the document that was simulated', async () => {
+    const operation = (state: string, result: object | null = null) => ({ id: 'o1', kind: 'dry_run', state, progress: 0.5, text: 'Step 3.', result });
+    const answers: unknown[] = [operation('running'), VIEW];
+    const asked: string[] = [];
+    const api = new ApiClient('p', undefined, (path, init) => {
+      asked.push(`${init.method} ${path.replace('/api/v1', '')}`);
+      return Promise.resolve(new Response(JSON.stringify(answers.shift())));
+    });
+    const run = new DryRun(api);
+    const event = (one: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation: one });
+    await run.start(EMPTY, { vehicle: '1' }, DEFAULT_CONDITIONS);
+    await run.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
+    expect([run.running, run.resultOf(EMPTY)]).toEqual([true, null]);
+    await run.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
+    expect(run.resultOf(EMPTY)).toEqual(VIEW);
+    expect(run.resultOf({ ...EMPTY })).toBeNull();
+    expect(asked).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
+  });
+});
+
+it('a finding is shown at its own position, or else where the vehicle is at its time', () => {
+  expect(findingPosition(VIEW, { position_ned_m: [30, -4, -10], t_s: 15 })).toEqual(positionAt(ORIGIN, { north_m: 30, east_m: -4 }));
+  const halfWay = findingPosition(VIEW, { position_ned_m: null, t_s: 15 });
+  expect(halfWay === null ? null : groundDistance_m(halfWay, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeCloseTo(0, 3);
+  expect(findingPosition(VIEW, { position_ned_m: null, t_s: null })).toBeNull();
+});
+
+it('a chosen time stops the playback', () => {
+  const dryRun = new DryRun(new ApiClient('p'));
+  dryRun.playing = true;
+  dryRun.showTime(12);
+  expect([dryRun.playing, dryRun.t_s]).toEqual([false, 12]);
+});

@@ -1,0 +1,343 @@
+/** The plan editor: the document with its history, the selection, and what the next click on the map adds. */
+
+import type { LayerEditor } from '../../../app/map-layers.svelte';
+import { eastNorth, type GeoPosition } from '../../../vehicle/geo';
+import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, obstaclesOf, refOf, type Altitude, type PlannedHome, type ItemKind, type Plan } from '../document/document';
+import * as edit from '../document/edit';
+import * as history from '../document/history';
+import { newItem, titleOf } from '../document/items';
+import * as kinds from '../document-kinds';
+import type { Document } from '../document-kinds';
+import type { Sketch } from '../document/layer';
+import * as offboard from '../offboard/edit';
+import { isMission, type Mission, type StepKind } from '../offboard/mission';
+import { frameOf, type Frame } from '../offboard/positions';
+import { newMission, titleOf as stepKindTitle } from '../offboard/step-titles';
+
+/** One state of the history. */
+export interface Draft {
+  /** Identifies the opened or new plan that this state belongs to. */
+  readonly document: number;
+  readonly name: string;
+  readonly plan: Document;
+}
+
+/** What the next clicks on the map add. */
+export type Placing =
+  | { readonly of: 'item'; readonly kind: ItemKind }
+  | { readonly of: 'step'; readonly kind: StepKind }
+  | { readonly of: 'rally' }
+  | { readonly of: 'area'; readonly use: AreaUse }
+  | { readonly of: 'circle' };
+export type AreaUse = 'inclusion' | 'exclusion' | 'obstacle';
+
+const NEW_NAME = 'New plan';
+const NEW_MISSION = 'New mission';
+/** Radius of a new fence circle. */
+const CIRCLE_RADIUS_M = 50;
+/** Top of a new obstacle: a house of two floors. */
+const OBSTACLE_TOP: Altitude = { value_m: 10, reference: 'home' };
+const NONE: ReadonlySet<string> = new Set();
+
+export class PlanEditor implements LayerEditor {
+  private history = $state.raw(history.begin<Draft>({ document: 0, name: NEW_NAME, plan: EMPTY }));
+  selected = $state.raw<ReadonlySet<string>>(NONE);
+  placing = $state.raw<Placing | null>({ of: 'item', kind: 'waypoint' });
+  /** Corners of the area that is being drawn. */
+  corners = $state.raw<readonly GeoPosition[]>([]);
+  private documents = 0;
+  private gestures = 0;
+  private grabbed: { group: string; base: Document; at: GeoPosition; from: ReadonlyMap<string, GeoPosition>; selected: ReadonlySet<string> } | null = null;
+
+  readonly draft = $derived(this.history.now);
+  /** The edited document, a waypoint plan or a mission. */
+  readonly document = $derived(this.history.now.plan);
+  /** The edited waypoint plan; empty while a mission is edited. */
+  readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY : this.history.now.plan);
+  /** The edited mission; null while a waypoint plan is edited. */
+  readonly mission: Mission | null = $derived(isMission(this.history.now.plan) ? this.history.now.plan : null);
+  /** The mission's position on the earth, and its compiled path if the server has sent one. */
+  frame = $state.raw<Frame>(frameOf(null, null, null));
+  compiled = $state.raw<kinds.Compiled>({ flight: null, isCurrent: false });
+  readonly canUndo = $derived(this.history.past.length > 0);
+  readonly canRedo = $derived(this.history.future.length > 0);
+  readonly rows: readonly number[] = $derived(
+    [...this.selected].flatMap((id) => {
+      const ref = refOf(id);
+      return ref?.of === 'item' ? [ref.row] : [];
+    }),
+  );
+  readonly sketch: Sketch | null = $derived(
+    this.placing?.of === 'area' ? { corners: this.corners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
+  );
+  readonly picture = $derived(kinds.pictureOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
+
+  /** @param group changes of one group are undone together. */
+  change(plan: Document, group: string | null = null): void {
+    this.history = history.change(this.history, plan === this.document ? this.draft : { ...this.draft, plan }, group);
+  }
+
+  /** Applies a finding's fix, which may insert or remove rows. */
+  applyFix(plan: Document): void {
+    this.change(plan);
+    this.select([]);
+  }
+
+  rename(name: string): void {
+    this.history = history.change(this.history, { ...this.draft, name }, 'name');
+  }
+
+  /** A field lost the focus: later changes are undone separately. */
+  endGroup(): void {
+    this.history = history.endGroup(this.history);
+  }
+
+  undo(): void {
+    this.history = history.undo(this.history);
+    this.pruneSelection();
+  }
+
+  redo(): void {
+    this.history = history.redo(this.history);
+    this.pruneSelection();
+  }
+
+  /** Opens another document; undo restores the one before. @returns the number of the new document. */
+  replace(name: string, plan: Document): number {
+    this.documents += 1;
+    this.history = history.change(this.history, { document: this.documents, name, plan });
+    this.select([]);
+    this.stopPlacing();
+    return this.documents;
+  }
+
+  /** Restores the draft from before a reload, with an empty history. @returns the number of the document. */
+  load(name: string, plan: Document): number {
+    this.documents += 1;
+    this.history = history.begin({ document: this.documents, name, plan });
+    this.stopPlacing();
+    return this.documents;
+  }
+
+  begin(home: PlannedHome | null): void {
+    this.replace(NEW_NAME, { ...EMPTY, planned_home: home });
+    this.place({ of: 'item', kind: 'waypoint' });
+  }
+
+  beginMission(home: PlannedHome | null): void {
+    this.replace(NEW_MISSION, newMission(home));
+    this.place({ of: 'step', kind: 'fly' });
+  }
+
+  select(ids: Iterable<string>): void {
+    this.selected = new Set(ids);
+  }
+
+  /** Selects one point, or with `more` adds it to or removes it from the selection; inserts a point if it is a midpoint. */
+  pick(id: string, more: boolean): void {
+    if (kinds.isInsertion(id)) {
+      const at = this.picture.points.find((point) => point.id === id);
+      if (at !== undefined) this.insert(id, at);
+      return;
+    }
+    if (id.startsWith('sketch:')) return;
+    if (!more) return this.select([id]);
+    const next = new Set(this.selected);
+    if (!next.delete(id)) next.add(id);
+    this.selected = next;
+  }
+
+  /** Selects the range from the last selected row to this one. */
+  selectTo(row: number): void {
+    const from = this.rows.at(-1) ?? row;
+    const [low, high] = [Math.min(from, row), Math.max(from, row)];
+    this.select(Array.from({ length: high - low + 1 }, (_, i) => `item:${low + i}`));
+  }
+
+  selectAll(): void {
+    this.select(kinds.allSteps(this.document));
+  }
+
+  place(placing: Placing): void {
+    this.placing = placing;
+    this.corners = [];
+  }
+
+  stopPlacing(): void {
+    this.placing = null;
+    this.corners = [];
+  }
+
+  /** Handles a click on the ground. */
+  press(at: GeoPosition): boolean {
+    const placing = this.placing;
+    if (placing === null) this.select([]);
+    else if (placing.of === 'item') this.addItem(placing.kind, at);
+    else if (placing.of === 'step') this.addStep(placing.kind, at);
+    else if (placing.of === 'rally') {
+      this.change({ ...this.plan, rally_points: [...this.plan.rally_points, { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: DEFAULT_ALTITUDE }] });
+      this.select([`rally:${this.plan.rally_points.length - 1}`]);
+      this.stopPlacing();
+    } else if (placing.of === 'circle') {
+      const center = { lat_deg: at.lat_deg, lon_deg: at.lon_deg };
+      this.change({ ...this.document, fence: [...this.document.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
+      this.select([`circle:${this.document.fence.length - 1}`]);
+      this.stopPlacing();
+    } else this.corners = [...this.corners, { lat_deg: at.lat_deg, lon_deg: at.lon_deg }];
+    return true;
+  }
+
+  /** Adds the item after the selection, else at the end, but before a final landing or return. */
+  addItem(kind: ItemKind, at: GeoPosition | null): void {
+    const row = kind === 'takeoff' ? 0 : edit.FLIGHT_ENDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
+    this.change(edit.insertItem(this.plan, row, newItem(kind, at, altitudeBefore(this.plan, row))));
+    this.select([`item:${row}`]);
+    if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
+  }
+
+  /**
+   * Adds a step of a mission after the selection, else at the end. A click adds a point to the selected trajectory.
+   */
+  addStep(kind: StepKind, at: GeoPosition | null): void {
+    if (this.mission === null) return;
+    const added = offboard.addStep(this.mission, kind, at, [...this.selected], this.frame);
+    this.change(added.mission);
+    this.select([added.id]);
+    if (kind !== 'fly' && this.placing?.of === 'step') this.stopPlacing();
+  }
+
+  /** Uses the drawn area as geofence or as obstacle. */
+  addArea(use: AreaUse, polygon: readonly GeoPosition[]): void {
+    if (use !== 'obstacle') return this.addZone(use === 'inclusion', polygon);
+    this.change(edit.addObstacle(this.document, { name: '', polygon, top: OBSTACLE_TOP }));
+    const index = obstaclesOf(this.document).length - 1;
+    this.select(polygon.map((_, corner) => `obstacle:${index}:${corner}`));
+    this.stopPlacing();
+  }
+
+  /** Adds the drawn area to the geofence. */
+  addZone(inclusion: boolean, polygon: readonly GeoPosition[]): void {
+    this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
+    this.select([]);
+    this.stopPlacing();
+  }
+
+  /** Inserts the items or steps of a pattern after the selection, as one change. */
+  insertPattern(added: Document): void {
+    const inserted = kinds.insertAll(this.document, added, [...this.selected]);
+    this.change(inserted.document);
+    this.select(inserted.ids);
+  }
+
+  /** @returns false if nothing was selected. */
+  remove(): boolean {
+    if (this.corners.length > 0) {
+      this.corners = this.corners.slice(0, -1);
+      return true;
+    }
+    if (this.selected.size === 0) return false;
+    if (this.mission !== null) {
+      const [before, ids] = [this.mission, [...this.selected]];
+      this.change(kinds.remove(before, ids));
+      this.select(kinds.neighbourOf(before, this.document, ids, this.frame));
+      return true;
+    }
+    const next = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
+    const hadRows = this.rows.length > 0;
+    this.change(edit.remove(this.plan, [...this.selected]));
+    this.select(hadRows && this.plan.items.length > 0 ? [`item:${Math.min(next, this.plan.items.length - 1)}`] : []);
+    return true;
+  }
+
+  /** Moves the selected rows up (−1) or down (1). */
+  reorder(step: -1 | 1): void {
+    if (this.mission !== null) {
+      const moved = offboard.reorder(this.mission, [...this.selected], step);
+      if (moved === null) return;
+      this.change(moved.mission);
+      this.select(moved.ids);
+      return;
+    }
+    const rows = [...this.rows].sort((a, b) => a - b);
+    const [first, last] = [rows[0], rows.at(-1)];
+    if (first === undefined || last === undefined) return;
+    const before = step < 0 ? first - 1 : last + 2;
+    if (before < 0 || before > this.plan.items.length) return;
+    const moved = edit.reorder(this.plan, rows, before);
+    this.change(moved.plan);
+    this.select(moved.rows.map((row) => `item:${row}`));
+  }
+
+  grab(id: string): string | null {
+    const inserts = kinds.isInsertion(id);
+    const at = this.picture.points.find((point) => point.id === id);
+    if (at === undefined || id.startsWith('sketch:')) return null;
+    this.gestures += 1;
+    const group = `drag ${this.gestures}`;
+    const before = this.selected;
+    const moving = inserts ? this.insert(id, at, group) : id;
+    if (!inserts && !this.selected.has(id)) this.select([id]);
+    const from = new Map(
+      [...this.selected]
+        .map((one) => [one, kinds.positionIn(this.document, one, this.frame)] as const)
+        .filter((pair): pair is [string, GeoPosition] => pair[1] !== null),
+    );
+    this.grabbed = { group, base: this.document, at, from, selected: before };
+    return moving;
+  }
+
+  drag(_id: string, to: GeoPosition): void {
+    const grabbed = this.grabbed;
+    if (grabbed !== null) this.change(kinds.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to), this.frame), grabbed.group);
+  }
+
+  raise(by_m: number): void {
+    const [grabbed, step_m] = [this.grabbed, Number(by_m.toFixed(1))];
+    if (grabbed !== null && Number.isFinite(step_m)) this.change(kinds.raise(grabbed.base, grabbed.from.keys(), step_m), grabbed.group);
+  }
+
+  drop(keep: boolean): void {
+    const grabbed = this.grabbed;
+    this.grabbed = null;
+    if (grabbed === null) return;
+    if (!keep) {
+      this.history = history.cancel(this.history, grabbed.group);
+      this.selected = grabbed.selected;
+    }
+    this.endGroup();
+  }
+
+  private insert(id: string, at: GeoPosition, group: string | null = null): string {
+    const inserted = kinds.insertAt(this.document, id, at, this.frame);
+    if (inserted === null) return id;
+    this.change(inserted.document, group);
+    this.select([inserted.id]);
+    return inserted.id;
+  }
+
+  /** Removes ids from the selection that no longer exist after an undo. */
+  private pruneSelection(): void {
+    const existing = [...this.selected].filter((id) => kinds.exists(this.document, id, this.frame));
+    this.select(existing);
+  }
+}
+
+/**
+ * The hint's text about what the next click adds.
+ * @param where what is clicked: the map, or the ground in the 3D view.
+ */
+export function placingText(placing: Placing, corners: number, where: 'map' | 'ground' = 'map'): string {
+  if (placing.of === 'item')
+    return placing.kind === 'waypoint' ? `Click the ${where} to add waypoints.` : `Click the ${where} to place “${titleOf({ kind: placing.kind })}”.`;
+  if (placing.of === 'step')
+    return placing.kind === 'fly' ? `Click the ${where} to add points to fly through.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
+  if (placing.of === 'rally') return `Click the ${where} to place the rally point.`;
+  if (placing.of === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
+  return `Click the corners of ${AREAS[placing.use]}${corners > 0 ? ` (${corners} so far)` : ''}.`;
+}
+
+const AREAS: Readonly<Record<AreaUse, string>> = {
+  inclusion: 'the area to stay inside',
+  exclusion: 'the area to stay outside',
+  obstacle: 'the obstacle',
+};

@@ -1,0 +1,27 @@
+import text from '../../../../../tests/data/plan_fixes/cases.json?raw';
+import { expect, it } from 'vitest';
+import type { Plan } from '../document/document';
+import { fixOf, type Finding } from '../document/fixes';
+import { fixOf as fixOfMission } from '../offboard/fixes';
+import type { Mission } from '../offboard/mission';
+import { frameOf } from '../offboard/positions';
+
+/** Plans with one finding each, made by `tests/unit/gcs_server/plans/test_fixes.py`, which also checks the fixed plans. */
+const FIXED = '../../../../../tests/data/plan_fixes/fixed.json';
+interface Case {
+  readonly document: Plan | Mission;
+  readonly finding: Finding;
+}
+const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+const cases = JSON.parse(text) as Record<string, Case>;
+
+it('each fix is one edit, and makes the plans that the server’s checks are tested with', async () => {
+  const fixed: string[] = [];
+  for (const [name, { document, finding }] of Object.entries(cases)) {
+    const fix = 'steps' in document ? fixOfMission(document, finding, frameOf(document, HOME, null)) : fixOf(document, finding, HOME);
+    expect(fix, name).not.toBeNull();
+    expect(fix?.plan, name).not.toEqual(document);
+    fixed.push(`${JSON.stringify(name)}: ${JSON.stringify(fix?.plan)}`);
+  }
+  await expect(`{\n${fixed.join(',\n')}\n}\n`).toMatchFileSnapshot(FIXED);
+});

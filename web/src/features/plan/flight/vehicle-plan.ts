@@ -1,0 +1,63 @@
+/** The plan on a vehicle, and its differences from the edited plan, as text. Pure. */
+
+import type { components } from '../../../api/schema';
+import { fixed } from '../../../ui/format';
+
+type Schemas = components['schemas'];
+export type VehiclePlan = Readonly<Schemas['MissionView']['holds']>;
+export type Comparison = Readonly<Schemas['MissionComparison']>;
+export type Difference = Comparison['differences'][number];
+
+const PARTS = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
+const FIELDS: Readonly<Record<string, string>> = {
+  command: 'command',
+  frame: 'altitude reference',
+  z: 'altitude',
+  autocontinue: 'autocontinue',
+};
+
+/** Sentence about the plan on the vehicle. */
+export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
+  if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan is on ${name}.`;
+  if (holds.state === 'another') return `The plan on ${name} is not the one last uploaded.`;
+  if (isOnVehicle(holds, current)) return `This plan is on ${name}.`;
+  const older =
+    current !== null && holds.plan?.id === current.id
+      ? `version ${holds.plan.version ?? 0} of this plan`
+      : `the plan “${holds.plan?.name ?? 'without a name'}”`;
+  return `On ${name}: ${older}.`;
+}
+
+/** Whether exactly this version is on the vehicle. */
+export function isOnVehicle(holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
+  const plan = holds?.state === 'plan' ? holds.plan : null;
+  return current !== null && plan?.id === current.id && plan.version === current.version;
+}
+
+/** Result of the comparison after reading the vehicle's plan back. */
+export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
+  if (still_held === false) return `The plan on ${name} has changed since it was read. Read it back again.`;
+  if (equal && differences.length === 0) return `Read back: the plan on ${name} is identical to this plan.`;
+  if (equal)
+    return `Read back: the plan on ${name} matches this plan, but the vehicle does not store ${differences.length === 1 ? 'this value' : `these ${differences.length} values`}:`;
+  return `Read back: the plan on ${name} differs from this plan:`;
+}
+
+export function differenceText({ part, seq, field, planned, held }: Difference): string {
+  const [inPlan, onVehicle] = [valueText(field, planned), valueText(field, held)];
+  if (seq === null) return `The ${PARTS[part]}: ${inPlan} items in the plan, ${onVehicle} on the vehicle.`;
+  const isLatLonValue = isCoordinate(field, planned) || isCoordinate(field, held);
+  const words = field === 'x' ? (isLatLonValue ? 'latitude' : 'parameter 5') : field === 'y' ? (isLatLonValue ? 'longitude' : 'parameter 6') : null;
+  return `Item ${seq + 1} of the ${PARTS[part]}, ${words ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
+}
+
+/** MAVLink sends positions in 1e-7 degrees. Items without a position have small numbers in these fields. */
+function isCoordinate(field: string, value: number | null): boolean {
+  return (field === 'x' || field === 'y') && value !== null && Math.abs(value) > 1000;
+}
+
+function valueText(field: string, value: number | null): string {
+  if (value === null) return 'not set';
+  if (isCoordinate(field, value)) return `${fixed(value / 1e7, 7)}°`;
+  return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
+}

@@ -1,0 +1,70 @@
+import { describe, expect, it } from 'vitest';
+import { positionAt } from '../../../vehicle/geo';
+import { EMPTY } from '../document/document';
+import type { DryRunView } from '../dry-run/dry-run.svelte';
+import { startBody, startQuestion } from './mission-start';
+import { dryRunFor, flightProgress, flightText, flightWords, hasEnded, type WaypointFlight } from './waypoint-flight';
+
+const FLIGHT: WaypointFlight = {
+  state: 'flying',
+  name: 'Tower',
+  plan_id: 'abc',
+  version: 2,
+  client: 'anna',
+  started_unix_s: 100,
+  item: 1,
+  count: 3,
+  place: 'item 2',
+  title: 'Waypoint',
+  planned_by: 'dry_run',
+  dry_run: '4',
+  duration_s: 80,
+  remaining_s: 60,
+  deviation_horizontal_m: 1.24,
+  deviation_vertical_m: -0.31,
+  outside_corridor_m: 0,
+  not_compared: null,
+  reason: null,
+};
+const UNKNOWN = { planned_by: null, duration_s: null, remaining_s: null, deviation_horizontal_m: null, deviation_vertical_m: null } as const;
+
+describe('a monitored flight', () => {
+  it('has its time left and its deviation in one line', () => {
+    expect(flightText(FLIGHT)).toBe('01:00 left · 1.2 m beside, 0.3 m below the path of the dry run');
+    const ofPlan = flightText({ ...FLIGHT, planned_by: 'plan', deviation_vertical_m: 0.2 });
+    expect(ofPlan).toBe('about 01:00 left · 1.2 m beside, 0.2 m above the straight lines of the plan');
+    expect(flightText({ ...FLIGHT, deviation_horizontal_m: null, deviation_vertical_m: null })).toBe('01:00 left');
+    expect(flightText({ ...FLIGHT, ...UNKNOWN })).toBeNull();
+  });
+
+  it('shows the elapsed part of the planned time', () => {
+    expect([flightProgress(FLIGHT), flightProgress({ ...FLIGHT, remaining_s: 90 }), flightProgress({ ...FLIGHT, ...UNKNOWN })]).toEqual([0.25, 0, null]);
+  });
+
+  it('says that it is not monitored in another mode, and when it has ended', () => {
+    const states = (['flying', 'paused', 'done', 'stopped'] as const).map((state) => ({ ...FLIGHT, state }));
+    expect(states.map(hasEnded)).toEqual([false, false, true, true]);
+    expect(states.map((one) => flightWords(one).text)).toEqual(['Flown by the vehicle', 'Not monitored now', 'Done', 'Stopped']);
+  });
+});
+
+describe('the dry run of a start', () => {
+  const origin = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
+  const view = { id: '4', vehicle: '1', nominal: { finished: true, origin } } as unknown as DryRunView;
+  const near = positionAt(origin, { north_m: 3, east_m: 0 });
+
+  it('is one of the same vehicle from the same place that has flown the whole plan', () => {
+    expect(dryRunFor(view, '1', near)).toBe('4');
+    expect(dryRunFor(view, '2', near)).toBeNull();
+    expect(dryRunFor(view, '1', null)).toBeNull();
+    expect(dryRunFor(null, '1', near)).toBeNull();
+    expect(dryRunFor(view, '1', positionAt(origin, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect(dryRunFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', near)).toBeNull();
+  });
+
+  it('is named in the question and in the request', () => {
+    expect(startQuestion('1 Quad', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
+    expect(startQuestion('1 Quad', false, null, []).effect).not.toContain('dry run');
+    expect(startBody(EMPTY, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
+  });
+});

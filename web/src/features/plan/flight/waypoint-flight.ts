@@ -1,0 +1,48 @@
+/** A flight of a waypoint plan, which PX4 flies and the server monitors, as texts and numbers. Pure. */
+
+import type { components } from '../../../api/schema';
+import { duration, fixed } from '../../../ui/format';
+import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
+import type { DryRunView } from '../dry-run/dry-run.svelte';
+
+export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatus']>;
+
+const WORDS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {
+  flying: { text: 'Flown by the vehicle', tone: 'target' },
+  paused: { text: 'Not monitored now', tone: 'dim' },
+  done: { text: 'Done', tone: 'ok' },
+  stopped: { text: 'Stopped', tone: 'caution' },
+};
+
+export function flightWords(flight: WaypointFlight): (typeof WORDS)[WaypointFlight['state']] {
+  return WORDS[flight.state];
+}
+
+export function hasEnded(flight: WaypointFlight): boolean {
+  return flight.state === 'done' || flight.state === 'stopped';
+}
+
+/** Elapsed part of the planned time, 0 to 1; null: not known. */
+export function flightProgress({ duration_s, remaining_s }: WaypointFlight): number | null {
+  if (duration_s === null || remaining_s === null || !(duration_s > 0)) return null;
+  return Math.min(1, Math.max(0, 1 - remaining_s / duration_s));
+}
+
+/** Time left and deviation in one line; null: nothing is known. */
+export function flightText(flight: WaypointFlight): string | null {
+  const left = flight.remaining_s === null ? null : `${flight.planned_by === 'plan' ? 'about ' : ''}${duration(flight.remaining_s)} left`;
+  const parts = [left, deviationText(flight)].filter((part) => part !== null);
+  return parts.length === 0 ? null : parts.join(' · ');
+}
+
+function deviationText({ deviation_horizontal_m: beside_m, deviation_vertical_m: above_m, planned_by }: WaypointFlight): string | null {
+  if (beside_m === null || above_m === null) return null;
+  const path = planned_by === 'dry_run' ? 'the path of the dry run' : 'the straight lines of the plan';
+  return `${fixed(beside_m, 1)} m beside, ${fixed(Math.abs(above_m), 1)} m ${above_m < 0 ? 'below' : 'above'} ${path}`;
+}
+
+/** The dry run to compare a flight with: a finished one of this vehicle, with the same start. @param here position of the vehicle on the ground. */
+export function dryRunFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
+  if (view === null || view.vehicle !== vehicle || !view.nominal.finished || here === null) return null;
+  return isSameStart(here, view.nominal.origin) ? view.id : null;
+}

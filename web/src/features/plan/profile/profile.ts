@@ -1,0 +1,136 @@
+/** The altitude profile along the path. Pure. */
+
+import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
+import { alt_home_m, obstaclesOf, path, type Plan, type PlannedHome, type SharedParts } from '../document/document';
+import type { Flight } from '../offboard/compiled-path';
+import { obstacleSpans, type ObstacleSpan } from './profile-obstacles';
+
+export interface ProfilePoint {
+  readonly row: number;
+  /** Id that a click on the point selects; null if it selects nothing. On a mission's path only the first point of each step has an id. */
+  readonly id: string | null;
+  /** Time since the start of the flight; null if it is not known. */
+  readonly t_s?: number;
+  /** Horizontal distance from the first point. */
+  readonly along_m: number;
+  /** Altitude above home; null if it cannot be computed. */
+  readonly alt_home_m: number | null;
+  /** Null if the origin of the local frame is unknown. */
+  readonly at: GeoPosition | null;
+}
+
+export interface Profile {
+  readonly points: readonly ProfilePoint[];
+  readonly obstacles: readonly ObstacleSpan[];
+  readonly length_m: number;
+  readonly top_m: number;
+  readonly bottom_m: number;
+}
+
+/**
+ * The terrain from the server's check: distance along the path [m], terrain height above home or above the start [m].
+ */
+export type Ground = readonly (readonly [number, number | null])[];
+
+const ROUND_M = 10;
+
+/** Profile of a waypoint plan, from home (if planned) through all points that are flown to. */
+export function profile(plan: Plan, ground: Ground = []): Profile {
+  let along_m = 0;
+  const home = plan.planned_home;
+  const way = path(plan);
+  const points: ProfilePoint[] = home === null || way.length === 0 ? [] : [{ row: -1, id: null, along_m: 0, alt_home_m: 0, at: home }];
+  way.forEach(({ row, item }, i) => {
+    const before = way[i - 1]?.item ?? home;
+    if (before !== null && before !== undefined) along_m += groundDistance_m(before, item);
+    points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home), at: item });
+  });
+  return withRange(points, ground, plan, home);
+}
+
+/**
+ * Profile of a mission: its compiled path through the longest branches; heights above the start.
+ * @param mission its obstacles and its home.
+ */
+export function missionProfile(flight: Flight, ground: Ground, mission: SharedParts & { readonly home?: PlannedHome | null }): Profile {
+  const points: ProfilePoint[] = [];
+  const start_down_m = flight.start_ned_m[2] ?? 0;
+  let [along_m, place] = [0, ''];
+  let before: readonly number[] | null = null;
+  for (const leg of flight.legs.filter((one) => one.main))
+    leg.points.forEach((point, i) => {
+      const [t_s, north_m, east_m, down_m] = point;
+      if (before !== null) along_m += Math.hypot(north_m - (before[1] ?? 0), east_m - (before[2] ?? 0));
+      before = point;
+      const begins = i === 0 && leg.place !== place;
+      place = leg.place;
+      const at = flight.origin === null ? null : positionAt(flight.origin, { north_m, east_m });
+      points.push({ row: points.length, id: begins ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m, at });
+    });
+  return withRange(points, ground, mission, mission.home ?? null);
+}
+
+function withRange(points: readonly ProfilePoint[], ground: Ground, document: SharedParts, home: PlannedHome | null): Profile {
+  const way = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, along_m }]));
+  const obstacles = obstacleSpans(way, obstaclesOf(document), home);
+  const along_m = points.at(-1)?.along_m ?? 0;
+  const known = [
+    ...points.flatMap((point) => point.alt_home_m ?? []),
+    ...ground.flatMap(([, height_m]) => height_m ?? []),
+    ...obstacles.map((span) => span.top_m),
+  ];
+  const top_m = Math.max(ROUND_M, Math.ceil((Math.max(0, ...known) * 1.1) / ROUND_M) * ROUND_M);
+  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...known) / ROUND_M) * ROUND_M);
+  return { points, obstacles, length_m: along_m, top_m, bottom_m };
+}
+
+/** A vertex of a polyline, y downwards. */
+export interface PolylinePoint {
+  readonly x: number;
+  readonly y: number;
+  readonly id: string | null;
+}
+
+/** The parts of the profile with known altitudes, as polylines in a box of this size. */
+export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): PolylinePoint[][] {
+  const parts: PolylinePoint[][] = [[]];
+  for (const point of points) {
+    if (point.alt_home_m === null) {
+      if (parts.at(-1)?.length !== 0) parts.push([]);
+      continue;
+    }
+    const x = length_m === 0 ? 0 : (point.along_m / length_m) * width;
+    parts.at(-1)?.push({ x, y: ((top_m - point.alt_home_m) / (top_m - bottom_m)) * height, id: point.id });
+  }
+  return parts.filter((part) => part.length > 0);
+}
+
+/** The terrain as SVG path data, filled down to the plot's lower edge; unknown parts are left out. */
+export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Ground, width: number, height: number): string {
+  const runs: string[][] = [[]];
+  for (const [along_m, height_m] of ground) {
+    if (height_m === null) {
+      if (runs.at(-1)?.length !== 0) runs.push([]);
+      continue;
+    }
+    const x = length_m === 0 ? 0 : Math.min(1, along_m / length_m) * width;
+    runs.at(-1)?.push(`${x.toFixed(1)} ${(((top_m - height_m) / (top_m - bottom_m)) * height).toFixed(1)}`);
+  }
+  return runs
+    .filter((run) => run.length > 1)
+    .map((run) => `M${run[0]?.split(' ')[0]} ${height}L${run.join('L')}L${run.at(-1)?.split(' ')[0]} ${height}Z`)
+    .join('');
+}
+
+/** The obstacles as SVG path data, from their top down to the plot's lower edge; a narrow one is at least 2 pixels wide. */
+export function obstacleAreas({ obstacles, length_m, top_m, bottom_m }: Profile, width: number, height: number): string {
+  const scale = length_m === 0 ? 0 : width / length_m;
+  return obstacles
+    .map((span) => {
+      const x = span.from_m * scale;
+      const y = ((top_m - span.top_m) / (top_m - bottom_m)) * height;
+      const wide = Math.max(2, (span.to_m - span.from_m) * scale);
+      return `M${x.toFixed(1)} ${height}V${y.toFixed(1)}h${wide.toFixed(1)}V${height}Z`;
+    })
+    .join('');
+}
