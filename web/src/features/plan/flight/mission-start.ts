@@ -1,6 +1,8 @@
-/** Starts the mission on a vehicle: at its beginning, at the current item, or at a chosen item. Pure. */
+/** Starts the mission on a vehicle: at its beginning, at the current item, at a chosen item, or where it was interrupted. Pure. */
 
+import type { components } from '../../../api/schema';
 import type { Question } from '../../../app/actions/actions';
+import { join, metres } from '../../../ui/format';
 import { findingCodes, acceptedErrorsText, findingText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
 import type { Finding } from '../document/fixes';
@@ -34,4 +36,40 @@ export function startBody(
 ): { item?: number; despite: string[]; dry_run?: string } {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
   return { ...(item === null ? {} : { item }), despite: findingCodes(despite), ...(dryRun === null ? {} : { dry_run: dryRun }) };
+}
+
+/** An interrupted flight of the plan on the vehicle. */
+export type ResumeOffer = Readonly<components['schemas']['ResumeOffer']>;
+
+const REFERENCES = { home: 'above home', amsl: 'AMSL', terrain: 'above the ground' } as const;
+
+export function resumeVerb({ item, count }: ResumeOffer): string {
+  return `Resume at item ${item + 1} of ${count}…`;
+}
+
+/** How far the plan was flown. @param at when, as text. */
+export function interruptedText({ interrupted_item, count }: ResumeOffer, at: string): string {
+  return `Interrupted on the way to item ${interrupted_item + 1} of ${count}, ${at}.`;
+}
+
+/** The way from the ground to the item. */
+function wayText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
+  const { text, unit } = metres(distance_m);
+  const far = distance_m === null ? '' : `${text} ${unit} `;
+  return `Arms, climbs where it stands to ${metres(altitude_m).text} m ${REFERENCES[altitude_reference]} and flies ${far}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
+}
+
+/** @param despite texts of the accepted errors. */
+export function resumeQuestion(vehicleName: string, offer: ResumeOffer, despite: readonly string[]): Question {
+  return {
+    title: `Resume the mission of ${vehicleName} at item ${offer.item + 1} of ${offer.count}`,
+    effect: join([wayText(offer), ...offer.cautions, acceptedErrorsText(despite), 'Hold pauses the mission.'].filter(Boolean), ' '),
+    verb: 'Resume',
+    danger: despite.length > 0,
+  };
+}
+
+/** The server refuses this start if the vehicle has another mission by now. */
+export function resumeBody({ item, mission_id }: ResumeOffer, despite: readonly string[]): { item: number; mission_id: number; despite: string[] } {
+  return { item, mission_id, despite: [...despite] };
 }

@@ -7,7 +7,7 @@ import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
 import { VehicleMission } from './plan-transfer.svelte';
-import { startBody, startQuestion } from './mission-start';
+import { interruptedText, resumeBody, resumeQuestion, resumeVerb, startBody, startQuestion } from './mission-start';
 
 describe('the plan on the vehicle', () => {
   const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
@@ -166,5 +166,44 @@ describe('flying the plan on the vehicle', () => {
     expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
     expect(startBody(plan, false, null, [finding({}), finding({ text: 'again' })])).toEqual({ item: 0, despite: ['fence_crossed'] });
     expect(startBody(plan, true, null, [])).toEqual({ despite: [] });
+  });
+});
+
+describe('an interrupted flight', () => {
+  const offer = {
+    item: 6,
+    title: 'Waypoint',
+    count: 20,
+    mission_id: 77,
+    altitude_m: 40,
+    altitude_reference: 'home',
+    distance_m: 212.4,
+    interrupted_item: 8,
+    interrupted_unix_s: 1,
+    cautions: ['PX4 does not repeat item 2.'],
+  } as const;
+
+  it('states where it resumes, and how far it was flown', () => {
+    expect(resumeVerb(offer)).toBe('Resume at item 7 of 20…');
+    expect(interruptedText(offer, '12 min ago')).toBe('Interrupted on the way to item 9 of 20, 12 min ago.');
+  });
+
+  it('asks with the altitude and the length of the way there, and with everything that is different', () => {
+    expect(resumeQuestion('1 Quad', offer, [])).toEqual({
+      title: 'Resume the mission of 1 Quad at item 7 of 20',
+      effect:
+        'Arms, climbs where it stands to 40.0 m above home and flies 212 m straight to item 7 (waypoint). It flies the rest of the mission from there. PX4 does not repeat item 2. Hold pauses the mission.',
+      verb: 'Resume',
+      danger: false,
+    });
+    const unknown = resumeQuestion('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
+    expect(unknown.effect).toBe(
+      'Arms, climbs where it stands to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. Despite an error: It leaves the fence. Hold pauses the mission.',
+    );
+    expect(unknown.danger).toBe(true);
+  });
+
+  it('starts at that item of that mission only', () => {
+    expect(resumeBody(offer, ['flight_from_here'])).toEqual({ item: 6, mission_id: 77, despite: ['flight_from_here'] });
   });
 });
