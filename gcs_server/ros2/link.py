@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from gcs_server.links.base import DdsAddress, Link, Peer
 from gcs_server.links.writer import LinkWriter
-from gcs_server.ros2.message_types import MESSAGES
-from gcs_server.ros2.topics import STATUS, STATUS_VERSION, vehicle_of, wire_type
+from gcs_server.ros2.topics import STATUS, STATUS_VERSION, read_topic, vehicle_of, wire_type
 from gcs_server.ros2.vehicle_link import VehicleLink
 
 if TYPE_CHECKING:
@@ -188,18 +187,21 @@ class _Run:
             self._post(self._link.report, self._detail(now_s))
 
     def _found(self, port: DdsPort, publication: Publication, now_s: float) -> None:
+        topic = publication.topic.removeprefix("rt")
+        read = read_topic(publication.topic)
+        if read is not None and self._link.namespace in (None, read[0]):
+            expected = wire_type(read[1].message)
+            if publication.type != expected:
+                self._cannot_read(topic, f"{topic} has the type {publication.type} instead of {expected}")
+                return
         found = vehicle_of(publication.topic)
         if found is None or self._link.namespace not in (None, found[0]):
             return
         namespace, version = found
-        topic = publication.topic.removeprefix("rt")
-        expected = wire_type(MESSAGES["VehicleStatus"])
         if version != STATUS_VERSION:
             self._cannot_read(
                 topic, f"{topic} is of another version of PX4; only vehicle_status_v1 (v1.16) is read"
             )
-        elif publication.type != expected:
-            self._cannot_read(topic, f"{topic} has the type {publication.type} instead of {expected}")
         elif peer_name(namespace) not in self._ports:
             if len(self._ports) >= MAX_VEHICLES:
                 self._cannot_read(topic, f"{topic} is not read: the link has {MAX_VEHICLES} vehicles already")

@@ -54,6 +54,7 @@ SUBSCRIPTIONS: Final = (
     Subscription("/fmu/out/battery_status", "BatteryStatus", 0.5),
 )
 """In the order in which they are read: a message comes after those that its conversion needs."""
+_BY_NAME: Final = {each.name: each for each in SUBSCRIPTIONS}
 COMMAND: Final = "/fmu/in/vehicle_command"
 
 
@@ -82,3 +83,13 @@ def vehicle_of(topic: str) -> tuple[str, str] | None:
         return None
     namespace, version = found[1] or "", found[2] or ""
     return (namespace, version) if not namespace or is_namespace(namespace) else None
+
+
+def read_topic(topic: str) -> tuple[str, Subscription] | None:
+    """Namespace and subscription of a topic that the server reads, given its name in DDS; None for others."""
+    start, output, name = topic.partition("/fmu/out/")
+    subscription = _BY_NAME.get(output + name)
+    namespace = start.removeprefix("rt").removeprefix("/")
+    if subscription is None or start != ("rt" if not namespace else f"rt/{namespace}"):
+        return None
+    return (namespace, subscription) if not namespace or is_namespace(namespace) else None

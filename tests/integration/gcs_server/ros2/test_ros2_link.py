@@ -162,6 +162,11 @@ async def test_of_two_vehicles_in_one_namespace_only_the_first_is_read() -> None
         ("/fmu/out/vehicle_status_v2", "VehicleStatus", "of another version of PX4"),
         ("/fmu/out/vehicle_status", "VehicleStatus", "of another version of PX4"),
         (STATUS, "HomePosition", "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
+        (
+            "/fmu/out/vehicle_attitude",
+            "HomePosition",
+            "instead of px4_msgs::msg::dds_::VehicleAttitude_",
+        ),
     ],
 )
 @in_event_loop

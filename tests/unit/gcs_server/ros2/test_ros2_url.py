@@ -11,7 +11,7 @@ from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.url import make_link
 from gcs_server.ros2.boot_time import BootTime
 from gcs_server.ros2.link import Ros2Link
-from gcs_server.ros2.topics import vehicle_of, wire_name
+from gcs_server.ros2.topics import read_topic, vehicle_of, wire_name
 from gcs_server.ros2.url import ros2_link
 
 
@@ -81,6 +81,25 @@ def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytes
 )
 def test_a_vehicle_is_found_by_its_status_topic(topic: str, found: tuple[str, str] | None) -> None:
     assert vehicle_of(topic) == found
+
+
+@pytest.mark.parametrize(
+    ("topic", "found"),
+    [
+        ("rt/fmu/out/vehicle_attitude", ("", "VehicleAttitude")),
+        ("rt/a/b/fmu/out/vehicle_status_v1", ("a/b", "VehicleStatus")),
+        ("rt/fmu/out/sensor_combined", None),
+        ("rt/fmu/in/vehicle_command", None),
+        ("rq/fmu/out/vehicle_attitude", None),
+        ("rtx/fmu/out/vehicle_attitude", None),
+        ("rt/1 x/fmu/out/vehicle_attitude", None),
+    ],
+)
+def test_a_topic_that_the_server_reads_is_found_by_its_name(
+    topic: str, found: tuple[str, str] | None
+) -> None:
+    read = read_topic(topic)
+    assert (None if read is None else (read[0], read[1].type)) == found
 
 
 def test_a_topic_has_its_namespace_on_the_wire() -> None:
