@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from gcs_server.api.group_models import VehicleId, require_unique
 from gcs_server.api.plan_models import LegModel, MissionBody, OriginModel
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import AnswerBody, StrictBody
 from gcs_server.streamer.missions.status import OffboardMissionStatus
-from missions.offboard.document import MAX_ROLES
+from missions.offboard.document import MAX_ROLES, OffboardMission
+from missions.offboard.insertion_steps import Positions
 from missions.runner.flown import FlownMission, FlownSample
 
 Role = Annotated[str, Field(min_length=1, max_length=100)]
@@ -24,16 +25,23 @@ OptionalDryRun = Annotated[
 ]
 
 
-class WhichMission(StrictBody):
-    """A mission, and the findings that the caller accepts."""
+def _check_key(value: Any) -> Any:
+    """One message for all wrong values, instead of one for each type."""
+    if type(value) is int or (isinstance(value, str) and len(value) <= 100):
+        return value
+    raise ValueError("give keys (texts) and indexes (whole numbers)")
+
+
+PlaceKey = Annotated[int | str, BeforeValidator(_check_key)]
+
+
+class OneMission(StrictBody):
+    """A mission: stored on the server, or in the request."""
 
     plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored offboard mission.")
     version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
     mission: MissionBody | None = Field(
         default=None, description="A mission that is not stored on the server."
-    )
-    despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
-        default=[], description="Codes of the mission's error findings that the caller accepts."
     )
 
     @model_validator(mode="after")
@@ -43,6 +51,41 @@ class WhichMission(StrictBody):
         if self.version is not None and self.plan_id is None:
             raise ValueError("version belongs to plan_id")
         return self
+
+
+class WhichMission(OneMission):
+    """A mission, and the findings that the caller accepts."""
+
+    despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
+        default=[], description="Codes of the mission's error findings that the caller accepts."
+    )
+
+
+class MissionToInsert(OneMission):
+    """The mission to insert, and the mission into which it is inserted."""
+
+    plan: MissionBody = Field(description="The mission to change (docs/missions.md).")
+    at: Annotated[list[PlaceKey], Field(min_length=2, max_length=50)] = Field(
+        description="Place of the new step in `plan`, as keys and indexes; later steps move back by one.",
+        examples=[["steps", 2], ["roles", "lead", "steps", 0], ["missions", "round", 1]],
+    )
+    in_air: bool = Field(
+        default=False,
+        description="Leave out the inserted take-off and last landing, because the vehicle is flying there.",
+    )
+    positions: Positions | None = Field(
+        default=None,
+        description="For planned starts that differ: positions relative to start or home count `from_start` "
+        "of `plan`, or are converted to the `same_places`; null: refused if it makes a difference.",
+    )
+
+
+class MissionWithInserted(AnswerBody):
+    """A mission with another one inserted; nothing is saved."""
+
+    plan: OffboardMission = Field(description="The mission.")
+    called: str = Field(description="Name of the list in `missions` that the new `call` step calls.")
+    notes: list[str] = Field(description="What differs from the two missions flown alone; sentences.")
 
 
 class StartMission(WhichMission):

@@ -191,7 +191,7 @@ async def prepared_start(
     return Start(name, timeline, motion, client, low_battery_share(vehicle))
 
 
-async def chosen_mission(station: Station, body: m.WhichMission) -> tuple[MissionName, str]:
+async def chosen_mission(station: Station, body: m.OneMission) -> tuple[MissionName, str]:
     """The chosen mission: its name, and its JSON text."""
     if body.mission is not None:
         return MissionName(body.mission.name, None, None), text_of(body.mission)
@@ -201,7 +201,8 @@ async def chosen_mission(station: Station, body: m.WhichMission) -> tuple[Missio
         raise InvalidRequest(
             "plan_id",
             f"{head.name!r} is a waypoint plan, which the vehicle flies itself.",
-            remedy="Upload it and start it (…/mission/start), or make an offboard mission of it.",
+            remedy="Upload it and start it (…/mission/start), or convert it to an offboard mission "
+            "(POST /plans/convert).",
         )
     return MissionName(head.name, head.id, head.version), document.decode()
 

@@ -11,9 +11,19 @@ from msgspec import Raw
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.plan_checks import check_document, is_small, is_small_pattern, plan_context_of, text_of
+from gcs_server.api.offboard_mission_models import MissionToInsert, MissionWithInserted
+from gcs_server.api.offboard_mission_routes import chosen_mission
+from gcs_server.api.plan_checks import (
+    SMALL_MISSION_BYTES,
+    check_document,
+    is_small,
+    is_small_pattern,
+    plan_context_of,
+    text_of,
+)
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
+from gcs_server.api.refusals import MAX_BODY_BYTES
 from gcs_server.api.responses import answer, fields_of
 from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
@@ -29,6 +39,8 @@ SMALL_FILE_BYTES = 32_768
 """Files up to this size are read in a thread, larger ones in a process."""
 SMALL_YAML_BYTES = 8_192
 """The same limit for YAML, which takes longer to parse."""
+MAX_MISSION_BYTES = MAX_BODY_BYTES - 4096
+"""Maximum size of a mission with an inserted one, so that a request can save it."""
 MAX_NOTES_LENGTH = 4000
 """Maximum length of the header with the notes of an export."""
 NOTES_HEADER = "X-Plan-Notes"
@@ -89,6 +101,28 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     home = known.home if body.plan.planned_home is None else None
     arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": known.parameters, "home": home}
     result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
+    return answer({**result, "plan": Raw(result["plan"].encode())})
+
+
+@router.post("/insert", response_model=MissionWithInserted)
+async def insert_mission(body: MissionToInsert, station: StationDep) -> Response:
+    """Inserts a mission for one vehicle into another mission. Saves nothing.
+
+    Its steps become a list in `missions`, with the lists and tables that it uses, and a new `call` step at
+    `at` calls this list. Its speed limit and avoidance become fields of its steps; its other limits, its
+    geofence and its obstacles apply to the whole mission.
+    """
+    name, added = await chosen_mission(station, body)
+    arguments = {
+        **body.model_dump(include={"at", "in_air", "positions"}),
+        "plan": text_of(body.plan),
+        "added": added,
+        "name": name.name,
+        "max_bytes": MAX_MISSION_BYTES,
+    }
+    small = is_small(body.plan) and len(added) <= SMALL_MISSION_BYTES
+    field = "mission" if body.plan_id is None else "plan_id"
+    result = await station.plan_work.run("insert", arguments, small=small, field=field)
     return answer({**result, "plan": Raw(result["plan"].encode())})
 
 

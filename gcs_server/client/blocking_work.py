@@ -231,6 +231,35 @@ class SyncPlans:
         """Converts a waypoint plan to an offboard mission: `plan` and `notes`. Saves nothing."""
         return self._portal.call(lambda: self._inner.convert(plan, name, vehicle_id=vehicle_id))
 
+    def insert(
+        self,
+        plan: Plan,
+        at: Sequence[str | int],
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        mission: Plan | None = None,
+        in_air: bool = False,
+        positions: str | None = None,
+    ) -> dict[str, Any]:
+        """Inserts a stored offboard mission (`plan_id`) or another one (`mission`) into an offboard mission:
+        `plan`, the name of the `called` list, and `notes`. Saves nothing.
+
+        `at` is the place of the new call step, `["steps", 2]`. With `in_air`, the inserted take-off and last
+        landing are left out. If the planned starts differ, `positions` is "from_start" or "same_places".
+        """
+        return self._portal.call(
+            lambda: self._inner.insert(
+                plan,
+                at,
+                plan_id=plan_id,
+                version=version,
+                mission=mission,
+                in_air=in_air,
+                positions=positions,
+            )
+        )
+
     def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
         """Resolves a waypoint plan's altitudes above the ground with the elevation files. Returns `plan`;
         saves nothing.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 from urllib.parse import quote, urlencode
 
@@ -81,6 +81,28 @@ class Plans:
         if vehicle_id is not None:
             body["vehicle"] = vehicle_id
         return await self._gcs.request("POST", "/plans/convert", body)
+
+    async def insert(
+        self,
+        plan: Plan,
+        at: Sequence[str | int],
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        mission: Plan | None = None,
+        in_air: bool = False,
+        positions: str | None = None,
+    ) -> dict[str, Any]:
+        """Inserts a stored offboard mission (`plan_id`) or another one (`mission`) into an offboard mission:
+        `plan`, the name of the `called` list, and `notes`. Saves nothing.
+
+        `at` is the place of the new call step, `["steps", 2]`. With `in_air`, the inserted take-off and last
+        landing are left out. If the planned starts differ, `positions` is "from_start" or "same_places".
+        """
+        body: Body = {"plan": dict(plan), "at": list(at), "in_air": in_air}
+        options: Body = {"plan_id": plan_id, "version": version, "mission": mission, "positions": positions}
+        body |= {name: value for name, value in options.items() if value is not None}
+        return await self._gcs.request("POST", "/plans/insert", body)
 
     async def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
         """Resolves a waypoint plan's altitudes above the ground with the elevation files. Returns `plan`;

@@ -280,6 +280,7 @@ ALL: tuple[Command, ...] = (
         "POST /plans/check",
         "POST /plans/convert",
         "POST /plans/import",
+        "POST /plans/insert",
         "POST /plans/export",
         "POST /plans/pattern",
         "POST /plans/ground",

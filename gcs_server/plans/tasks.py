@@ -247,12 +247,16 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
     return {"plan": documents.write(converted.mission).decode(), "notes": list(converted.notes)}
 
 
-def _table(arguments: Mapping[str, Any]) -> Values:
-    """Imports a trajectory. Arguments: `file` (base64), `filename`."""
-    from missions.offboard import tables
+def _insert(arguments: Mapping[str, Any]) -> Values:
+    from gcs_server.plans import mission_tasks
 
-    data = base64.b64decode(arguments["file"])
-    return dataclasses.asdict(tables.import_file(data, arguments["filename"]))
+    return mission_tasks.insert_mission(arguments)
+
+
+def _table(arguments: Mapping[str, Any]) -> Values:
+    from gcs_server.plans import mission_tasks
+
+    return mission_tasks.import_table(arguments)
 
 
 def _compile(arguments: Mapping[str, Any]) -> Values:
@@ -378,6 +382,7 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "elevation_files": _elevation_files,
     "follow_ground": _follow_ground,
     "import": _import,
+    "insert": _insert,
     "export": _export,
     "pattern": _pattern,
     "pattern_on_ground": _pattern,

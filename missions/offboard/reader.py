@@ -57,6 +57,9 @@ def read_json(data: str | bytes) -> OffboardMission:
     """
     text = decode(data)
     value = load(text)
+    if isinstance(value, dict) and "items" in value:
+        fix = "Convert it to an offboard mission (POST /plans/convert)."
+        raise PlanError("the mission", "it is a waypoint plan", fix)
     if _size(value, 0) > MAX_VALUES:
         raise PlanError("the mission", f"more than {MAX_VALUES} values", "Split the mission.")
     try:

@@ -293,6 +293,59 @@ def test_a_plan_is_converted_to_a_mission_with_notes(client):
     assert (refused.status_code, refused.json()["field"]) == (422, "plan")
 
 
+def test_a_stored_mission_is_inserted_into_another_one(client):
+    kept = keep(client, "Tower", MISSION)
+    body = {"plan": MISSION, "plan_id": kept["id"], "at": ["steps", 2], "in_air": True}
+    found = client.post("plans/insert", json=body).json()
+    assert [step["step"] for step in found["plan"]["steps"]] == ["take_off", "fly", "call", "land"]
+    assert found["plan"]["steps"][2]["mission"] == found["called"] == "Tower"
+    assert [step["step"] for step in found["plan"]["missions"]["Tower"]] == ["fly"]
+    assert "left out" in found["notes"][0]
+    saved = keep(client, "Two towers", found["plan"])
+    again = {**body, "plan": saved["plan"], "plan_id": saved["id"], "version": 1}
+    assert client.post("plans/insert", json=again).json()["called"] == "Two towers"
+
+
+def test_what_cannot_be_inserted_is_refused_by_field(client):
+    mission, plan = keep(client, "Tower", MISSION)["id"], keep(client)["id"]
+    far = {**MISSION, "home": {**MISSION["home"], "lat_deg": 47.41}}
+    for changes, status, field, words in (
+        ({"plan_id": plan}, 422, "plan_id", "POST /plans/convert"),
+        ({"plan_id": "none"}, 404, None, "GET /plans"),
+        ({"plan_id": None}, 422, "body", "exactly one of plan_id and mission"),
+        ({"version": 3}, 404, None, "Its newest is 1"),
+        ({"at": ["steps", 9]}, 422, "at", "steps"),
+        ({"at": ["steps", True]}, 422, "at.1", "whole numbers"),
+        ({"at": ["steps"]}, 422, "at", "2 items"),
+        ({"plan": far}, 422, "positions", "from_start"),
+        ({"positions": "there"}, 422, "positions", "from_start"),
+        ({"plan": PLAN}, 422, "plan", "waypoint plan"),
+        ({"plan": {**MISSION, "steps": [{"step": "call", "mission": "x"}]}}, 422, "plan", "no such mission"),
+    ):
+        body = {"plan": MISSION, "plan_id": mission, "at": ["steps", 1], **changes}
+        answer = client.post(
+            "plans/insert", json={key: value for key, value in body.items() if value is not None}
+        )
+        problem = answer.json()
+        assert (answer.status_code, problem.get("field")) == (status, field), (changes, problem)
+        assert words in f"{problem['detail']} {problem.get('remedy')}", problem
+
+
+def uses_a_table(length):
+    rows = "t_s,north_m,east_m,down_m\n0,0,0,-9\n9,9,0,-9"
+    steps = [{"step": "take_off", "height_m": 9}, {"step": "table", "file": "long"}]
+    return {**MISSION, "steps": steps, "tables": {"long": rows.ljust(length)}}
+
+
+def test_a_mission_that_could_not_be_saved_is_refused(client):
+    kept = keep(client, "Long", uses_a_table(600_000))
+    huge = {**MISSION, "tables": {"other": "x" * 600_000}}
+    answer = client.post("plans/insert", json={"plan": huge, "plan_id": kept["id"], "at": ["steps", 1]})
+    assert (answer.status_code, answer.json()["field"]) == (422, "plan_id")
+    assert "only 1044480 can be stored" in answer.json()["detail"]
+    assert "fewer rows" in answer.json()["remedy"]
+
+
 def test_a_trajectory_file_becomes_a_table_of_a_mission(client):
     file = io.BytesIO()
     np.save(file, np.array([[0, 0, 0, -10], [4, 8, 0, -10]], dtype=float))

@@ -1484,6 +1484,30 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/plans/insert": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Insert Mission
+         * @description Inserts a mission for one vehicle into another mission. Saves nothing.
+         *
+         *     Its steps become a list in `missions`, with the lists and tables that it uses, and a new `call` step at
+         *     `at` calls this list. Its speed limit and avoidance become fields of its steps; its other limits, its
+         *     geofence and its obstacles apply to the whole mission.
+         */
+        readonly post: operations["insert_mission_api_v1_plans_insert_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/plans/ground": {
         readonly parameters: {
             readonly query?: never;
@@ -7848,6 +7872,56 @@ export interface components {
             readonly value: components["schemas"]["Mission"];
         };
         /**
+         * MissionToInsert
+         * @description The mission to insert, and the mission into which it is inserted.
+         */
+        readonly MissionToInsert: {
+            /**
+             * Plan Id
+             * @description Id of a stored offboard mission.
+             */
+            readonly plan_id?: string | null;
+            /**
+             * Version
+             * @description Version of that plan; default: the newest.
+             */
+            readonly version?: number | null;
+            /** @description A mission that is not stored on the server. */
+            readonly mission?: components["schemas"]["OffboardMission"] | null;
+            /** @description The mission to change (docs/missions.md). */
+            readonly plan: components["schemas"]["OffboardMission"];
+            /**
+             * At
+             * @description Place of the new step in `plan`, as keys and indexes; later steps move back by one.
+             * @example [
+             *       "steps",
+             *       2
+             *     ]
+             * @example [
+             *       "roles",
+             *       "lead",
+             *       "steps",
+             *       0
+             *     ]
+             * @example [
+             *       "missions",
+             *       "round",
+             *       1
+             *     ]
+             */
+            readonly at: readonly (number | string)[];
+            /**
+             * In Air
+             * @description Leave out the inserted take-off and last landing, because the vehicle is flying there.
+             */
+            readonly in_air?: boolean;
+            /**
+             * Positions
+             * @description For planned starts that differ: positions relative to start or home count `from_start` of `plan`, or are converted to the `same_places`; null: refused if it makes a difference.
+             */
+            readonly positions?: ("from_start" | "same_places") | null;
+        };
+        /**
          * MissionView
          * @description The mission on a vehicle.
          */
@@ -7874,6 +7948,24 @@ export interface components {
              * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was interrupted.
              */
             readonly no_resume: string | null;
+        };
+        /**
+         * MissionWithInserted
+         * @description A mission with another one inserted; nothing is saved.
+         */
+        readonly MissionWithInserted: {
+            /** @description The mission. */
+            readonly plan: components["schemas"]["OffboardMission"];
+            /**
+             * Called
+             * @description Name of the list in `missions` that the new `call` step calls.
+             */
+            readonly called: string;
+            /**
+             * Notes
+             * @description What differs from the two missions flown alone; sentences.
+             */
+            readonly notes: readonly string[];
         };
         /**
          * ModeCause
@@ -18385,6 +18477,67 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["ConvertedPlan"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly insert_mission_api_v1_plans_insert_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["MissionToInsert"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MissionWithInserted"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

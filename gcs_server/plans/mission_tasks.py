@@ -1,0 +1,46 @@
+"""Edits of offboard missions: a mission inserted into another one, a trajectory from a file.
+
+The compiler's modules take half a second to import, so this module is imported with the first edit.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from missions import documents
+from missions.errors import PlanError
+from missions.offboard import tables
+from missions.offboard.insertion import insert
+from missions.offboard.reader import read_json
+
+Values = dict[str, Any]
+
+
+def insert_mission(arguments: Mapping[str, Any]) -> Values:
+    """Inserts a mission. Arguments: `plan` and `added` (JSON texts); `name` of the added one; `at`, `in_air`,
+    `positions` (as for `insert`); `max_bytes`: maximum size of the result."""
+    mission = read_json(arguments["plan"])
+    added = read_json(arguments["added"]).model_copy(update={"name": arguments["name"]})
+    found = insert(
+        mission, added, arguments["at"], in_air=arguments["in_air"], positions=arguments["positions"]
+    )
+    text = documents.write(found.mission).decode()
+    _check_size(text, added.name, arguments["max_bytes"])
+    return {"plan": text, "called": found.called, "notes": list(found.notes)}
+
+
+def _check_size(text: str, name: str, max_bytes: int) -> None:
+    size = len(json.dumps(json.loads(text), ensure_ascii=False, separators=(",", ":")).encode())
+    if size > max_bytes:
+        reason = f"with {name!r} it would have {size} bytes, and only {max_bytes} can be stored"
+        raise PlanError("the mission", reason, "Give its trajectories (`tables`) fewer rows.")
+
+
+def import_table(arguments: Mapping[str, Any]) -> Values:
+    """Imports a trajectory. Arguments: `file` (base64), `filename`."""
+    data = base64.b64decode(arguments["file"])
+    return dataclasses.asdict(tables.import_file(data, arguments["filename"]))

@@ -1,0 +1,179 @@
+"""Inserts a mission into another one: its steps become a list in `missions`, which a new `call` step calls.
+
+API and page share this code (`POST /plans/insert`) instead of an edit of the page in TypeScript: the new
+document is checked as a whole, like one that is read, and positions are converted, which only Python does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from missions.errors import PlanError
+from missions.offboard import reader
+from missions.offboard.document import OffboardMission, calls_of, write
+from missions.offboard.insertion_settings import settings_with
+from missions.offboard.insertion_steps import Adapter, Positions, move_of
+from missions.offboard.names import free_name, valid_name
+from missions.offboard.steps import Branch, Call, Gimbal, Land, MissionStep, Photo, Repeat, TakeOff, Wait
+from missions.values import Model
+
+Place = Sequence[str | int]
+"""Keys and indexes of a step in the document: `["steps", 2]`, `["roles", "lead", "steps", 0]`,
+`["missions", "round", 1]`, `["steps", 3, "then", 0]`."""
+Lists = dict[str | None, tuple[MissionStep, ...]]
+"""Lists of steps by name; None: the steps of the inserted mission."""
+_KEYS = ("steps", "roles", "missions", "then", "otherwise")
+
+
+@dataclass(frozen=True, slots=True)
+class Inserted:
+    """A mission with another one inserted."""
+
+    mission: OffboardMission
+    called: str
+    """Name of the list that the new step calls."""
+    notes: tuple[str, ...]
+    """What differs from the two missions flown alone, as sentences."""
+
+
+def insert(
+    mission: OffboardMission,
+    added: OffboardMission,
+    at: Place,
+    *,
+    in_air: bool = False,
+    positions: Positions | None = None,
+) -> Inserted:
+    """Inserts a mission. Lists and tables that the mission has already are used again.
+
+    Args:
+        mission: the mission to change.
+        added: the mission to insert, for one vehicle.
+        at: place of the new step; steps from there on move back by one.
+        in_air: leave out the inserted take-off and last landing, because the vehicle is flying there.
+        positions: what positions relative to start or home count from, if the planned starts differ: the
+            start of this mission, or converted to the same places.
+
+    Raises:
+        PlanError: The mission cannot be inserted; the error names the part and the fix.
+    """
+    if added.roles:
+        reason = f"it is for {len(added.roles)} vehicles (roles: {', '.join(added.roles)})"
+        raise PlanError(f"mission {added.name!r}", reason, "A call inserts a mission for one vehicle only.")
+    if len(at) < 2:
+        raise _no_place(at, f"{list(at)} is no place for a step")
+    _with_step(mission, at, Call(mission="-"), at)  # a wrong place is reported before everything else
+    steps, notes = _flown_steps(added, in_air)
+    adapter = Adapter(mission, added, move_of(mission, added, _role_of(mission, at)), positions)
+    lists: Lists = {None: adapter.steps(steps)}
+    for name in _reachable(added, steps):
+        lists[name] = adapter.steps(added.missions[name])
+    merged, called = _merged(mission, valid_name(added.name, "mission"), lists, at)
+    fields, more = settings_with(mission, added)
+    merged = merged.model_copy(update={**fields, "tables": adapter.tables})
+    return Inserted(reader.read_json(write(merged)), called, (*notes, *adapter.notes(), *more))
+
+
+def _role_of(mission: OffboardMission, at: Place) -> str | None:
+    return str(at[1]) if at[0] == "roles" and str(at[1]) in mission.roles else None
+
+
+def _flown_steps(added: OffboardMission, in_air: bool) -> tuple[tuple[MissionStep, ...], list[str]]:
+    """The steps to insert, and a sentence about those that are left out."""
+    steps = added.steps
+    if not in_air:
+        return steps, []
+    first = next((i for i, step in enumerate(steps) if not isinstance(step, Gimbal | Photo | Wait)), 0)
+    left_out: list[str] = []
+    if isinstance(steps[first], TakeOff):
+        steps = (*steps[:first], *steps[first + 1 :])
+        left_out.append("take-off")
+    if steps and isinstance(steps[-1], Land):
+        steps = steps[:-1]
+        left_out.append("landing")
+    if not steps:
+        reason = "without its take-off and landing it has no steps"
+        raise PlanError(f"mission {added.name!r}", reason, "Choose another mission.", field="in_air")
+    if not left_out:
+        return steps, []
+    verb = "is" if len(left_out) == 1 else "are"
+    straight = " The vehicle flies straight to its first position." if "take-off" in left_out else ""
+    return steps, [f"{' and '.join(left_out).capitalize()} of {added.name!r} {verb} left out.{straight}"]
+
+
+def _reachable(added: OffboardMission, steps: Iterable[MissionStep]) -> list[str]:
+    """Names of the lists that these steps call, also indirectly."""
+    found: dict[str, None] = {}
+    waiting = list(calls_of(steps))
+    while waiting:
+        name = waiting.pop(0)
+        if name not in found:
+            found[name] = None
+            waiting += calls_of(added.missions[name])
+    return list(found)
+
+
+def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> tuple[OffboardMission, str]:
+    """The mission with the new step and the lists that it needs, and the name of the called list."""
+    called = free_name(wanted, lambda name: name in mission.missions or name in lists)
+    merged = _with_step(mission, at, Call(mission=called), at)
+    again = _with_step(mission, at, Call(mission=wanted), at)
+    if again.missions.get(wanted) == lists[None] and not _unknown(again.missions, lists):
+        return again, wanted
+    unknown = _unknown(merged.missions, lists)
+    names: dict[str | None, str] = {None: called}
+    for name in lists:
+        if name is not None:
+            taken = {*merged.missions, *names.values()}
+            names[name] = free_name(name, taken.__contains__) if name in unknown else name
+    missions = dict(merged.missions)
+    for name, steps in lists.items():
+        missions.setdefault(names[name], _renamed(steps, names))
+    return merged.model_copy(update={"missions": missions}), called
+
+
+def _unknown(missions: Mapping[str, tuple[MissionStep, ...]], lists: Lists) -> set[str]:
+    """Names of the lists that the mission does not have, or not with all lists that they call."""
+    calls = {name: set(calls_of(steps)) for name, steps in lists.items() if name is not None}
+    unknown = {name for name in calls if missions.get(name) != lists[name]}
+    while more := {name for name in calls if name not in unknown and calls[name] & unknown}:
+        unknown |= more
+    return unknown
+
+
+def _renamed(steps: Iterable[MissionStep], names: Mapping[str | None, str]) -> tuple[MissionStep, ...]:
+    """The steps with the new names of the lists that they call."""
+
+    def renamed(step: MissionStep) -> MissionStep:
+        if isinstance(step, Call):
+            return step.model_copy(update={"mission": names[step.mission]})
+        if isinstance(step, Repeat):
+            return step.model_copy(update={"steps": _renamed(step.steps, names)})
+        if isinstance(step, Branch):
+            then, otherwise = _renamed(step.then, names), _renamed(step.otherwise, names)
+            return step.model_copy(update={"then": then, "otherwise": otherwise})
+        return step
+
+    return tuple(renamed(step) for step in steps)
+
+
+def _with_step(value: Any, path: Place, step: MissionStep, at: Place) -> Any:
+    """A copy of the document with a step inserted."""
+    if isinstance(value, OffboardMission) and value.roles and path[0] == "steps":
+        raise _no_place(at, f"the mission has roles ({', '.join(value.roles)})")
+    key, rest = path[0], path[1:]
+    if isinstance(value, tuple) and isinstance(key, int) and 0 <= key < len(value) + (not rest):
+        inner = (_with_step(value[key], rest, step, at), *value[key + 1 :]) if rest else (step, *value[key:])
+        return (*value[:key], *inner)
+    if isinstance(value, dict) and rest and key in value:
+        return {**value, key: _with_step(value[key], rest, step, at)}
+    if isinstance(value, Model) and rest and key in _KEYS and key in type(value).model_fields:
+        return value.model_copy(update={key: _with_step(getattr(value, key), rest, step, at)})
+    raise _no_place(at, f"{list(at)} is no place for a step")
+
+
+def _no_place(at: Place, reason: str) -> PlanError:
+    fix = 'Give the keys and indexes of a step: ["steps", 2], or ["roles", "lead", "steps", 0].'
+    return PlanError("field at", reason, fix, field="at")

@@ -1,0 +1,80 @@
+"""What an inserted mission states for its whole flight: its limits, geofence, obstacles and actions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from missions.errors import PlanError
+from missions.offboard.document import Bounds, OffboardMission
+from missions.values import FenceZone, Obstacle
+
+
+def settings_with(mission: OffboardMission, added: OffboardMission) -> tuple[dict[str, Any], list[str]]:
+    """The fields of the mission that change if the other one is inserted, and sentences about them.
+
+    The lower limit of both, the geofence zones of both and the obstacles of both apply to the whole flight.
+    The actions are those of the mission.
+
+    Raises:
+        PlanError: The geofences cannot both apply.
+    """
+    notes: list[str] = []
+    limits, lowered = _limits(mission.limits, added.limits)
+    if lowered:
+        words = ", ".join(f"{name} {value:g}" for name, value in lowered.items())
+        notes.append(f"The whole mission now has lower limits of {added.name!r}: {words}.")
+    zones = _new_zones(mission, added)
+    if zones:
+        notes.append(f"The geofence of {added.name!r} now applies to the whole mission.")
+    known = set(mission.obstacles)
+    obstacles = [each for each in _obstacles(mission, added) if each not in known]
+    if obstacles:
+        nouns, verb = ("obstacle", "is") if len(obstacles) == 1 else ("obstacles", "are")
+        notes.append(f"{len(obstacles)} {nouns} of {added.name!r} {verb} added.")
+    other = [
+        f"{name} {here}, not {there}"
+        for (name, here), (_, there) in zip(mission.actions, added.actions, strict=True)
+        if here != there
+    ]
+    if other:
+        notes.append(f"The actions of this mission apply: {'; '.join(other)}.")
+    fields = {
+        "limits": limits,
+        "fence": (*mission.fence, *zones),
+        "obstacles": (*mission.obstacles, *obstacles),
+    }
+    return fields, notes
+
+
+def _limits(limits: Bounds, added: Bounds) -> tuple[Bounds, dict[str, float]]:
+    """The lower limits of both, and those that are now lower; `speed_m_s` becomes a field of each step."""
+    lowered: dict[str, float] = {}
+    for (name, here), (_, there) in zip(limits, added, strict=True):
+        if name != "speed_m_s" and there is not None and (here is None or there < here):
+            lowered[name] = there
+    return limits.model_copy(update=lowered), lowered
+
+
+def _new_zones(mission: OffboardMission, added: OffboardMission) -> list[FenceZone]:
+    own, others = list(mission.fence), list(added.fence)
+    stay_inside = [zone for zone in own if zone.inclusion], [zone for zone in others if zone.inclusion]
+    if all(stay_inside) and any(zone not in stay_inside[0] for zone in stay_inside[1]):
+        raise PlanError(
+            f"mission {added.name!r}, field fence",
+            "both missions have a geofence to stay inside, and the vehicle could fly in either of the two",
+            "Give both missions the same zones, or remove those of one mission.",
+        )
+    return [zone for zone in others if zone not in own]
+
+
+def _obstacles(mission: OffboardMission, added: OffboardMission) -> list[Obstacle]:
+    """The obstacles of the inserted mission, whose tops above home count from the mission's home."""
+    if mission.home is None or added.home is None:
+        return list(added.obstacles)
+    by_m = added.home.alt_amsl_m - mission.home.alt_amsl_m
+    return [
+        each.model_copy(update={"top": each.top.model_copy(update={"value_m": each.top.value_m + by_m})})
+        if each.top.reference == "home"
+        else each
+        for each in added.obstacles
+    ]

@@ -1,0 +1,243 @@
+"""Adapts the steps of an inserted mission, so that they fly in the other mission as they do in their own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from missions.errors import PlanError
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.offboard import tables
+from missions.offboard.document import OffboardMission
+from missions.offboard.names import free_name
+from missions.offboard.positions import MissionPosition
+from missions.offboard.steps import Avoidance, Branch, MissionStep, PathStep, Repeat, Table, VelocityStep
+from missions.trajectory.points import MAX_COORDINATE_M
+from missions.values import Model
+
+Positions = Literal["from_start", "same_places"]
+SAME_PLACE_M = 0.5
+"""Homes that are nearer to each other count as the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """From the planned start of the inserted mission to that of the vehicle that flies it now."""
+
+    home: LocalOrigin
+    added_home: LocalOrigin
+    starts_ned_m: tuple[Vector3, ...]
+    """Planned starts of the vehicles that fly the inserted steps, from `home`."""
+
+    def local(self, position_ned_m: Vector3) -> Vector3:
+        """The same place, relative to the other home."""
+        return self.home.to_ned(*self.added_home.to_geodetic(position_ned_m))
+
+    def offset(self, offset_ned_m: Vector3) -> Vector3:
+        """The same place, relative to the vehicle's start."""
+        n, e, d = self.local(offset_ned_m)
+        from_n, from_e, from_d = self.starts_ned_m[0]
+        return (n - from_n, e - from_e, d - from_d)
+
+    def alt_home_m(self, alt_home_m: float) -> float:
+        """The same altitude, relative to the altitude of the vehicle's start."""
+        return alt_home_m + self.added_home.alt_amsl_m - self.home.alt_amsl_m + self.starts_ned_m[0][2]
+
+    @property
+    def distance_m(self) -> float:
+        """The largest distance of the two starts."""
+        north, east, down = self.local((0.0, 0.0, 0.0))
+        return max(math.dist((north, east, down), start) for start in self.starts_ned_m)
+
+
+def move_of(mission: OffboardMission, added: OffboardMission, role: str | None) -> Move | None:
+    """The move from one planned start to the other; None: they are the same, or one of them is not given.
+
+    Args:
+        mission: the mission to change.
+        added: the inserted mission.
+        role: the role that flies the inserted steps; None: all roles, or the only vehicle.
+    """
+    if mission.home is None or added.home is None:
+        return None
+    roles = mission.roles.values() if role is None else (mission.roles[role],)
+    starts = {each.start_ned_m or (0.0, 0.0, 0.0) for each in roles} or {(0.0, 0.0, 0.0)}
+    home, added_home = (LocalOrigin(**each.model_dump()) for each in (mission.home, added.home))
+    move = Move(home, added_home, tuple(sorted(starts)))
+    return move if move.distance_m > SAME_PLACE_M else None
+
+
+class Adapter:
+    """Adapts steps, and collects the tables that they need.
+
+    Args:
+        mission: the mission to change.
+        added: the inserted mission.
+        move: as from `move_of`.
+        positions: what relative positions count from; None: refused if it makes a difference.
+    """
+
+    def __init__(
+        self, mission: OffboardMission, added: OffboardMission, move: Move | None, positions: Positions | None
+    ) -> None:
+        self._mission = mission
+        self._added = added
+        self._move = move
+        self._positions = positions
+        self._has_relative = False
+        self.tables = dict(mission.tables)
+        """The tables of the mission, with those of the adapted steps."""
+
+    def steps(self, steps: Iterable[MissionStep]) -> tuple[MissionStep, ...]:
+        """The adapted steps.
+
+        Raises:
+            PlanError: A step cannot be flown in the other mission as in its own.
+        """
+        return tuple(self._step(step) for step in steps)
+
+    def notes(self) -> list[str]:
+        """What changed for the positions, as sentences."""
+        if not self._has_relative or self._added.home is None:
+            return []
+        from_start = "Positions relative to start or home now count from the start and home of this mission"
+        if self._mission.home is None:
+            return [f"{from_start}, which has no planned home."]
+        if self._move is None:
+            return []
+        apart = f"The planned starts are {self._move.distance_m:.0f} m apart."
+        if self._positions == "from_start":
+            return [f"{apart} {from_start}."]
+        return [f"{apart} Positions relative to start or home are converted and stay at the same places."]
+
+    def _step(self, step: MissionStep) -> MissionStep:
+        if isinstance(step, Repeat):
+            return step.model_copy(update={"steps": self.steps(step.steps)})
+        if isinstance(step, Branch):
+            lists = {"then": self.steps(step.then), "otherwise": self.steps(step.otherwise)}
+            return step.model_copy(update=lists)
+        adapted: MissionStep = _mapped(step, self._position)
+        if isinstance(adapted, PathStep):
+            return adapted.model_copy(update=self._path_settings(adapted))
+        if isinstance(adapted, Table | VelocityStep):
+            self._check_avoidance(adapted)
+        if isinstance(adapted, Table):
+            return adapted.model_copy(update={"file": self._table(adapted)})
+        return adapted
+
+    def _path_settings(self, step: PathStep) -> dict[str, Any]:
+        """Speed and avoidance that the step had from its own mission."""
+        settings: dict[str, Any] = {}
+        limit_m_s, other_m_s = self._added.limits.speed_m_s, self._mission.limits.speed_m_s
+        if limit_m_s is not None and (other_m_s is None or limit_m_s < other_m_s):
+            settings["speed_m_s"] = min(step.speed_m_s or limit_m_s, limit_m_s)
+        if step.avoidance is None and self._avoids_differently():
+            settings["avoidance"] = self._added.avoidance
+        return settings
+
+    def _avoids_differently(self) -> bool:
+        return _way(self._added.avoidance) != _way(self._mission.avoidance)
+
+    def _check_avoidance(self, step: Table | VelocityStep) -> None:
+        if self._avoids_differently():
+            reason = (
+                f"its `avoidance` is {_words(self._added.avoidance)}, that of this mission is "
+                f"{_words(self._mission.avoidance)}, and a {step.step} step has none of its own"
+            )
+            raise self._error(step, reason, "Set `avoidance` of both missions to the same value.")
+
+    def _position(self, place: MissionPosition) -> MissionPosition:
+        move = self._move
+        is_local = place.position_ned_m is not None or place.offset_ned_m is not None
+        if not is_local and place.alt_home_m is None:
+            return place
+        self._has_relative = True
+        if move is None or not self._converts(move):
+            return place
+        converted: dict[str, Any] = {}
+        if place.position_ned_m is not None:
+            converted["position_ned_m"] = move.local(place.position_ned_m)
+        if place.offset_ned_m is not None:
+            converted["offset_ned_m"] = move.offset(place.offset_ned_m)
+        if place.alt_home_m is not None:
+            converted["alt_home_m"] = move.alt_home_m(place.alt_home_m)
+        for value in converted.values():
+            _check_near(value if isinstance(value, tuple) else (value,))
+        return place.model_copy(update=converted)
+
+    def _converts(self, move: Move) -> bool:
+        """Whether relative positions are converted to the same places."""
+        if self._positions is None:
+            raise PlanError(
+                "field positions",
+                f"{self._added.name!r} has positions relative to its start or home, and the planned starts "
+                f"of the two missions are {move.distance_m:.0f} m apart",
+                "Choose from_start (they count from the start of this mission) or same_places (they are "
+                "converted and stay where they were planned).",
+                field="positions",
+            )
+        if self._positions == "same_places" and len(move.starts_ned_m) > 1:
+            raise PlanError(
+                "field positions",
+                "the roles that may call this list start at different places",
+                "Insert it into the steps of a role, or choose from_start.",
+                field="positions",
+            )
+        return self._positions == "same_places"
+
+    def _table(self, step: Table) -> str:
+        """The name of the step's table in the mission, which is added unless the mission has it."""
+        text = self._added.tables.get(step.file)
+        if text is None:
+            fix = "Add it to the mission: a table step of an inserted mission cannot read other files."
+            raise self._error(step, f"the mission has no table {step.file!r}", fix)
+        self._has_relative = True
+        if self._move is not None and self._converts(self._move):
+            text = _moved_table(text, self._move.offset if step.relative else self._move.local)
+        name = free_name(step.file, lambda name: self.tables.get(name, text) != text)
+        self.tables[name] = text
+        return name
+
+    def _error(self, step: MissionStep, reason: str, fix: str) -> PlanError:
+        return PlanError(f"mission {self._added.name!r}, step {step.name or step.step!r}", reason, fix)
+
+
+def _moved_table(text: str, move: Callable[[Vector3], Vector3]) -> str:
+    moved: list[list[float]] = []
+    for row in tables.read_rows(text.encode()):
+        position = move((row[1], row[2], row[3]))
+        _check_near(position)
+        moved.append([row[0], *position, *row[4:]])
+    return tables.csv_text(moved)
+
+
+def _check_near(values: Sequence[float]) -> None:
+    if any(abs(value) > MAX_COORDINATE_M for value in values):
+        raise PlanError(
+            "field positions",
+            f"a position is more than {MAX_COORDINATE_M / 1000:.0f} km from the start of this mission",
+            "Choose from_start, or correct the planned home of one mission.",
+            field="positions",
+        )
+
+
+def _mapped(value: Any, change: Callable[[MissionPosition], MissionPosition]) -> Any:
+    """A copy of a step with all positions changed."""
+    if isinstance(value, MissionPosition):
+        return change(value)
+    if isinstance(value, Model):
+        return value.model_copy(update={name: _mapped(each, change) for name, each in value})
+    if isinstance(value, tuple):
+        return tuple(_mapped(each, change) for each in value)
+    return value
+
+
+def _way(avoidance: Avoidance) -> str | None:
+    return ("over" if avoidance else None) if isinstance(avoidance, bool) else avoidance
+
+
+def _words(avoidance: Avoidance) -> str:
+    return _way(avoidance) or "off"

@@ -1,0 +1,378 @@
+"""A stored mission inserted into another one: a list of steps and a call, with the same meaning."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from typing import Any
+
+import pytest
+
+from missions.errors import PlanError
+from missions.geodesy import LocalOrigin
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.insertion import Inserted, insert
+from missions.offboard.positions import Start
+from missions.offboard.reader import read_json
+from missions.offboard.roles import planned_starts
+from missions.offboard.steps import Call, Fly, Repeat, Table
+from tests.support.offboard_missions import codes
+
+FORMAT = "offboard-gcs-mission"
+HOME = {"lat_deg": 47.0, "lon_deg": 8.0, "alt_amsl_m": 480.0}
+ELSEWHERE = {"lat_deg": 47.001, "lon_deg": 8.002, "alt_amsl_m": 492.0}
+UP, DOWN = {"step": "take_off", "height_m": 10}, {"step": "land"}
+CSV = "t_s,north_m,east_m,down_m\n0,0,0,-10\n20,20,0,-10\n"
+
+
+def fly(*place: float, **rest: Any) -> dict[str, Any]:
+    return {"step": "fly", "points": [{"offset_ned_m": place}], **rest}
+
+
+def call(name: str) -> dict[str, Any]:
+    return {"step": "call", "mission": name}
+
+
+def mission(*steps: dict[str, Any], name: str = "Field", **rest: Any) -> OffboardMission:
+    return read_json(json.dumps({"format": FORMAT, "name": name, "steps": list(steps), **rest}))
+
+
+def tower(*steps: dict[str, Any], **rest: Any) -> OffboardMission:
+    return mission(*(steps or (UP, fly(30, 0, -12), DOWN)), name="Tower", **rest)
+
+
+FIELD = mission(UP, fly(5, 0, -10), DOWN)
+
+
+def refused(host: OffboardMission, added: OffboardMission, *at: str | int, **options: Any) -> PlanError:
+    with pytest.raises(PlanError) as raised:
+        insert(host, added, at or ("steps", 1), **options)
+    return raised.value
+
+
+def path_of(found: OffboardMission) -> list[tuple[float, ...]]:
+    """The ends of the planned segments, from HOME."""
+    assert found.home is not None
+    timeline = compile_mission(found)
+    assert not {"step_invalid", "estimate_missing"} & codes(timeline)
+    origin = LocalOrigin(**found.home.model_dump())
+    ends = [segment.end_ned_m for segment in timeline.segments if segment.title in ("Fly", "Table", "Orbit")]
+    return [LocalOrigin(**HOME).to_ned(*origin.to_geodetic(end)) for end in ends]
+
+
+def test_the_steps_become_a_list_that_a_new_step_calls() -> None:
+    found = insert(FIELD, tower(), ("steps", 2))
+    assert [step.step for step in found.mission.steps] == ["take_off", "fly", "call", "land"]
+    assert found.mission.steps[2] == Call(mission="Tower")
+    assert found.mission.missions == {"Tower": tower().steps}
+    assert (found.called, found.notes, found.mission.name) == ("Tower", (), "Field")
+    assert FIELD.missions == {}
+
+
+def test_take_off_and_landing_are_left_out_of_a_mission_that_is_flown_in_the_air() -> None:
+    gimbal = {"step": "gimbal", "track": "fixed"}
+    added = tower(gimbal, UP, fly(30, 0, -12), DOWN)
+    found = insert(FIELD, added, ("steps", 2), in_air=True)
+    assert [step.step for step in found.mission.missions["Tower"]] == ["gimbal", "fly"]
+    assert found.notes == (
+        "Take-off and landing of 'Tower' are left out. The vehicle flies straight to its first position.",
+    )
+    assert "takeoff_in_air" in codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
+    assert not codes(compile_mission(found.mission))
+    again = tower(UP, DOWN, UP, fly(30, 0, -12))
+    shorter = insert(FIELD, again, ("steps", 2), in_air=True).mission.missions["Tower"]
+    assert [step.step for step in shorter] == ["land", "take_off", "fly"]
+    error = refused(FIELD, tower(UP, DOWN), in_air=True)
+    assert (error.field, error.reason) == ("in_air", "without its take-off and landing it has no steps")
+
+
+@pytest.mark.parametrize(
+    ("at", "place"),
+    [
+        (("steps", 0), "step 1"),
+        (("steps", 3, "then", 1), "step 4 then 2"),
+        (("steps", 2, "steps", 0), "step 3.1"),
+        (("missions", "round", 1), "step 2, round 2"),
+    ],
+)
+def test_the_call_is_inserted_at_any_place(at: tuple[str | int, ...], place: str) -> None:
+    hold = {"step": "hold", "duration_s": 1}
+    repeat = {"step": "repeat", "times": 2, "steps": [hold]}
+    branch = {"step": "branch", "condition": {"value": "battery_share", "above": 0.5}, "then": [hold]}
+    host = mission(UP, call("round"), repeat, branch, missions={"round": [hold]})
+    found = insert(host, tower(fly(30, 0, -12)), at)
+    timeline = compile_mission(found.mission)
+    places = [each.place for part in (timeline, timeline.then) if part for each in part.segments]
+    assert f"{place}, Tower 1" in places
+
+
+@pytest.mark.parametrize(
+    "at",
+    [
+        ("steps",), (), ("steps", 4), ("steps", -1), ("steps", "1"), ("home", 0), ("steps", 1, "points", 0),
+        ("missions", "none", 0), ("steps", 1, "steps", 0), ("roles", "lead", "steps", 0), ("steps", 1, 0),
+    ],
+)  # fmt: skip
+def test_a_place_that_is_none_is_refused(at: tuple[str | int, ...]) -> None:
+    with pytest.raises(PlanError, match=r"no place for a step.*\[\"steps\", 2\]") as raised:
+        insert(FIELD, tower(), at)
+    assert raised.value.field == "at"
+
+
+def test_the_lists_that_it_calls_come_with_it_under_free_names() -> None:
+    lists = {"round": [fly(1, 0, -9), call("photos")], "photos": [{"step": "photo"}], "unused": [DOWN]}
+    repeat = {"step": "repeat", "times": 2, "steps": [call("round")]}
+    added = tower(UP, repeat, DOWN, missions=lists)
+    host = mission(UP, call("round"), missions={"round": [fly(2, 0, -9)], "photos": [{"step": "photo"}]})
+    found = insert(host, added, ("steps", 2)).mission
+    assert list(found.missions) == ["round", "photos", "Tower", "round 2"]
+    inner = found.missions["Tower"][1]
+    assert isinstance(inner, Repeat)
+    assert inner.steps == (Call(mission="round 2"),)
+    assert found.missions["round 2"][1] == Call(mission="photos")
+    assert found.missions["round"] == host.missions["round"]
+
+
+def test_a_mission_that_was_inserted_before_is_called_again() -> None:
+    added = tower(fly(30, 0, -12), call("round"), missions={"round": [fly(1, 0, -9)]})
+    once = insert(FIELD, added, ("steps", 1)).mission
+    twice = insert(once, added, ("steps", 3))
+    assert (twice.called, list(twice.mission.missions)) == ("Tower", ["Tower", "round"])
+    changed = tower(fly(30, 0, -12), call("round"), missions={"round": [fly(2, 0, -9)]})
+    other = insert(once, changed, ("steps", 3))
+    assert (other.called, list(other.mission.missions)) == (
+        "Tower 2",
+        ["Tower", "round", "Tower 2", "round 2"],
+    )
+
+
+def test_a_mission_inserted_into_a_list_of_its_own_makes_no_circle() -> None:
+    added = tower(call("round"), missions={"round": [fly(1, 0, -9)]})
+    host = mission(UP, call("round"), missions={"round": [fly(1, 0, -9)]})
+    found = insert(host, added, ("missions", "round", 0)).mission
+    assert found.missions["round"][0] == Call(mission="Tower")
+    assert found.missions["Tower"] == (Call(mission="round 2"),)
+    itself = insert(FIELD, FIELD, ("steps", 1), in_air=True).mission
+    assert itself.missions == {"Field": (FIELD.steps[1],)}
+
+
+@pytest.mark.parametrize(
+    ("name", "called"), [("a\x07\tb", "a  b"), ("\n", "mission"), ("é" * 100, "é" * 98 + " 2")]
+)
+def test_the_list_gets_a_valid_free_name(name: str, called: str) -> None:
+    host = mission(UP, call("é" * 100), missions={"é" * 100: [DOWN]})
+    assert insert(host, tower().model_copy(update={"name": name}), ("steps", 1)).called == called
+
+
+def chain(depth: int) -> dict[str, Any]:
+    return {
+        f"level {i}": [call(f"level {i + 1}") if i < depth else fly(1, 0, -9)] for i in range(1, depth + 1)
+    }
+
+
+def test_calls_may_be_nested_eight_deep() -> None:
+    assert insert(FIELD, tower(call("level 1"), missions=chain(7)), ("steps", 1)).called == "Tower"
+    error = refused(FIELD, tower(call("level 1"), missions=chain(8)))
+    assert "nested deeper than 8" in error.reason
+    assert "Replace some calls" in error.fix
+
+
+def test_many_lists_that_call_each_other_take_no_time() -> None:
+    layers = [[f"{layer} {i}" for i in range(12)] for layer in range(7)]
+    lists = {
+        name: [call(each) for each in below] for names, below in itertools.pairwise(layers) for name in names
+    }
+    lists |= {name: [DOWN] for name in layers[-1]}
+    added = tower(
+        call("0 0"), missions={name: lists[name] for name in lists if name == "0 0" or name[0] != "0"}
+    )
+    once = insert(FIELD, added, ("steps", 1)).mission
+    assert insert(once, added, ("steps", 1)).called == "Tower"
+
+
+def test_too_many_lists_or_tables_are_refused() -> None:
+    host = mission(UP, missions={f"list {i}": [DOWN] for i in range(100)})
+    assert refused(host, tower()).place == "field missions"
+    tables = {f"{i}.csv": CSV for i in range(20)}
+    added = tower({"step": "table", "file": "a.csv"}, tables={"a.csv": CSV + "30,0,0,-10\n"})
+    assert refused(mission(UP, tables=tables), added).place == "field tables"
+
+
+def test_a_mission_for_several_vehicles_is_refused() -> None:
+    added = read_json(
+        json.dumps({"format": FORMAT, "name": "Show", "roles": {"a": {"steps": [UP]}, "b": {"steps": [UP]}}})
+    )
+    error = refused(FIELD, added)
+    assert "for 2 vehicles (roles: a, b)" in error.reason
+
+
+# --- positions ----------------------------------------------------------------------------------
+
+
+RELATIVE = (
+    UP,
+    fly(30, 0, -12),
+    {"step": "fly", "points": [{"position_ned_m": [40, 10, -15]}]},
+    {"step": "fly", "points": [{"lat_deg": 47.0015, "lon_deg": 8.0021, "alt_home_m": 20}]},
+    {"step": "fly", "points": [{"lat_deg": 47.0014, "lon_deg": 8.0021, "alt_amsl_m": 520}]},
+    {
+        "step": "orbit",
+        "center": {"offset_ned_m": [0, 20, -9]},
+        "radius_m": 5,
+        "look_at": {"offset_ned_m": [0, 0, 0]},
+    },
+    {"step": "table", "file": "a.csv"},
+    {"step": "table", "file": "a.csv", "relative": False},
+    DOWN,
+)
+
+
+def test_positions_are_unchanged_if_the_starts_are_the_same() -> None:
+    added = tower(*RELATIVE, home=HOME, tables={"a.csv": CSV})
+    for home in (None, {**HOME, "alt_amsl_m": 480.3}):
+        host = mission(UP, DOWN, home=home) if home else mission(UP, DOWN)
+        found = insert(host, added, ("steps", 1)).mission
+        assert found.missions["Tower"] == added.steps
+        assert found.tables == {"a.csv": CSV}
+    assert "no planned home" in insert(mission(UP, DOWN), added, ("steps", 1)).notes[0]
+
+
+def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
+    host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
+    error = refused(host, added)
+    assert error.field == "positions"
+    assert "188 m apart" in error.reason
+    assert "from_start" in error.fix
+    absolute = tower(RELATIVE[4], home=ELSEWHERE)
+    assert insert(host, absolute, ("steps", 1)).mission.missions["Tower"] == absolute.steps
+
+
+def test_positions_can_stay_at_the_same_places() -> None:
+    host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
+    found = insert(host, added, ("steps", 1), in_air=True, positions="same_places")
+    there = path_of(added)
+    assert len(there) > 6
+    for end, planned in zip(path_of(found.mission), there, strict=True):
+        assert end == pytest.approx(planned, abs=0.02)
+    assert "188 m apart" in found.notes[1]
+    assert set(found.mission.tables) == {"a.csv"}  # both frames have the same origin here
+
+
+def test_positions_can_count_from_the_new_start() -> None:
+    host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
+    found = insert(host, added, ("steps", 1), positions="from_start")
+    assert found.mission.missions["Tower"] == added.steps
+    assert "now count from the start and home of this mission" in found.notes[0]
+
+
+def test_a_role_has_its_own_start() -> None:
+    roles = {"a": {"start_ned_m": [0, 0, 0], "steps": [UP]}, "b": {"start_ned_m": [0, 20, -1], "steps": [UP]}}
+    lists = {"round": [fly(1, 0, -9)]}
+    host = read_json(
+        json.dumps({"format": FORMAT, "name": "Show", "home": HOME, "roles": roles, "missions": lists})
+    )
+    added = tower(*RELATIVE[1:-1], home=HOME, tables={"a.csv": CSV})
+    assert insert(host, added, ("roles", "a", "steps", 1)).mission.missions["Tower"] == added.steps
+    at = ("roles", "b", "steps", 1)
+    assert "20 m apart" in refused(host, added, *at).reason
+    found = insert(host, added, at, positions="same_places").mission
+    start = planned_starts(found)["b"]
+    ends = [each.end_ned_m for each in compile_mission(found, start=start, role="b").segments]
+    plan = compile_mission(added, start=Start(in_air=True)).segments
+    for segment in plan:
+        if segment.title == "Fly":
+            assert min(math.dist(segment.end_ned_m, end) for end in ends) < 0.01
+    assert set(found.tables) == {"a.csv", "a 2.csv"}
+    shared = refused(host, added, "missions", "round", 0, positions="same_places")
+    assert "roles that may call this list start at different places" in shared.reason
+    assert insert(host, added, ("missions", "round", 0), positions="from_start").called == "Tower"
+    assert 'roles", "lead"' in refused(host, added, "steps", 0).fix
+
+
+def test_places_that_are_too_far_away_are_refused() -> None:
+    host, added = mission(UP, home=HOME), tower(home={**ELSEWHERE, "lat_deg": 80.0})
+    error = refused(host, added, positions="same_places")
+    assert "km from the start" in error.reason
+
+
+# --- what is stated for the whole flight ----------------------------------------------------------
+
+
+def test_the_speed_limit_becomes_a_speed_of_each_step() -> None:
+    added = tower(
+        fly(1, 0, -9), fly(2, 0, -9, speed_m_s=2), fly(3, 0, -9, speed_m_s=9), limits={"speed_m_s": 3}
+    )
+
+    def speeds(host: OffboardMission) -> list[float | None]:
+        steps = insert(host, added, ("steps", 1)).mission.missions["Tower"]
+        return [step.speed_m_s for step in steps if isinstance(step, Fly)]
+
+    assert speeds(FIELD) == [3, 2, 3]
+    assert speeds(mission(UP, limits={"speed_m_s": 5})) == [3, 2, 3]
+    assert speeds(mission(UP, limits={"speed_m_s": 2.5})) == [None, 2, 9]
+
+
+def test_other_limits_are_those_of_both_missions() -> None:
+    host = mission(UP, limits={"climb_m_s": 2, "tilt_rad": 0.3})
+    added = tower(limits={"climb_m_s": 1, "tilt_rad": 0.5, "jerk_m_s3": 4})
+    found = insert(host, added, ("steps", 1))
+    limits = found.mission.limits
+    assert (limits.climb_m_s, limits.tilt_rad, limits.jerk_m_s3) == (1, 0.3, 4)
+    assert found.notes == ("The whole mission now has lower limits of 'Tower': climb_m_s 1, jerk_m_s3 4.",)
+
+
+def test_avoidance_becomes_a_field_of_each_step() -> None:
+    added = tower(fly(1, 0, -9), fly(2, 0, -9, avoidance=False), avoidance="around")
+
+    def ways(host: OffboardMission) -> list[Any]:
+        steps = insert(host, added, ("steps", 1)).mission.missions["Tower"]
+        return [step.avoidance for step in steps if isinstance(step, Fly)]
+
+    assert ways(FIELD) == ["around", False]
+    assert ways(mission(UP, avoidance="around")) == [None, False]
+    table = {"step": "table", "file": "a.csv", "name": "Line"}
+    error = refused(FIELD, tower(table, avoidance=True, tables={"a.csv": CSV}))
+    assert error.place == "mission 'Tower', step 'Line'"
+    assert "`avoidance` is over, that of this mission is off" in error.reason
+
+
+def test_geofence_obstacles_and_actions_are_named() -> None:
+    center = {"lat_deg": 47.0, "lon_deg": 8.0}
+    inside = {"shape": "circle", "inclusion": True, "center": center, "radius_m": 300}
+    outside = {"shape": "circle", "inclusion": False, "center": center, "radius_m": 5}
+    corners = [center, {**center, "lat_deg": 47.0001}, {**center, "lon_deg": 8.0001}]
+    barn = {"polygon": corners, "top": {"value_m": 8.0, "reference": "home"}}
+    actions = {"link_loss": "continue"}
+    added = tower(fly(1, 0, -9), fence=[inside, outside], obstacles=[barn], home=ELSEWHERE, actions=actions)
+    host = mission(UP, DOWN, home=HOME, fence=[outside])
+    found = insert(host, added, ("steps", 1), positions="from_start")
+    assert found.mission.fence == (*host.fence, added.fence[0])
+    assert found.mission.obstacles[0].top.value_m == 20.0
+    assert found.mission.actions == host.actions
+    assert found.notes[1:] == (
+        "The geofence of 'Tower' now applies to the whole mission.",
+        "1 obstacle of 'Tower' is added.",
+        "The actions of this mission apply: link_loss hold, not continue.",
+    )
+    wider = {**inside, "radius_m": 400}
+    error = refused(mission(UP, fence=[wider]), tower(fence=[inside]))
+    assert (error.place, "stay inside" in error.reason) == ("mission 'Tower', field fence", True)
+    assert isinstance(insert(mission(UP, fence=[inside]), tower(fence=[inside]), ("steps", 1)), Inserted)
+
+
+def test_tables_come_with_the_mission_and_a_missing_one_is_refused() -> None:
+    table = {"step": "table", "file": "a.csv"}
+    added = tower(UP, table, DOWN, tables={"a.csv": CSV, "unused.csv": CSV})
+    host = mission(UP, table, DOWN, tables={"a.csv": CSV.replace("20,20", "20,30")})
+    found = insert(host, added, ("steps", 2)).mission
+    assert found.tables == {**host.tables, "a 2.csv": CSV}
+    flown = found.missions["Tower"][1]
+    assert isinstance(flown, Table)
+    assert flown.file == "a 2.csv"
+    error = refused(host, tower(UP, table))
+    assert (error.place, error.reason) == (
+        "mission 'Tower', step 'table'",
+        "the mission has no table 'a.csv'",
+    )
