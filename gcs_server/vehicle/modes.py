@@ -80,13 +80,19 @@ class ModeNames:
     """The names of one vehicle's modes; those of external modes are given when they are registered."""
 
     external: dict[str, str] = field(default_factory=dict[str, str])
-    """Name by mode (`external_1` …)."""
+    """Names of this server's external modes, by mode (`external_1` …)."""
+    announced: dict[str, str] = field(default_factory=dict[str, str])
+    """Names of all registered external modes, as the vehicle last sent them."""
 
     def name_and_label(self, custom_mode: int, autopilot: int) -> tuple[str, str]:
         """Name and label of a mode; see `name_and_label`."""
         name, label = name_and_label(custom_mode, autopilot)
-        return name, self.external.get(name, label)
+        return name, self.named(name, label)
 
     def label(self, mode: Mode) -> str:
         """The label of a mode."""
-        return self.external.get(mode.name, mode.label)
+        return self.named(mode.name, mode.label)
+
+    def named(self, name: str, label: str) -> str:
+        """The name that was given to a mode when it was registered; otherwise its label."""
+        return self.external.get(name) or self.announced.get(name, label)

@@ -35,6 +35,7 @@ from gcs_server.vehicle.services.gimbals import Gimbals
 from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.mission import MissionService
+from gcs_server.vehicle.services.mode_list import ModeList
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 
@@ -92,6 +93,8 @@ class Vehicle:
             d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
             d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.take_value(full_payload(f)),
             d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.unavailable(full_payload(f)),
+            d.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda f, _: self.mode_list.take(full_payload(f)),
+            d.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: lambda f, _: self.mode_list.changed(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
             d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._external_control.gimbal(
                 f.component_id, full_payload(f)
@@ -99,6 +102,7 @@ class Vehicle:
         }
         self._handled_ids = frozenset((*REDUCERS, *self._handlers))
         """Messages that are not only stored, but also handled."""
+        self.mode_list = ModeList(self)
         self.command = CommandService(self)
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)
@@ -277,6 +281,7 @@ class Vehicle:
         before = state.flight_state
         if state.take(frame) and msg_id in self._handled_ids:
             if state.flight_state is not before:
+                self.mode_list.entered(before, state.flight_state)
                 self._event_logger.flight_state(
                     before, state.flight_state, self._external_control.mode(before, state.flight_state)
                 )
@@ -325,6 +330,7 @@ class Vehicle:
         self.components.tick()
         self._event_logger.tick()
         self.health.tick()
+        self.mode_list.tick()
         self.gimbals.request_limits()
         if self._state.link_lost and not self._lost:
             self._lost = True

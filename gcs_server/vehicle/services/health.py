@@ -337,8 +337,8 @@ class HealthService:
         left_out = None if self._definitions is None else self._definitions.left_out
         reported_unix_s = self._unpublished_unix_s or self._published.reported_unix_s or now_s
         readiness_now = readiness.readiness_of(report, reported_unix_s, words, left_out)
-        names = self._vehicle.mode_names.external
-        modes = tuple(replace(each, label=names.get(each.mode, each.label)) for each in readiness_now.modes)
+        named = self._vehicle.mode_names.named
+        modes = tuple(replace(each, label=named(each.mode, each.label)) for each in readiness_now.modes)
         self._published = replace(readiness_now, modes=modes, offers=self._offers())
         self._unpublished_unix_s, self._published_s = None, self._vehicle.clock.monotonic_s()
         self._changed()
