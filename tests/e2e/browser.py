@@ -11,7 +11,17 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Error, Frame, Locator, Page, expect, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    ConsoleMessage,
+    Error,
+    FloatRect,
+    Frame,
+    Locator,
+    Page,
+    expect,
+    sync_playwright,
+)
 
 from tools import build_page
 from tools.ensure_browser import installed_chromium
@@ -186,11 +196,17 @@ def opened(
         context.close()
 
 
+def box_of(control: Locator) -> FloatRect:
+    """Place of a control in the window [px], once it is visible."""
+    expect(control).to_be_visible()
+    box = control.bounding_box()
+    assert box is not None, "it was hidden again"
+    return box
+
+
 def slide(page: Page) -> None:
     """Drags the slider of the open confirmation to its end with the mouse."""
-    knob = page.get_by_role("alertdialog").get_by_role("slider")
-    box = knob.bounding_box()
-    assert box is not None
+    box = box_of(page.get_by_role("alertdialog").get_by_role("slider"))
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()

@@ -8,7 +8,7 @@ from typing import Any
 from playwright.sync_api import Locator, Page, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import REPOSITORY, hold_space
+from tests.e2e.browser import REPOSITORY, box_of, hold_space
 from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
@@ -57,8 +57,7 @@ def steps_of(room: Locator) -> Locator:
 
 def on_map(page: Page, place: tuple[float, float]) -> tuple[float, float]:
     """Position of a map point in the window [px]."""
-    box = page.get_by_role("application").bounding_box()
-    assert box is not None
+    box = box_of(page.get_by_role("application"))
     return box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
 
 

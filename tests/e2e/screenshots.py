@@ -16,7 +16,7 @@ from pathlib import Path
 
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e import plan_pictures
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
+from tests.e2e.browser import REPOSITORY, box_of, chromium, hold_space, same_client
 from tests.e2e.fast_station import FAST
 from tests.e2e.pictures import (
     CLIENT_ID,
@@ -29,7 +29,7 @@ from tests.e2e.pictures import (
     until_pill,
     wait_until_unchanged,
 )
-from tests.station import free_port, server, vehicle, wait_until
+from tests.station import free_port, server, vehicle
 from tools import build_page
 
 IMAGES = REPOSITORY / "docs" / "images"
@@ -133,8 +133,7 @@ def gimbal(at: PictureSetup) -> None:
     card.scroll_into_view_if_needed()
     card.get_by_role("button", name="Take").click()
     card.get_by_role("button", name="Release").wait_for()
-    box = card.locator("svg.enabled").bounding_box()
-    assert box is not None
+    box = box_of(card.locator("svg.enabled"))
     page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] * 0.6)
     save_in_both_themes(page, at.folder, "gimbal")
 
@@ -231,9 +230,7 @@ def replay(at: PictureSetup) -> None:
     page.get_by_role("button", name="Recorded flights").click()
     page.locator("section.list ol button").first.click()
     slider = page.get_by_label("Replay", exact=True).get_by_role("slider").first
-    wait_until(slider.bounding_box, "the time bar")
-    box = slider.bounding_box()
-    assert box is not None
+    box = box_of(slider)
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 4)

@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncVehicle
-from tests.e2e.browser import opened, scene, serious_violations, slide
+from tests.e2e.browser import box_of, opened, scene, serious_violations, slide
 from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
@@ -183,8 +183,7 @@ def in_3d(page: Page) -> None:
     menu = page.get_by_role("dialog")
     expect(menu).to_contain_text("of home")
     expect(menu).to_contain_text("Ground there:")
-    box = menu.bounding_box()
-    assert box is not None
+    box = box_of(menu)
     assert box["x"] == pytest.approx(540, abs=30)
     page.keyboard.press("Escape")
     expect(menu).to_be_hidden()

@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
+    box_of,
     hold_space,
     in_both_themes,
     number,
@@ -234,8 +235,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles one step further")
         wait_until(lambda: beside_all_panels(page, frame), "the handles beside all panels")
         before = drone.topic("local_position")["position_ned_m"]
-        box = page.get_by_title("3D view", exact=True).bounding_box()
-        assert box is not None
+        box = box_of(page.get_by_title("3D view", exact=True))
 
         def shown() -> list[float]:
             return [number(text) for text in room.locator(".cell b").all_inner_texts()]

@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, Page, Request, expect
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
     READ_CANVAS,
+    box_of,
     hold_space,
     in_both_themes,
     number,
@@ -123,8 +124,7 @@ def point_the_gimbal(page: Page, drone: Any) -> None:
     card = page.get_by_label("Gimbal", exact=True)
     card.get_by_role("button", name="Take").click()
     pad = card.get_by_role("slider", name="Gimbal pad")
-    box = pad.bounding_box()
-    assert box is not None
+    box = box_of(pad)
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] * 0.55, box["y"] + box["height"] * 0.7, steps=5)
@@ -138,8 +138,7 @@ def point_the_gimbal(page: Page, drone: Any) -> None:
     # PX4's servo outputs reach half of MNT_RANGE_PITCH to each side
     wait_until(lambda: pitch_rad() < -0.78, "the gimbal at its lowest angle")
     expect(card).to_contain_text("−45.0°")
-    turn = card.get_by_role("button", name="Tilt up").bounding_box()
-    assert turn is not None
+    turn = box_of(card.get_by_role("button", name="Tilt up"))
     page.mouse.move(turn["x"] + 8, turn["y"] + 8)
     page.mouse.down()
     wait_until(lambda: pitch_rad() > -0.7, "the gimbal turning while the arrow is held")
@@ -264,10 +263,8 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         handle.focus()
         page.keyboard.press("ArrowDown")
         expect(handle).to_be_focused()
-        grip = values.get_by_role("button", name="Motor 1: drag").bounding_box()
-        first = values.get_by_role("button", name="From home: drag").bounding_box()
-        assert grip is not None
-        assert first is not None
+        grip = box_of(values.get_by_role("button", name="Motor 1: drag"))
+        first = box_of(values.get_by_role("button", name="From home: drag"))
         page.mouse.move(grip["x"] + 9, grip["y"] + 9)
         page.mouse.down()
         page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)

@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import choose, hold_space, in_both_themes, opened, scene
+from tests.e2e.browser import box_of, choose, hold_space, in_both_themes, opened, scene
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     EXAMPLES,
@@ -238,8 +238,7 @@ def in_3d(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
         return found is not None and before == found
 
     wait_until(is_at_rest, "the camera of the 3D view", 60)
-    box = page.get_by_title("3D view", exact=True).bounding_box()
-    assert box is not None
+    box = box_of(page.get_by_title("3D view", exact=True))
     return box["x"] + found[0], box["y"] + found[1]
 
 
