@@ -66,6 +66,7 @@ from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet, Notice
+from gcs_server.vehicle.services.held_cache import HeldCache
 
 log = logging.getLogger(__name__)
 
@@ -127,6 +128,8 @@ class Server:
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))
+        held_plans = HeldCache(cache)
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.keep_in(held_plans))
         dry_runs = DryRuns()
         self.scene = (
             SceneProcess(

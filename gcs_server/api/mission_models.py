@@ -89,7 +89,7 @@ class HeldView(AnswerBody):
 
     state: Literal["plan", "another", "not_known"] = Field(
         description="plan: the plan given here; another: not the plan that was uploaded last; not_known: "
-        "the server has not uploaded or compared a plan, or the vehicle reports no ids."
+        "the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids."
     )
     plan: PlanNameModel | None = Field(  # type: ignore[valid-type]
         description="The last uploaded and verified plan, to which `state` refers."
@@ -118,6 +118,10 @@ class MissionView(AnswerBody):
     no_resume: str | None = Field(
         description="Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was "
         "interrupted."
+    )
+    if_link_lost: str | None = Field(
+        description="What the vehicle does in Mission mode if the server or its link fails, by its "
+        "parameters; null: not known yet, or the server does not know the plan."
     )
 
 

@@ -41,24 +41,28 @@ CONFIRM = "Required while the vehicle is in Mission mode: `vehicle {id} loses th
 
 @router.get("", response_model=m.MissionView)
 async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
-    """Progress of the vehicle's mission, the plan on the vehicle, and its newest flight. Sends nothing to the
-    vehicle."""
-    held = vehicle.mission.held
+    """Progress of the vehicle's mission, the plan on the vehicle, and its newest flight.
+
+    If the server knows the plan, it reads the parameters for `if_link_lost` in the background, and sends
+    nothing else.
+    """
+    held, holds, flights = vehicle.mission.held, vehicle.mission.holds(), station.waypoint_flights
     sample = vehicle.topic("mission")
-    resume_at = station.waypoint_flights.resume(vehicle.id)
+    resume_at = flights.resume(vehicle.id)
     return answer(
         {
             "vehicle": vehicle.id,
             "mission": sample.value if sample is not None else None,
             "holds": {
-                "state": vehicle.mission.holds(),
+                "state": holds,
                 "plan": None if held is None else held.plan,
                 "known_unix_s": None if held is None else held.at_unix_s,
             },
             "transfer": vehicle.mission.doing,
-            "flight": station.waypoint_flights.status(vehicle.id),
+            "flight": flights.status(vehicle.id),
             "resume": None if isinstance(resume_at, str) else resume_at,
             "no_resume": resume_at if isinstance(resume_at, str) else None,
+            "if_link_lost": flights.if_link_lost(vehicle.id) if holds == "plan" else None,
         }
     )
 
@@ -157,7 +161,7 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     equal = not any(each.essential for each in all_differences)
     same_ids = still_held(vehicle, held)
     if equal and same_ids and name.id is not None:
-        vehicle.mission.held = replace(held, plan=name)
+        await vehicle.mission.set_known(replace(held, plan=name))
     return answer(
         {
             "vehicle": vehicle.id,

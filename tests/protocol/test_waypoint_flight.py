@@ -8,7 +8,9 @@ import pytest
 from gcs_server.api import dry_run_models, dry_run_routes, mission_models, mission_routes
 from gcs_server.errors import Refused, Rejected, UnknownDryRun
 from gcs_server.plans import dry_runs
-from gcs_server.streamer.waypoints.flight import NOT_SEEN
+from gcs_server.storage.cache import Cache
+from gcs_server.streamer.waypoints.link_loss import PARAMETERS
+from gcs_server.vehicle.services.held_cache import HeldCache
 from missions.dry_run import task
 from tests.protocol.api_calls import ANNA, MISSION, station_of, view
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
@@ -26,6 +28,11 @@ def item(kind, north_m, alt_m, **more):
 
 PLAN = {"items": [item("takeoff", 0, 6), item("waypoint", 35, 6), item("land", 35, 0)]}
 POSITION = 3 << 16
+MISSION_MESSAGES = {37, 38, 39, 40, 41, 43, 44, 45, 47, 51, 73}
+FLIGHT_MESSAGES = {11, 69, 75, 82, 84, 86}
+"""SET_MODE, MANUAL_CONTROL, COMMAND_INT, and setpoints."""
+FLIGHT_COMMANDS = {176, 192, 193, 300, 400}
+"""Mode, reposition, pause, mission start, arming."""
 WIND_M_S = (0.0, 16.0, 0.0)
 
 
@@ -137,15 +144,16 @@ def scripted(jump, work):
         world = OffboardWorld()
         link = world.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
+        at = SimpleNamespace(world=world, autopilot=autopilot)
         try:
-            vehicle = await world.ready()
+            at.vehicle = await world.ready()
             await seconds(1.5)
-            station = station_of(world)
-            station.waypoint_flights.start()
-            await work(SimpleNamespace(world=world, vehicle=vehicle, station=station, autopilot=autopilot))
+            at.station = station_of(world)
+            at.station.waypoint_flights.start()
+            await work(at)
         finally:
             autopilot.alive = False
-            await world.close()
+            await at.world.close()
 
     jump(run)
 
@@ -184,7 +192,7 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
     scripted(jump, work)
 
 
-def test_a_flight_that_began_before_the_server_knew_the_plan_is_not_compared_with_it(jump):
+def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(jump):
     async def work(at):
         await upload(at)
         select(at, MISSION)
@@ -193,11 +201,91 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_not_compared_wit
         at.station.waypoint_flights.attach(at.vehicle)
         await seconds(1)
         flown = await flight(at)
-        assert (flown["state"], flown["planned_by"], flown["remaining_s"]) == ("flying", None, None)
-        assert flown["not_compared"] == NOT_SEEN
+        assert (flown["state"], flown["planned_by"], flown["place"]) == ("flying", "plan", "item 1")
+        assert flown["not_compared"] == "The vehicle has no valid position estimate."
         at.autopilot.armed = False
         await seconds(2.5)
         assert (await flight(at))["state"] == "stopped"
+
+    scripted(jump, work)
+
+
+async def inline(work):
+    """Replaces `asyncio.to_thread`."""
+    return work()
+
+
+@pytest.mark.parametrize("damage", [None, "cut", "of another plan"])
+def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(jump, tmp_path, damage):
+    cache = HeldCache(Cache(tmp_path), inline)
+
+    async def restart(at):
+        await at.world.close()
+        at.world = OffboardWorld()
+        at.autopilot.link = at.link = at.world.link()
+        at.link.autopilots["peer"] = at.autopilot
+        at.world.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.keep_in(cache))
+        at.vehicle = await at.world.ready()
+        at.station = station_of(at.world)
+        at.station.waypoint_flights.start()
+        at.autopilot.received.clear()
+        await seconds(4)
+
+    async def work(at):
+        at.vehicle.mission.keep_in(cache)
+        await upload(at)
+        before = at.vehicle.mission.held
+        select(at, MISSION)
+        at.autopilot.flight.current = 1
+        await seconds(2.5)
+        (kept,) = tmp_path.iterdir()
+        content = kept.read_bytes()
+        if damage is not None:
+            kept.write_bytes(
+                content[:-20] if damage == "cut" else content.replace(b'"fence": 0', b'"fence": 7')
+            )
+        await restart(at)
+        flown = await flight(at)
+        sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in at.link.sent}
+        assert not sent & (MISSION_MESSAGES | FLIGHT_MESSAGES)
+        assert (
+            not {each.command for each in at.autopilot.received if hasattr(each, "command")} & FLIGHT_COMMANDS
+        )
+        if damage is not None:
+            assert (flown, at.vehicle.mission.holds(), kept.exists()) == (None, "not_known", False)
+            return
+        held = at.vehicle.mission.held
+        assert at.vehicle.mission.holds() == "plan"
+        assert (held.ids, held.plan, held.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
+        assert repr(held.items) == repr(before.items)
+        assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)
+        await OtherStation(at.autopilot).upload(before.items["mission"][:2])
+        await seconds(2.5)
+        assert (await flight(at))["reason"] == "The vehicle has another plan now."
+
+    scripted(jump, work)
+
+
+def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(jump):
+    async def stated(at):
+        answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+        await seconds(2)
+        return answer["if_link_lost"]
+
+    async def work(at):
+        at.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0)}
+        assert await stated(at) is None
+        assert await stated(at) is None, "no plan: nothing is read"
+        await upload(at)
+        await stated(at)
+        returns = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
+        assert await stated(at) == returns
+        at.autopilot.params["NAV_DLL_ACT"] = (6, 0)
+        await seconds(7)
+        assert await stated(at) == returns, "before the parameters are read again"
+        assert await stated(at) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
+        read = [each.param_id for each in at.autopilot.received if each.get_type() == "PARAM_REQUEST_READ"]
+        assert read == [*PARAMETERS, *PARAMETERS]
 
     scripted(jump, work)
 

@@ -22,7 +22,6 @@ from missions.waypoints.monitor import WaypointMonitor
 from missions.waypoints.planned import MAX_PASSES, PlannedPasses, planned_by_plan
 
 WARNING, NOTICE = 4, 5
-NOT_SEEN = "The vehicle was already flying when the server learned which plan it has."
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +61,7 @@ class WaypointFlight:
         self._path = None if announcement is None else announcement.path
         plan, _ = plan_of(held)
         self._count = len(plan.items)
-        planned, why = _planned(vehicle, plan, self._path, seen=seen)
+        planned, why = _planned(vehicle, plan, self._path)
         self._planned = planned
         reading = vehicle_reading(vehicle)
         self._monitor = WaypointMonitor(
@@ -177,16 +176,14 @@ class WaypointFlight:
 
 
 def _planned(
-    vehicle: Vehicle, plan: Plan, path: DryRunPath | None, *, seen: bool
+    vehicle: Vehicle, plan: Plan, path: DryRunPath | None
 ) -> tuple[PlannedPasses | None, str | None]:
     """The planned flight; None with the reason, as a sentence, if there is none."""
-    if not seen:
-        return None, NOT_SEEN
     if path is not None:
         return path.planned, None
     home, origin = _home(vehicle), VehicleEstimates(vehicle).origin()
     if home is None or origin is None:
-        return None, "The home of the vehicle was not known at the start."
+        return None, "The home of the vehicle was not known when the monitoring began."
     parameters = {
         name: float(param.value)
         for name in PARAMETERS.values()

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.streamer.waypoints.flight import Announcement, WaypointFlight
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
+from gcs_server.streamer.waypoints.link_loss import LinkLoss
 from gcs_server.streamer.waypoints.resume import ResumeOffer, Resumes
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.supervise import Supervisor
@@ -18,6 +20,9 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.flown import FlownMission
 
 PERIOD_S = 0.1
+HOME_WAIT_S = 10.0
+"""A flight that is found in the air (after a restart of the server) waits for the vehicle's home for this
+time; after that it is monitored without comparison."""
 
 
 class WaypointFlights:
@@ -33,20 +38,25 @@ class WaypointFlights:
         self._clock, self._supervisor = clock, supervisor
         self._store, self._resumes = store, Resumes(store)
         self._vehicles: dict[str, Vehicle] = {}
+        self._link_loss: dict[str, LinkLoss] = {}
         self._flights: dict[str, WaypointFlight] = {}
         self._announced: dict[str, Announcement] = {}
         self._in_mission: dict[str, bool] = {}
         """Whether the vehicle flew its mission at the last update."""
+        self._found_s: dict[str, float] = {}
+        """When a flight was found in the air that waits for the vehicle's home [s, monotonic]."""
 
     def attach(self, vehicle: Vehicle) -> None:
         """Sets the vehicle's attribute `waypoint_flight`, and monitors the vehicle."""
         vehicle.waypoint_flight = VehicleWaypointFlight(self, vehicle.id)
         if not vehicle.identity.replayed:
             self._vehicles[vehicle.id] = vehicle
+            self._link_loss[vehicle.id] = LinkLoss(vehicle, self._clock)
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops all data of a removed vehicle."""
-        for kept in (self._vehicles, self._flights, self._announced, self._in_mission):
+        kept_by_id = (self._vehicles, self._link_loss, self._flights, self._announced, self._in_mission)
+        for kept in (*kept_by_id, self._found_s):
             kept.pop(vehicle.id, None)
         self._resumes.forget(vehicle.id)
 
@@ -73,6 +83,11 @@ class WaypointFlights:
         """Status of a vehicle's newest flight; None if there was none."""
         flight = self._flights.get(vehicle_id)
         return None if flight is None else flight.status()
+
+    def if_link_lost(self, vehicle_id: str) -> str | None:
+        """What the vehicle does in Mission mode without a ground station, as a sentence; None: not known."""
+        link_loss = self._link_loss.get(vehicle_id)
+        return None if link_loss is None else link_loss.text()
 
     def flown(self, vehicle_id: str) -> FlownMission:
         """A vehicle's newest flight, with its plan.
@@ -123,7 +138,11 @@ class WaypointFlights:
             return
         if flight is not None and was_flying and announcement is None and flight.flies(held):
             return
-        begun = WaypointFlight(vehicle, held, announcement, seen=announcement is not None or not was_flying)
+        seen = announcement is not None or not was_flying
+        if not seen and self._waits_for_home(vehicle):
+            return
+        self._found_s.pop(vehicle.id, None)
+        begun = WaypointFlight(vehicle, held, announcement, seen=seen)
         self._flights[vehicle.id] = begun
         begun.update()
 
@@ -131,6 +150,12 @@ class WaypointFlights:
         key, progress = key_of(vehicle.identity), flight.new_progress()
         if key is not None and progress is not None:
             self._store.keep(key, progress)
+
+    def _waits_for_home(self, vehicle: Vehicle) -> bool:
+        estimates, now_s = VehicleEstimates(vehicle), self._clock.monotonic_s()
+        if estimates.home() is not None and estimates.origin() is not None:
+            return False
+        return now_s - self._found_s.setdefault(vehicle.id, now_s) < HOME_WAIT_S
 
     async def _update_periodically(self) -> None:
         while True:

@@ -2,7 +2,8 @@
 
 An upload is complete when a download returns what was sent. PX4's ids (MISSION_CURRENT) are not enough: they
 are checksums of what the vehicle received, and show only that nothing has changed since. The ids after a
-verified transfer are stored; while the vehicle reports them, it has that plan.
+verified transfer are stored; while the vehicle reports them, it has that plan, also after a restart of the
+server.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.samples import Mission
+from gcs_server.vehicle.services.held_cache import HeldCache
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import (
     NAME_OF,
@@ -68,6 +70,26 @@ class MissionService:
         self._doing: str | None = None
         self.held: Held | None = None
         """The vehicle's content after the last completed transfer."""
+        self._cache: HeldCache | None = None
+        self._sought: Ids | None = None
+        """The ids that were last looked for in the cache."""
+
+    def keep_in(self, cache: HeldCache) -> None:
+        """Sets the cache that keeps known plans over a restart of the server."""
+        self._cache = cache
+
+    async def set_known(self, held: Held) -> None:
+        """Sets the vehicle's content, and keeps it over a restart of the server."""
+        self.held = held
+        if self._cache is not None:
+            await self._cache.keep(self._vehicle.identity.system_id, held)
+
+    def reported(self) -> None:
+        """Called when the vehicle has reported its ids: after a restart of the server, finds its plan."""
+        ids = self.ids()
+        if self.held is None and ids != self._sought and not self._vehicle.identity.replayed:
+            self._sought = ids
+            self._vehicle.in_background("its known plan", self._restore())
 
     @property
     def doing(self) -> str | None:
@@ -127,14 +149,15 @@ class MissionService:
                     reasons=tuple(each.text() for each in essential),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
-            self.held = Held(held.items, held.ids, plan, held.at_unix_s)
-            return Uploaded(self.held, found)
+            known = Held(held.items, held.ids, plan, held.at_unix_s)
+            await self.set_known(known)
+            return Uploaded(known, found)
 
     async def download(self, *, progress: ReportProgress | None = None) -> Held:
         """Reads mission, geofence and rally points."""
         with self._transfer("a download"):
             read = await self._read(_CombinedProgress(progress, 0), "Downloading")
-            known = self.held
+            known = self.held or await self._kept(read.ids)
             same = known is not None and not any(
                 differences(part, known.items[part], read.items[part]) for part in PARTS
             )
@@ -176,6 +199,17 @@ class MissionService:
             )
 
     # --- the parts ------------------------------------------------------------------------------------
+
+    async def _restore(self) -> None:
+        found = await self._kept(self._sought)
+        if found is not None and self.held is None and self._doing is None and self.ids() == found.ids:
+            self.held = found
+
+    async def _kept(self, ids: Ids | None) -> Held | None:
+        """The content that this vehicle had with these ids before a restart of the server."""
+        if self._cache is None or ids is None or not any(ids.values()):
+            return None
+        return await self._cache.find(self._vehicle.identity.system_id, ids)
 
     @contextmanager
     def _transfer(self, what: str) -> Generator[None]:

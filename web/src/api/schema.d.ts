@@ -1762,8 +1762,10 @@ export interface paths {
         };
         /**
          * Show Mission
-         * @description Progress of the vehicle's mission, the plan on the vehicle, and its newest flight. Sends nothing to the
-         *     vehicle.
+         * @description Progress of the vehicle's mission, the plan on the vehicle, and its newest flight.
+         *
+         *     If the server knows the plan, it reads the parameters for `if_link_lost` in the background, and sends
+         *     nothing else.
          */
         readonly get: operations["show_mission_api_v1_vehicles__v__mission_get"];
         readonly put?: never;
@@ -6185,7 +6187,7 @@ export interface components {
         readonly HeldView: {
             /**
              * State
-             * @description plan: the plan given here; another: not the plan that was uploaded last; not_known: the server has not uploaded or compared a plan, or the vehicle reports no ids.
+             * @description plan: the plan given here; another: not the plan that was uploaded last; not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
              * @enum {string}
              */
             readonly state: "plan" | "another" | "not_known";
@@ -7948,6 +7950,11 @@ export interface components {
              * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was interrupted.
              */
             readonly no_resume: string | null;
+            /**
+             * If Link Lost
+             * @description What the vehicle does in Mission mode if the server or its link fails, by its parameters; null: not known yet, or the server does not know the plan.
+             */
+            readonly if_link_lost: string | null;
         };
         /**
          * MissionWithInserted

@@ -1,0 +1,76 @@
+"""Describes what PX4 does in Mission mode when no ground station is connected any more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError
+from gcs_server.vehicle.vehicle import Vehicle
+
+PARAMETERS = ("NAV_DLL_ACT", "COM_DL_LOSS_T", "COM_DLL_EXCEPT")
+EXCEPT_MISSION = 1
+"""Bit of COM_DLL_EXCEPT."""
+REQUEST_PERIOD_S = 10.0
+"""Time between two requests for the parameters [s]."""
+_ACTIONS = {
+    1: "holds its position in Hold mode",
+    2: "returns (RTL)",
+    3: "lands at its current position",
+    5: "terminates the flight: motors stop, it falls",
+    6: "disarms: motors stop, it falls",
+}
+"""By NAV_DLL_ACT."""
+
+
+class LinkLoss:
+    """The action of one vehicle.
+
+    Args:
+        vehicle: the vehicle.
+        clock: the server's clock.
+    """
+
+    def __init__(self, vehicle: Vehicle, clock: Clock) -> None:
+        self._vehicle, self._clock = vehicle, clock
+        self._requested_s: float | None = None
+        self._read: dict[str, float] = {}
+        """Values of the parameters that were read by name."""
+
+    def text(self) -> str | None:
+        """The action as a sentence; None: not known yet.
+
+        Reads in the background what the vehicle's parameter list does not contain, because a parameter may
+        have been changed meanwhile.
+        """
+        known = {name: each.value for name in PARAMETERS if (each := self._vehicle.params.known(name))}
+        now_s = self._clock.monotonic_s()
+        due = self._requested_s is None or now_s - self._requested_s >= REQUEST_PERIOD_S
+        if len(known) < len(PARAMETERS) and due and "parameters" not in self._vehicle.reach.missing:
+            self._requested_s = now_s
+            self._vehicle.in_background("its action without a ground station", self._request(known))
+        return link_loss_text({**self._read, **known})
+
+    async def _request(self, known: Mapping[str, float]) -> None:
+        self._vehicle.require_commandable()
+        for name in PARAMETERS:
+            try:
+                if name not in known:
+                    self._read[name] = (await self._vehicle.params.get(name)).value
+            except GcsError:
+                continue  # this firmware may not have it, or the link is bad: it stays unknown
+
+
+def link_loss_text(parameters: Mapping[str, float]) -> str | None:
+    """The action by the vehicle's parameters, as a sentence; None if NAV_DLL_ACT is not known."""
+    if "NAV_DLL_ACT" not in parameters:
+        return None
+    action, exceptions = int(parameters["NAV_DLL_ACT"]), int(parameters.get("COM_DLL_EXCEPT", 0))
+    if action == 0:
+        return "The vehicle continues the mission (NAV_DLL_ACT 0)."
+    if exceptions & EXCEPT_MISSION:
+        return f"The vehicle continues the mission (COM_DLL_EXCEPT {exceptions})."
+    after_s = parameters.get("COM_DL_LOSS_T")
+    after = "After COM_DL_LOSS_T" if after_s is None else f"After about {after_s:g} s"
+    does = _ACTIONS.get(action, "does an action that is unknown to this server")
+    return f"{after} without any ground station, the vehicle {does} (NAV_DLL_ACT {action})."

@@ -1,0 +1,33 @@
+"""What the vehicle does in Mission mode without a ground station, by its parameters."""
+
+import pytest
+
+from gcs_server.streamer.waypoints.link_loss import link_loss_text
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({}, None),
+        ({"COM_DL_LOSS_T": 10, "COM_DLL_EXCEPT": 0}, None),
+        ({"NAV_DLL_ACT": 0}, "The vehicle continues the mission (NAV_DLL_ACT 0)."),
+        ({"NAV_DLL_ACT": 2, "COM_DLL_EXCEPT": 5}, "The vehicle continues the mission (COM_DLL_EXCEPT 5)."),
+        (
+            {"NAV_DLL_ACT": 1, "COM_DL_LOSS_T": 10, "COM_DLL_EXCEPT": 2},
+            "After about 10 s without any ground station, the vehicle holds its position in Hold mode "
+            "(NAV_DLL_ACT 1).",
+        ),
+        (
+            {"NAV_DLL_ACT": 5, "COM_DL_LOSS_T": 7},
+            "After about 7 s without any ground station, the vehicle terminates the flight: motors stop, it "
+            "falls (NAV_DLL_ACT 5).",
+        ),
+        (
+            {"NAV_DLL_ACT": 9},
+            "After COM_DL_LOSS_T without any ground station, the vehicle does an action that is unknown to "
+            "this server (NAV_DLL_ACT 9).",
+        ),
+    ],
+)
+def test_the_action_is_a_sentence_with_the_parameter_that_decides_it(parameters, text):
+    assert link_loss_text(parameters) == text
