@@ -10,9 +10,7 @@ from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.mission import feasibility
 from vehicle_sim.autopilot.mission.heading import Heading
 from vehicle_sim.autopilot.mission.items import (
-    CHANGE_SPEED,
     GATE,
-    GIMBAL_ITEMS,
     JUMP,
     LAND,
     LAND_START,
@@ -24,6 +22,7 @@ from vehicle_sim.autopilot.mission.items import (
     next_position,
 )
 from vehicle_sim.autopilot.mission.leg import Leg
+from vehicle_sim.autopilot.mission.replay import Replay
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import FENCE, MISSION, Plans
@@ -69,6 +68,7 @@ class Mission:
         self._climb, self._descent = climb, descent
         self._leg = Leg(path)
         self.heading = Heading(view, path, home)
+        self._replay = Replay(self._issue)
         self.current = 0
         self.reached: int | None = None
         self.reached_count = 0
@@ -133,7 +133,7 @@ class Mission:
             self.current = self._plans.start_seq
             self.reached, self.finished = None, False
             self._jumps.clear()
-            self._work = Work.NONE
+            self._work, self._replay.left_at = Work.NONE, None
 
     @property
     def count(self) -> int:
@@ -153,6 +153,8 @@ class Mission:
         """Continues with another item."""
         if not 0 <= seq < len(self._items):
             return False
+        if seq != self.current:
+            self._replay.left_at = None
         self.current, self.finished = seq, False
         self._work = Work.NONE
         return True
@@ -164,27 +166,21 @@ class Mission:
         if self._disarmed_after_start and self.current + 1 >= len(self._items):
             self.current, self.finished, self.reached = 0, False, None
             self._jumps.clear()
+            self._replay.left_at = None
         self.active, self._disarmed_after_start = True, False
         self._work, self._needs_takeoff = Work.NONE, True
         self._path.cruise_m_s = math.nan
         self._leg.restart()
         self.heading.reset()
         self._announcer.both(6, "Executing Mission", "mission_execute")
-        self._replay()
+        self.current = self._replay.begin(self._items, self.current)
 
     def leave(self) -> None:
         """Called when another mode becomes active: stops camera triggers and releases the gimbal."""
         self.active = False
-        self._work = Work.NONE
+        self._work, self._replay.left_at = Work.NONE, self.current
         self._commands.stop_triggering()
         self._commands.release_gimbal()
-
-    def _replay(self) -> None:
-        """Restores settings of earlier items that still apply: speed, then the gimbal."""
-        speeds = [item for item in self._items[: self.current] if item.command == CHANGE_SPEED]
-        gimbal = [item for item in self._items[: self.current] if item.command in GIMBAL_ITEMS]
-        for item in [*speeds[-1:], *gimbal[-1:]]:
-            self._issue(item)
 
     def update(self, *, landed: bool) -> None:
         """One tick: starts items, and continues with the next one when an item is done."""
@@ -222,6 +218,7 @@ class Mission:
             self._announcer.both(6, text, "mission_climb_before_start", "f", above_m)
             return
         self._needs_takeoff = False
+        self._replay.after_climb()
         self._work = Work.FLY
         place = self._place(item)
         if item.command == LAND:
@@ -308,6 +305,7 @@ class Mission:
     def _advance(self, landed: bool) -> bool:
         if self.current + 1 < len(self._items):
             self.current += 1
+            self._replay.reached(self.current)
             return True
         self.finished = True
         if landed:
