@@ -20,13 +20,14 @@ from missions.offboard.steps import (
     Repeat,
     Speed,
 )
-from missions.offboard.tables import MAX_TABLE_LENGTH
 from missions.values import FenceZone, HomePosition, Model, Obstacles
 
 MAX_CALL_DEPTH = 8
 MAX_ROLES = 10
 MINIMUM_SEPARATION_M = 5.0
 """Same default as for groups of vehicles."""
+MAX_TABLE_LENGTH = 1_000_000
+"""Maximum length of a table's CSV text."""
 Steps = Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
 TableText = Annotated[str, Field(max_length=MAX_TABLE_LENGTH)]
 

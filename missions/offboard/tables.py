@@ -19,6 +19,7 @@ from missions.bounded_json import decode_lines
 from missions.curves import PathCurve
 from missions.errors import PlanError
 from missions.frames import Vector3
+from missions.offboard.document import MAX_TABLE_LENGTH
 from missions.offboard.names import MAX_NAME_LENGTH, valid_name
 from missions.setpoints import Path, PathPoint
 from missions.trajectory.points import MAX_COORDINATE_M
@@ -26,8 +27,6 @@ from missions.trajectory.points import MAX_COORDINATE_M
 COLUMNS = ("t_s", "north_m", "east_m", "down_m", "yaw_ned_rad")
 MAX_ROWS = 20_000
 MAX_NPY_BYTES = 4 * 1024 * 1024
-MAX_TABLE_LENGTH = 1_000_000
-"""Maximum length of a table's CSV text in a document."""
 LONGEST_S = 86_400.0
 _MAGIC = b"\x93NUMPY"
 _ARCHIVE = b"PK"

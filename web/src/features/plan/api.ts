@@ -8,7 +8,7 @@ import type { Finding } from './document/fixes';
 import type { Power } from './dry-run/conditions';
 import type { Document, PlanKind } from './document-kinds';
 import type { Flight } from './offboard/compiled-path';
-import type { Mission } from './offboard/mission';
+import type { Mission, Path } from './offboard/mission';
 import type { Pattern } from './patterns/shape';
 
 type Schemas = components['schemas'];
@@ -55,6 +55,15 @@ export interface GroundPlan {
   readonly added: number;
   readonly notes: readonly string[];
 }
+
+/** A mission with a stored one inserted. */
+export interface InsertedMission {
+  readonly plan: Mission;
+  readonly called: string;
+  readonly notes: readonly string[];
+}
+/** What positions relative to start or home count from, if the planned starts of two missions differ. */
+export type Positions = NonNullable<Schemas['MissionToInsert']['positions']>;
 
 /** A trajectory as CSV text. */
 export type ImportedTable = Readonly<Schemas['ImportedTable']>;
@@ -142,6 +151,15 @@ export class PlanApi {
     const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
     const headers = { 'Content-Type': 'application/octet-stream' };
     return fromApi(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
+  }
+
+  /**
+   * Inserts a stored mission: a list of its steps, and a call of it at a path of the mission.
+   * @param in_air leave out its take-off and last landing.
+   * @param positions null: refused (field `positions`) if the planned starts differ and that makes a difference.
+   */
+  insert(plan: Mission, at: Path, plan_id: string, in_air: boolean, positions: Positions | null): Promise<Outcome<InsertedMission>> {
+    return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...at], plan_id, in_air, positions } }));
   }
 
   /** The trajectory in a CSV or NumPy file (.npy). */

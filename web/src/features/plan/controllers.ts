@@ -8,6 +8,7 @@ import type { PlannedHome } from './document/document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run/dry-run.svelte';
 import { PlanEditor } from './editor/editor.svelte';
+import { MissionInsertion } from './offboard/insertion.svelte';
 import { VehicleMission } from './flight/plan-transfer.svelte';
 import { PatternDrawing } from './patterns/drawing.svelte';
 import { Plans } from './plans.svelte';
@@ -17,6 +18,8 @@ const planApi = new PlanApi(page.api);
 const browserMemory = memory(() => localStorage);
 export const plans = new Plans(planApi, editor, browserMemory);
 export const drawing = new PatternDrawing(planApi, editor, browserMemory);
+
+export const insertion = new MissionInsertion(planApi, editor);
 
 export const mission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);

@@ -1,11 +1,12 @@
 /** The parts of the plan room, loaded together when it is first opened. */
 
 import { registry, rooms, type RoomParts } from '../../app/registry.svelte';
-import { drawing, editor } from './controllers';
+import { drawing, editor, insertion } from './controllers';
 import PlanCard from './editor/PlanCard.svelte';
 import PlanRoom from './PlanRoom.svelte';
 
 export const parts: RoomParts = { station: PlanRoom, cards: [{ component: PlanCard }] };
 
+registry.addCloser({ order: 76, isOpen: () => rooms.current === 'plan' && insertion.isOpen, close: () => insertion.close() });
 registry.addCloser({ order: 75, isOpen: () => rooms.current === 'plan' && editor.placing !== null, close: () => editor.stopPlacing() });
 registry.addCloser({ order: 76, isOpen: () => rooms.current === 'plan' && drawing.kind !== null, close: () => drawing.cancel() });

@@ -142,7 +142,7 @@ export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null
 }
 
 /** The last selected step; null: none is selected. */
-function lastOf(mission: Mission, selected: readonly string[]): StepNode | null {
+export function lastOf(mission: Mission, selected: readonly string[]): StepNode | null {
   return (
     selected
       .map((id) => nodeOf(mission, id))
@@ -158,9 +158,8 @@ export function addSteps(mission: Mission, steps: readonly Step[], selected: rea
   return { mission: next, ids: places.map(stepId) };
 }
 
-/** Inserts steps after another one, into its empty branch, or at the end, but before a final landing. */
-function insertSteps(mission: Mission, added: readonly Step[], after: StepNode | null): { mission: Mission; places: string[] } {
-  const kind = added[0]?.step;
+/** Where a step of this kind is added: after another one, into its empty branch, or at the end, but before a final landing. */
+function pathToInsert(mission: Mission, kind: StepKind | undefined, after: StepNode | null): Path {
   const [role] = roleNames(mission);
   let list: Path = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
@@ -172,6 +171,25 @@ function insertSteps(mission: Mission, added: readonly Step[], after: StepNode |
   if (kind === 'take_off') index = 0;
   const steps = (valueAt(mission, list) ?? []) as readonly Step[];
   if (kind !== 'land' && steps[index - 1]?.step === 'land' && list.length === (list[0] === 'roles' ? 3 : 1)) index -= 1;
+  return [...list, index];
+}
+
+/** Where a call is added, with the rule of `addStep`. */
+export function pathOfCall(mission: Mission, selected: readonly string[]): Path {
+  return pathToInsert(mission, 'call', lastOf(mission, selected));
+}
+
+/** Id of the step at a path; null: nothing leads there. */
+export function idAt(mission: Mission, path: Path): string | null {
+  const node = nodesOf(mission).find((one) => key(one.path) === key(path));
+  return node === undefined ? null : stepId(node.place);
+}
+
+/** Inserts steps where the first one is added. */
+function insertSteps(mission: Mission, added: readonly Step[], after: StepNode | null): { mission: Mission; places: string[] } {
+  const path = pathToInsert(mission, added[0]?.step, after);
+  const [list, index] = [listOf(path), indexOf(path)];
+  const steps = (valueAt(mission, list) ?? []) as readonly Step[];
   const next = withValue(mission, list, spliced(steps, index, 0, ...added));
   const placeOf = new Map(nodesOf(next).map((node) => [key(node.path), node.place]));
   return { mission: next, places: added.map((_, i) => placeOf.get(key([...list, index + i])) ?? '') };

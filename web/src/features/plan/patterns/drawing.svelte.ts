@@ -190,7 +190,7 @@ export class PatternDrawing implements LayerEditor {
     if (key !== this.key) return;
     if (answer.ok) this.preview = { key, made: answer.value, problem: null };
     else {
-      this.preview = { key, made: null, problem: { place: placeOf(kind, answer.problem.field), text: problemText(answer.problem) } };
+      this.preview = { key, made: null, problem: { place: placeOf(kind, answer.problem.field), text: fieldProblemText(answer.problem) } };
     }
   }
 
@@ -226,7 +226,7 @@ export class PatternDrawing implements LayerEditor {
 }
 
 /** The server's reason and remedy, without the name of the field: the text is shown beside the field. */
-function problemText({ code, detail, remedy, field }: Problem): string {
+export function fieldProblemText({ code, detail, remedy, field }: Problem): string {
   if (code === 'unreachable') return 'The server did not answer. Is it still running?';
   const reason = detail.replace(`${field ?? ''}: `, '').replace(/^field /, '');
   return [reason.charAt(0).toUpperCase() + reason.slice(1), remedy ?? ''].join(' ').trim();
