@@ -273,7 +273,7 @@ def test_before_the_start_the_server_states_what_px4_does_without_a_ground_stati
         return answer["if_link_lost"]
 
     async def work(at):
-        at.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0)}
+        at.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
         assert await stated(at) is None
         assert await stated(at) is None, "no plan: nothing is read"
         await upload(at)

@@ -8,7 +8,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError
 from gcs_server.vehicle.vehicle import Vehicle
 
-PARAMETERS = ("NAV_DLL_ACT", "COM_DL_LOSS_T", "COM_DLL_EXCEPT")
+PARAMETERS = ("NAV_DLL_ACT", "COM_DL_LOSS_T", "COM_DLL_EXCEPT", "COM_FAIL_ACT_T")
 EXCEPT_MISSION = 1
 """Bit of COM_DLL_EXCEPT."""
 REQUEST_PERIOD_S = 10.0
@@ -21,6 +21,8 @@ _ACTIONS = {
     6: "disarms: motors stop, it falls",
 }
 """By NAV_DLL_ACT."""
+_AFTER_HOLD = (2, 3)
+"""Actions that begin with Hold for COM_FAIL_ACT_T, in which the pilot can take over."""
 
 
 class LinkLoss:
@@ -73,4 +75,7 @@ def link_loss_text(parameters: Mapping[str, float]) -> str | None:
     after_s = parameters.get("COM_DL_LOSS_T")
     after = "After COM_DL_LOSS_T" if after_s is None else f"After about {after_s:g} s"
     does = _ACTIONS.get(action, "does an action that is unknown to this server")
+    hold_s = parameters.get("COM_FAIL_ACT_T")
+    if action in _AFTER_HOLD and hold_s != 0.0:
+        does = f"holds for {'COM_FAIL_ACT_T' if hold_s is None else f'{hold_s:g} s'}, then {does}"
     return f"{after} without any ground station, the vehicle {does} (NAV_DLL_ACT {action})."

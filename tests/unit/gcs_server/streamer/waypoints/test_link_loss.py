@@ -18,6 +18,21 @@ from gcs_server.streamer.waypoints.link_loss import link_loss_text
             "(NAV_DLL_ACT 1).",
         ),
         (
+            {"NAV_DLL_ACT": 2, "COM_DL_LOSS_T": 10, "COM_FAIL_ACT_T": 5.0},
+            "After about 10 s without any ground station, the vehicle holds for 5 s, then returns (RTL) "
+            "(NAV_DLL_ACT 2).",
+        ),
+        (
+            {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 10},
+            "After about 10 s without any ground station, the vehicle holds for COM_FAIL_ACT_T, then lands "
+            "at its current position (NAV_DLL_ACT 3).",
+        ),
+        (
+            {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 10, "COM_FAIL_ACT_T": 0.0},
+            "After about 10 s without any ground station, the vehicle lands at its current position "
+            "(NAV_DLL_ACT 3).",
+        ),
+        (
             {"NAV_DLL_ACT": 5, "COM_DL_LOSS_T": 7},
             "After about 7 s without any ground station, the vehicle terminates the flight: motors stop, it "
             "falls (NAV_DLL_ACT 5).",

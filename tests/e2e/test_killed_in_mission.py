@@ -1,0 +1,118 @@
+"""The death of the server while PX4 flies a waypoint plan: real processes, killed by signals."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_server.client import SyncGcs
+from tests.e2e.fast_station import FAST
+from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
+from vehicle_sim.mavlink import generated_dialect as mavlink
+
+pytestmark = pytest.mark.realtime
+
+HOLD, MISSION, RTL = 3 << 24 | 4 << 16, 4 << 24 | 4 << 16, 5 << 24 | 4 << 16
+LAT, LON = 47.397742, 8.545594
+NORTH_DEG = 1 / 111_195
+
+
+def item(kind: str, north_m: float, **more: Any) -> dict[str, Any]:
+    altitude = {"value_m": 0 if kind == "land" else 8, "reference": "home"}
+    return {"kind": kind, "lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "altitude": altitude, **more}
+
+
+PLAN = {
+    "items": [item("takeoff", 0), item("waypoint", 40), item("waypoint", 60, hold_s=60), item("land", 60)]
+}
+
+
+def modes_without_server(port: int, last: int) -> list[int]:
+    """Receives the vehicle's frames until it is in the last mode, and sends nothing; its modes in order."""
+    parser, modes = mavlink.MAVLink(None), list[int]()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.settimeout(30)
+        receiver.bind(("127.0.0.1", port))
+        while last not in modes:
+            for message in parser.parse_buffer(receiver.recv(2048)) or []:
+                is_autopilot = message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 1
+                if is_autopilot and message.custom_mode not in modes:
+                    modes.append(message.custom_mode)
+    return modes
+
+
+def started(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, Any]]:
+    """Uploads the plan and starts it: what the server states about a lost link, and the plan on the
+    vehicle."""
+    for name, value in (("NAV_DLL_ACT", action), ("COM_DL_LOSS_T", 10)):
+        drone.request("PUT", f"/params/{name}", {"value": value})
+    kept = gcs.request("POST", "/plans", {"name": "North", "plan": PLAN})
+    drone.mission.upload(plan_id=kept["id"])
+    wait_until(lambda: drone.mission.state()["if_link_lost"], "the stated action")
+    before = drone.mission.state()
+    assert before["holds"]["plan"] == {"id": kept["id"], "version": 1, "name": "North"}
+    drone.mission.start(0)
+    wait_until(lambda: drone.mission.state()["mission"]["current"] == 1, "the first leg", 60)
+    assert drone.mission.state()["flight"]["client"] == "e2e"
+    return before["if_link_lost"], before["holds"]
+
+
+@pytest.mark.parametrize(
+    ("action", "stated", "modes"),
+    [
+        (0, "The vehicle continues the mission (NAV_DLL_ACT 0).", [MISSION]),
+        (
+            2,
+            "After about 10 s without any ground station, the vehicle holds for 5 s, then returns (RTL) "
+            "(NAV_DLL_ACT 2).",
+            [MISSION, HOLD, RTL],
+        ),
+    ],
+    ids=["continues", "returns"],
+)
+def test_after_a_killed_server_px4_does_as_stated_and_the_next_server_finds_the_flight_and_sends_nothing(
+    tmp_path: Path, action: int, stated: str, modes: list[int]
+) -> None:
+    port, http_port = free_port(), free_port(socket.SOCK_STREAM)
+    url = f"http://127.0.0.1:{http_port}"
+    command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
+    with vehicle(port, more=FAST):
+        with running(command) as first:
+            wait_until(lambda: answers(url), "the first server")
+            with SyncGcs(url, client="e2e") as gcs:
+                drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+                if_link_lost, holds = started(gcs, drone, action)
+                assert if_link_lost == stated
+                end(first, signal.SIGKILL)
+        assert modes_without_server(port, modes[-1]) == modes
+        with running(command):
+            wait_until(lambda: answers(url), "the second server")
+            with SyncGcs(url, client="e2e") as gcs:
+                drone = gcs.wait_for_vehicle("101", timeout_s=60)
+                wait_until(lambda: drone.mission.state()["holds"] == holds, "the known plan")
+                status = drone.status()
+                assert (status["armed"], status["custom_mode"]) == (True, modes[-1])
+                if modes == [MISSION]:
+                    is_flown_on(drone)
+                assert drone.request("GET", "/control")["holder"] is None
+                journal = gcs.request("GET", "/journal")["entries"]
+                assert journal[0]["command"] == "mission/start", (
+                    "the last command of anybody, before the kill"
+                )
+
+
+def is_flown_on(drone: Any) -> None:
+    """The flight is monitored from its current item to its end."""
+    wait_until(lambda: drone.mission.state()["flight"], "the monitored flight")
+    wait_until(lambda: drone.mission.state()["flight"]["item"] == 2, "the second leg")
+    wait_until(lambda: drone.mission.state()["flight"]["deviation_horizontal_m"] is not None, "its path", 60)
+    flight = drone.mission.state()["flight"]
+    assert (flight["state"], flight["count"], flight["client"]) == ("flying", 4, None)
+    assert flight["deviation_horizontal_m"] < 3.0
+    assert 0.0 < flight["remaining_s"] < flight["duration_s"]
+    drone.until_disarmed(timeout_s=120)
+    assert drone.mission.state()["flight"]["state"] == "done"
