@@ -2,190 +2,32 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import signal
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
-import httpx
 import pytest
 from playwright.sync_api import expect
 
+pytest.importorskip("cyclonedds")
+
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
+from tests.e2e.mission_modes import MISSION, NAME, TAKES_OFF, ModesVehicle, modes_vehicle
 from tests.e2e.plan_page import plan_room
 from tools import build_page
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
-pytest.importorskip("cyclonedds")
-
-DOMAIN = 58
-NAMESPACE = f"modes_{os.getpid()}"
-SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
-NAME = "Short line"
-MISSION: dict[str, Any] = {
-    "format": "offboard-gcs-mission",
-    "version": 1,
-    "name": "Line",
-    "steps": [
-        {"step": "fly", "points": [{"offset_ned_m": [8, 0, 0]}], "speed_m_s": 3},
-        {"step": "hold", "duration_s": 2},
-    ],
-}
-
-
-TAKES_OFF: dict[str, Any] = {
-    **MISSION,
-    "steps": [
-        {"step": "take_off", "height_m": 4},
-        {"step": "fly", "points": [{"offset_ned_m": [6, 0, -4]}], "speed_m_s": 3},
-        {"step": "land"},
-    ],
-}
-
-
-class OtherStation:
-    """Another ground station, or a transmitter: it reaches the vehicle over MAVLink, the server does not."""
-
-    def __init__(self, port: int) -> None:
-        station.wait_until(lambda: self._connected(port), "the simulator's port", 30.0)
-        self._socket.settimeout(0.5)
-        self._mavlink = mavlink.MAVLink(None, srcSystem=254)
-        self._mavlink.robust_parsing = True
-
-    def _connected(self, port: int) -> bool:
-        with contextlib.suppress(ConnectionRefusedError):
-            self._socket = socket.create_connection(("127.0.0.1", port))
-            return True
-        return False
-
-    def command(self, command: int, *params: float) -> None:
-        filled = (*params, *(0.0,) * (7 - len(params)))
-        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *filled)
-        self._socket.sendall(message.pack(self._mavlink))
-
-    def choose(self, mode: str) -> None:
-        """Selects a mode like external_1."""
-        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 10 + int(mode.removeprefix("external_")))
-
-    def mode(self) -> int:
-        """Custom mode of the newest heartbeat, after a second."""
-        return [each.custom_mode for each in self._received(1.5) if each.get_type() == "HEARTBEAT"][-1]
-
-    def names(self) -> list[str]:
-        """Names in AVAILABLE_MODES."""
-        self.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
-        return [each.mode_name for each in self._received(2.0) if each.get_type() == "AVAILABLE_MODES"]
-
-    def _received(self, seconds: float) -> Iterator[Any]:
-        """Messages received within a time, and those that wait already."""
-        until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
-            with contextlib.suppress(TimeoutError):
-                yield from self._mavlink.parse_buffer(self._socket.recv(65536)) or []
-
-
-class Vehicle:
-    """The server's API for the vehicle, and another station."""
-
-    def __init__(self, url: str, process: subprocess.Popen[bytes], other: OtherStation) -> None:
-        self.url, self.process, self.other = url, process, other
-        self._http = httpx.Client(base_url=f"{url}/api/v1", timeout=30, headers={"X-Client": "test"})
-
-    def get(self, path: str) -> Any:
-        answer = self._http.get(path)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    def all(self) -> dict[str, Any]:
-        vehicles = self.get("/vehicles")
-        return vehicles[0] if vehicles else {"topics": {}, "status": {}}
-
-    @property
-    def status(self) -> dict[str, Any]:
-        return self.all()["status"]
-
-    def value(self, topic: str) -> dict[str, Any]:
-        return self.all()["topics"].get(topic, {}).get("value", {})
-
-    def call(self, name: str, body: dict[str, Any]) -> dict[str, Any]:
-        answer = self._http.post(f"/vehicles/1/{name}", json=body)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    def ready(self) -> bool:
-        return bool(self.value("health").get("ready_to_arm") and self.value("global_position"))
-
-    def take_off(self) -> None:
-        station.wait_until(self.ready, "readiness", 60.0)
-        self.call("takeoff", {"alt_home_m": 10})
-        station.wait_until(lambda: self.status["mode"] == "hold", "the end of the climb", 40.0)
-
-    def in_air(self) -> str:
-        """Registers the mission and takes off; returns its mode."""
-        station.wait_until(self.ready, "readiness", 60.0)
-        (mode,) = self.call("mission_modes/register", {"mission": MISSION, "name": NAME})["modes"]
-        assert mode["state"] == "registered"
-        self.take_off()
-        return mode["mode"]
-
-    def flying(self) -> str:
-        """The same, then another station starts it; returns its mode on the way."""
-        mode = self.in_air()
-        self.other.choose(mode)
-        self.until_mission("flying")
-        begun_m = self.north_m()
-        station.wait_until(lambda: self.north_m() > begun_m + 1.5, "the flight north", 15.0)
-        return mode
-
-    def north_m(self) -> float:
-        return self.value("local_position")["position_ned_m"][0]
-
-    def mission(self) -> str | None:
-        return (self.get("/vehicles/1/offboard_mission")["mission"] or {}).get("state")
-
-    def until_mission(self, state: str) -> None:
-        """Waits until the mission has this state; compiling it takes some seconds on a busy computer."""
-        try:
-            station.wait_until(lambda: self.mission() == state, f"the mission's state {state}", 40.0)
-        except TimeoutError as error:
-            raise AssertionError(f"{error}; it is {self.mission()}: {self.texts()}") from None
-
-    def modes(self) -> dict[str, Any]:
-        return self.get("/vehicles/1/mission_modes")
-
-    def texts(self) -> str:
-        return "\n".join(event["text"] for event in self.get("/vehicles/1/messages")["messages"])
-
 
 @pytest.fixture
-def vehicle() -> Iterator[Vehicle]:
-    port = station.free_port()
-    ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]
-    with (
-        station.running([*SIMULATOR, *ports]),
-        station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process),
-    ):
-        yield Vehicle(url, process, OtherStation(port))
-
-
-def streams_process(server: int) -> int:
-    """Process id of the setpoint streams' process of a server."""
-    tasks = Path(f"/proc/{server}/task").iterdir()
-    children = [int(pid) for task in tasks for pid in (task / "children").read_text().split()]
-    commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children}
-    return next(pid for pid, command in commands.items() if b"streamer.process.worker" in command)
+def vehicle() -> Iterator[ModesVehicle]:
+    with modes_vehicle() as running:
+        yield running
 
 
 @pytest.mark.realtime
-def test_a_registered_mission_is_a_mode_of_another_station_and_both_can_start_it(vehicle: Vehicle) -> None:
+def test_a_registered_mission_is_a_mode_of_another_station_and_both_can_start_it(
+    vehicle: ModesVehicle,
+) -> None:
     mode = vehicle.in_air()
     assert NAME in vehicle.other.names()
     vehicle.other.choose(mode)
@@ -205,7 +47,7 @@ def test_a_registered_mission_is_a_mode_of_another_station_and_both_can_start_it
 
 @pytest.mark.realtime
 def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_over_to_hold(
-    vehicle: Vehicle,
+    vehicle: ModesVehicle,
 ) -> None:
     station.wait_until(vehicle.ready, "readiness", 60.0)
     body = {"mission": TAKES_OFF, "name": NAME}
@@ -229,35 +71,8 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
 
 
 @pytest.mark.realtime
-def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(vehicle: Vehicle) -> None:
-    vehicle.flying()
-    os.kill(streams_process(vehicle.process.pid), signal.SIGKILL)
-    station.wait_until(lambda: vehicle.status["mode"] in ("hold", "rtl"), "the end of the mode", 5.0)
-    assert vehicle.mission() == "suspended"
-    station.wait_until(lambda: "is no longer registered" in vehicle.texts(), "the message", 5.0)
-    assert vehicle.status["mode"] == "hold", vehicle.texts()
-    modes = vehicle.modes()
-    assert modes["possible"] is True
-    assert modes["modes"][0]["state"] == "lost"
-    vehicle.call("mission_modes/register", {"mission": MISSION, "name": NAME})
-    vehicle.call("mode", {"mode": vehicle.modes()["modes"][0]["mode"]})
-    vehicle.until_mission("flying")
-
-
-@pytest.mark.realtime
-def test_a_killed_server_makes_px4_return(vehicle: Vehicle) -> None:
-    vehicle.flying()
-    streams = streams_process(vehicle.process.pid)
-    for pid in (streams, vehicle.process.pid):
-        os.kill(pid, signal.SIGSTOP)
-    for pid in (streams, vehicle.process.pid):
-        os.kill(pid, signal.SIGKILL)
-    station.wait_until(lambda: vehicle.other.mode() == 5 << 24 | 4 << 16, "RTL", 4.0)
-
-
-@pytest.mark.realtime
 @pytest.mark.browser
-def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: Vehicle) -> None:
+def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: ModesVehicle) -> None:
     build_page.build(REPOSITORY)
     vehicle.take_off()
     file = {"name": "line.json", "mimeType": "application/json", "buffer": json.dumps(MISSION).encode()}

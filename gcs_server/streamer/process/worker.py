@@ -5,7 +5,8 @@ answers and updates back. The second carries the sockets of the server's links t
 sent frames back (for the recordings). Setpoints for a link without datagrams go back to the server, where a
 thread sends them. Neither side ever waits for the other to read.
 
-The process ends with the server: when the first socket closes, it sends nothing more.
+The process ends with the server: when the first socket closes, it removes its flight modes from PX4 and sends
+nothing more.
 """
 
 from __future__ import annotations

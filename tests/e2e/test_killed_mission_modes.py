@@ -1,0 +1,215 @@
+"""Processes that are killed while a mission flies as a flight mode, over real DDS and in real time.
+
+The vehicle has to leave the mode as the recorded PX4 does. Its own statuses show it: no server is left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from gcs_server.ros2.dds import open_domain
+from tests import station
+from tests.clients.px4_dds import Node, VehicleLocalPosition, VehicleStatus
+from tests.e2e.mission_modes import (
+    DOMAIN,
+    LINK,
+    MISSION,
+    NAME,
+    NAMESPACE,
+    ModesVehicle,
+    modes_vehicle,
+    streams_process,
+)
+from vehicle_sim.mavlink import generated_dialect as mavlink
+
+pytestmark = pytest.mark.realtime
+
+HOLD, RTL, TAKEOFF = 4, 5, 17
+"""VehicleStatus.nav_state."""
+ARMED = 2
+SILENT_S = (0.7, 1.8)
+"""Time from the end of the answers until PX4 returns [s]. PX4 waits 1.05 to 1.25 s from the last answer,
+which may be 0.3 s old; the rest is for a busy machine."""
+CHARGE_S = 1.5
+"""Time within which PX4 reports that the executor is no longer in charge; recorded: 0.5 s."""
+FAR: dict[str, Any] = {
+    **MISSION,
+    "steps": [{"step": "fly", "points": [{"offset_ned_m": [40, 0, 0]}], "speed_m_s": 2}],
+}
+TAKES_OFF_FAR: dict[str, Any] = {
+    **MISSION,
+    "steps": [
+        {"step": "take_off", "height_m": 8},
+        {"step": "fly", "points": [{"offset_ned_m": [40, 0, -8]}], "speed_m_s": 2},
+        {"step": "land"},
+    ],
+}
+both = pytest.mark.parametrize("executor", [False, True], ids=["mode", "executor"])
+"""A mode alone, and one that an executor owns."""
+
+
+class Published:
+    """What PX4 publishes about itself."""
+
+    def __init__(self) -> None:
+        self._domain = open_domain(DOMAIN, None)
+        self._node = Node(DOMAIN, NAMESPACE)
+        self._status = self._node.subscription(VehicleStatus, "/fmu/out/vehicle_status_v1")
+        self.position = self._node.subscription(VehicleLocalPosition, "/fmu/out/vehicle_local_position")
+
+    @property
+    def status(self) -> Any:
+        """The newest status."""
+        return self._status.latest
+
+    def until(self, reached: Callable[[Any], bool], what: str, within_s: float) -> Any:
+        """The first status that `reached` is true of."""
+        end_s = time.monotonic() + within_s
+        while (status := self.status) is None or not reached(status):
+            assert time.monotonic() < end_s, f"{what} did not happen within {within_s} s: {status}"
+            time.sleep(0.005)
+        return status
+
+
+@pytest.fixture
+def vehicle() -> Iterator[ModesVehicle]:
+    with modes_vehicle() as running:
+        yield running
+
+
+@pytest.fixture
+def px4() -> Published:
+    return Published()
+
+
+def flying(vehicle: ModesVehicle, px4: Published, *, executor: bool) -> int:
+    """Flies the mission, on its way north; returns the mode as nav_state."""
+    if executor:
+        mode = vehicle.taking_off(TAKES_OFF_FAR)
+        vehicle.until_north()
+    else:
+        mode = vehicle.flying(FAR)
+    own = nav_state(mode)
+    status = px4.until(lambda each: each.nav_state == own, "the mission's mode", 5.0)
+    assert (status.nav_state_user_intention, status.failsafe) == (own, False)
+    assert status.executor_in_charge == (1 if executor else 0)
+    return own
+
+
+def nav_state(mode: str) -> int:
+    """The number of a mode like external_1."""
+    return int(mode.removeprefix("external_")) + 22
+
+
+def kill_together(*processes: int) -> float:
+    """Kills processes so that none reacts to the end of another one; returns the time [s, monotonic]."""
+    for pid in processes:
+        os.kill(pid, signal.SIGSTOP)
+    at_s = time.monotonic()
+    for pid in processes:
+        os.kill(pid, signal.SIGKILL)
+    return at_s
+
+
+def selectable(status: Any, mode: int) -> bool:
+    """Whether PX4 has the mode."""
+    return bool(status.can_set_nav_states_mask >> mode & 1)
+
+
+def runs(pid: int) -> bool:
+    """Whether a process still runs; one that nobody has waited for does not."""
+    with contextlib.suppress(FileNotFoundError):
+        return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
+    return False
+
+
+@both
+def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_selected(
+    vehicle: ModesVehicle, px4: Published, executor: bool
+) -> None:
+    own = flying(vehicle, px4, executor=executor)
+    killed_s = kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
+    left = px4.until(lambda each: each.nav_state != own, "the end of the mode", 5.0)
+    assert SILENT_S[0] < time.monotonic() - killed_s < SILENT_S[1]
+    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, own, True)
+    px4.until(lambda each: each.executor_in_charge == 0, "the end of the executor's charge", CHARGE_S)
+    time.sleep(1.5)
+    status = px4.status
+    assert (status.nav_state, status.failsafe, selectable(status, own)) == (RTL, True, True)
+    vehicle.other.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+    hold = px4.until(lambda each: each.nav_state == HOLD, "Hold", 2.0)
+    assert (hold.nav_state_user_intention, hold.failsafe) == (HOLD, False)
+    px4.until(lambda each: not selectable(each, own), "the removal of the mode", 2.0)
+    vehicle.other.choose(f"external_{own - 22}")
+    time.sleep(1.0)
+    assert (px4.status.nav_state, px4.status.arming_state) == (HOLD, ARMED)
+
+
+@both
+def test_a_killed_server_takes_its_mode_with_it_and_the_next_one_can_register_it_again(
+    vehicle: ModesVehicle, px4: Published, executor: bool
+) -> None:
+    own = flying(vehicle, px4, executor=executor)
+    streams = streams_process(vehicle.process.pid)
+    vehicle.process.kill()
+    left = px4.until(lambda each: each.nav_state != own, "the end of the mode", SILENT_S[1])
+    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, own, True)
+    px4.until(lambda each: not selectable(each, own), "the removal of the mode", 1.0)
+    px4.until(lambda each: each.executor_in_charge == 0, "the end of the executor's charge", CHARGE_S)
+    station.wait_until(lambda: not runs(streams), "the end of the stream process", 5.0)
+    with station.server([LINK]) as (url, process):
+        after = ModesVehicle(url, process, vehicle.other)
+        station.wait_until(lambda: after.status.get("mode") == "rtl", "the vehicle's return", 20.0)
+        assert (after.modes()["modes"], after.mission()) == ([], None)
+        after.call("mode", {"mode": "hold"})
+        estimates = {"attitude", "local_position", "global_position"}
+        station.wait_until(lambda: estimates <= after.all()["topics"].keys(), "the vehicle's estimates", 10.0)
+        (mode,) = after.call("mission_modes/register", {"mission": FAR, "name": NAME})["modes"]
+        assert (mode["state"], nav_state(mode["mode"])) == ("registered", own)
+        after.call("mode", {"mode": mode["mode"]})
+        after.until_north()
+
+
+def test_when_both_die_during_the_take_off_of_the_executor_px4_completes_it_and_holds(
+    vehicle: ModesVehicle, px4: Published
+) -> None:
+    own = nav_state(vehicle.taking_off(TAKES_OFF_FAR))
+    begun = px4.until(lambda each: each.nav_state == TAKEOFF, "the take-off", 5.0)
+    assert (begun.executor_in_charge, selectable(begun, own)) == (1, True)
+    ground_down_m = px4.position.latest.z
+    kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
+    gone = px4.until(lambda each: not selectable(each, own), "the removal of the mode", 5.0)
+    assert (gone.nav_state, gone.failsafe) == (TAKEOFF, False)
+    px4.until(lambda each: each.executor_in_charge == 0, "the end of the executor's charge", CHARGE_S)
+    hold = px4.until(lambda each: each.nav_state != TAKEOFF, "the end of the take-off", 40.0)
+    assert (hold.nav_state, hold.failsafe, hold.arming_state) == (HOLD, False, ARMED)
+    assert px4.position.latest.z == pytest.approx(ground_down_m - 8.0, abs=1.5)
+
+
+@both
+def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
+    vehicle: ModesVehicle, px4: Published, executor: bool
+) -> None:
+    flying(vehicle, px4, executor=executor)
+    os.kill(streams_process(vehicle.process.pid), signal.SIGKILL)
+    station.wait_until(lambda: vehicle.status["mode"] in ("hold", "rtl"), "the end of the mode", 5.0)
+    assert vehicle.mission() == "suspended"
+    station.wait_until(lambda: "is no longer registered" in vehicle.texts(), "the message", 5.0)
+    assert vehicle.status["mode"] == "hold", vehicle.texts()
+    assert px4.status.executor_in_charge == 0
+    modes = vehicle.modes()
+    assert modes["possible"] is True
+    assert modes["modes"][0]["state"] == "lost"
+    vehicle.call("mission_modes/register", {"mission": FAR, "name": NAME})
+    vehicle.call("mode", {"mode": vehicle.modes()["modes"][0]["mode"]})
+    vehicle.until_mission("flying")
