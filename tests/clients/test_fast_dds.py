@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -22,6 +23,9 @@ HEADER = Path("/usr/include/fastdds/dds/domain/DomainParticipant.hpp")
 DOMAIN = str(60 + os.getpid() % 10)
 NAMESPACE = f"fast_{os.getpid()}"
 STEPS = ["ready", "offboard", "armed", "airborne", "landing", "landed"]
+TURNED = {"type": "attitude", "q_ned_frd": [0.8, 0.0, 0.0, 0.6], "thrust": 0.4}
+COMMANDED = ["armed", "offboard", "setpoint 0.80 0.00 0.00 0.60, thrust -0.40", "hold"]
+"""What the vehicle of `vehicle.cpp` prints when the server has armed it, streamed `TURNED` and held."""
 Build = Callable[[str], str]
 
 
@@ -51,6 +55,32 @@ def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
         )
     assert done.returncode == 0, done.stdout + done.stderr
     assert [line.partition(":")[0] for line in done.stdout.splitlines()] == STEPS
+
+
+def test_the_server_reads_commands_and_streams_to_a_vehicle_on_fast_dds(build: Build, tmp_path: Path) -> None:
+    program, output = [build("vehicle"), DOMAIN, NAMESPACE], tmp_path / "printed"
+    with (
+        station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+        output.open("wb") as printed,
+        station.running(program, stdout=printed),
+        httpx.Client(base_url=f"{url}/api/v1", headers={"X-Client": "test"}, timeout=30) as http,
+    ):
+
+        def vehicle() -> Any:
+            return next(iter(http.get("/vehicles").json()), {"topics": {}})
+
+        def call(name: str, body: dict[str, Any]) -> None:
+            answer = http.post(f"/vehicles/1/{name}", json=body)
+            assert answer.status_code == 200, answer.text
+
+        station.wait_until(lambda: "attitude" in vehicle()["topics"], "the vehicle's attitude")
+        call("arm", {})
+        call("offboard/start", {"setpoint": TURNED, "valid_for_s": 30, "on_expiry": {"action": "hold"}})
+        station.wait_until(lambda: b"setpoint" in output.read_bytes(), "the setpoint")
+        call("mode", {"mode": "hold"})
+        status = vehicle()["status"]
+        assert (status["armed"], status["mode"]) == (True, "hold")
+    assert output.read_text().splitlines() == COMMANDED
 
 
 def test_the_server_names_a_fast_dds_program_that_sends_malformed_messages(build: Build) -> None:

@@ -64,10 +64,11 @@ class Participant {
   }
 
   template <class Message>
-  fdds::DataReader* reader(const std::string& name) {
+  fdds::DataReader* reader(const std::string& name,
+                           fdds::DurabilityQosPolicyKind durability = fdds::TRANSIENT_LOCAL_DURABILITY_QOS) {
     fdds::DataReaderQos qos;
     qos.reliability().kind = fdds::BEST_EFFORT_RELIABILITY_QOS;
-    qos.durability().kind = fdds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.durability().kind = durability;
     return made(subscriber_->create_datareader(topic<Message>(name), qos), "a reader");
   }
 

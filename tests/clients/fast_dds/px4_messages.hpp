@@ -1,4 +1,4 @@
-// The messages of px4_msgs 1.16 that `offboard.cpp` uses, with their fields in wire order, and their CDR by Fast CDR.
+// The messages of px4_msgs 1.16 that the programs use, with their fields in wire order, and their CDR by Fast CDR.
 #pragma once
 
 #include <fastcdr/Cdr.h>
@@ -54,6 +54,50 @@ struct VehicleCommand {
     field(timestamp), field(param1), field(param2), field(param3), field(param4), field(param5), field(param6),
         field(param7), field(command), field(target_system), field(target_component), field(source_system),
         field(source_component), field(confirmation), field(from_external);
+  }
+};
+
+struct VehicleCommandAck {
+  static constexpr const char* name = "VehicleCommandAck";
+  uint64_t timestamp = 0;
+  uint32_t command = 0;
+  uint8_t result = 0, result_param1 = 0;
+  int32_t result_param2 = 0;
+  uint8_t target_system = 0;
+  uint16_t target_component = 0;
+  bool from_external = false;
+
+  template <class F>
+  void fields(F&& field) {
+    field(timestamp), field(command), field(result), field(result_param1), field(result_param2), field(target_system),
+        field(target_component), field(from_external);
+  }
+};
+
+struct VehicleAttitude {
+  static constexpr const char* name = "VehicleAttitude";
+  uint64_t timestamp = 0, timestamp_sample = 0;
+  std::array<float, 4> q{1, 0, 0, 0}, delta_q_reset{1, 0, 0, 0};
+  uint8_t quat_reset_counter = 0;
+
+  template <class F>
+  void fields(F&& field) {
+    field(timestamp), field(timestamp_sample), field(q), field(delta_q_reset), field(quat_reset_counter);
+  }
+};
+
+struct VehicleAttitudeSetpoint {
+  static constexpr const char* name = "VehicleAttitudeSetpoint";
+  uint64_t timestamp = 0;
+  float yaw_sp_move_rate = 0;
+  std::array<float, 4> q_d{};
+  std::array<float, 3> thrust_body{};
+  bool reset_integral = false, fw_control_yaw_wheel = false;
+
+  template <class F>
+  void fields(F&& field) {
+    field(timestamp), field(yaw_sp_move_rate), field(q_d), field(thrust_body), field(reset_integral),
+        field(fw_control_yaw_wheel);
   }
 };
 
