@@ -13,6 +13,7 @@ from tests.protocol.api_calls import ANNA, BOB, MISSION, station_of, view
 from tests.protocol.fake_autopilot import HOLD, RTL
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
 
 LAT, LON = 47.397742, 8.545594
 NORTH_DEG = 1 / 111_195
@@ -253,3 +254,59 @@ def test_a_resume_is_checked_and_refused_as_a_start_and_from_the_place_of_the_ve
         assert (at.autopilot.armed, at.autopilot.flight.current) == (True, 1)
 
     story(jump, tmp_path, work)
+
+
+SHORT = {
+    "items": [
+        item("takeoff", 0, 6),
+        {"kind": "change_speed", "speed_type": 1.0, "speed_m_s": 3.0},
+        item("waypoint", 12, 6),
+        PICTURES,
+        item("waypoint", 40, 6),
+        item("land", 40, 0),
+    ]
+}
+QUICK_RETURN = {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 6, "RTL_DESCEND_ALT": 6, "RTL_LAND_DELAY": 0}
+
+
+@pytest.mark.story
+def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_all_pictures(jump, tmp_path):
+    async def run():
+        world = SimulatedWorld(parameters=QUICK_RETURN)
+        at = SimpleNamespace(world=world, folder=tmp_path)
+        try:
+            at.vehicle = await world.ready_to_arm()
+            await begin_server(at)
+            at.flights.start()
+            mission = world.sim.autopilots[0].navigator.mission
+            await upload(at, SHORT)
+            await start(at, item=0)
+            await until(lambda: mission.current == 4, 40)
+            await seconds(4)
+            world.sim.simulation.set_battery_remaining(0, 0.06)
+            await until(lambda: at.vehicle.status.mode == "rtl", 15)
+            await until(lambda: not at.vehicle.status.armed, 60)
+            world.sim.simulation.set_battery_remaining(0, 1.0)
+            world.sim.set_link_up(0, "gcs", False)
+            await seconds(12)
+            world.sim.set_link_up(0, "gcs", True)
+            await until(lambda: not at.vehicle.status.link_lost, 10)
+            await seconds(3)
+            await world.ready_to_arm()
+            offer = (await shown(at))["resume"]
+            assert (offer["item"], offer["interrupted_item"], offer["cautions"]) == (2, 4, [])
+            sent = []
+            world.sim.autopilots[0].own_commands.add_listener(lambda own: sent.append(own.number))
+            await start(at, item=offer["item"], mission_id=offer["mission_id"])
+            await until(lambda: mission.current == 4, 40)
+            assert [number for number in sent if number in (178, 206)] == [178, 206], "speed, then pictures"
+            await seconds(6)
+            assert at.vehicle.topic("local_position").value.velocity_ned_m_s[0] == pytest.approx(3, abs=0.7)
+            await until(lambda: not at.vehicle.status.armed, 60)
+            await seconds(1)
+            assert (await shown(at))["no_resume"] == "Vehicle 1 has flown the plan to its end."
+            at.progress.close()
+        finally:
+            await world.close()
+
+    jump(run)
