@@ -122,6 +122,8 @@ def test_after_a_battery_change_the_leg_that_was_interrupted_is_flown_from_its_b
         at.autopilot.alive, at.autopilot.flight.current = True, 0
         await watched(at, 3)
         offer = (await shown(at))["resume"]
+        landed_s = at.world.clock.unix_s() - offer["interrupted_unix_s"]
+        assert 17 < landed_s < 22, "it was interrupted when it began to return"
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
             6,

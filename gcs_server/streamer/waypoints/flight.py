@@ -72,6 +72,8 @@ class WaypointFlight:
             from_start=seen and not reading.in_air,
         )
         self._progress: FlightProgress | None = None
+        self._interrupted = False
+        """Whether it was interrupted at the last call of `new_progress`."""
         name = held.plan.name if held.plan is not None and held.plan.name is not None else "Mission"
         self._record = FlightRecord(
             name, vehicle.clock.unix_s(), self._now_s, reading, VehicleEstimates(vehicle).origin(),
@@ -143,7 +145,9 @@ class WaypointFlight:
             return None
         leg_start = 0 if leg_start is None else leg_start
         state = (monitor.item, leg_start, finished)
-        if before is not None and (before.item, before.leg_start, before.finished) == state:
+        was_interrupted, self._interrupted = self._interrupted, monitor.state in ("paused", "stopped")
+        same = before is not None and (before.item, before.leg_start, before.finished) == state
+        if same and (was_interrupted or not self._interrupted):
             return None
         home = _home(self._vehicle)
         self._progress = FlightProgress(

@@ -147,8 +147,7 @@ class WaypointFlights:
         begun.update()
 
     def _keep_progress(self, vehicle: Vehicle, flight: WaypointFlight) -> None:
-        key, progress = key_of(vehicle.identity), flight.new_progress()
-        if key is not None and progress is not None:
+        if (key := key_of(vehicle.identity)) is not None and (progress := flight.new_progress()) is not None:
             self._store.keep(key, progress)
 
     def _waits_for_home(self, vehicle: Vehicle) -> bool:

@@ -1,7 +1,7 @@
 """Keeps in the data folder how far each vehicle has flown its plan, so that the flight can be resumed after
 the vehicle or the server was restarted.
 
-The record of a flight is written while it is flown, each time when its next leg begins.
+The record of a flight is written while it is flown: at each item, and when the flight is interrupted.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class FlightProgress:
     finished: bool
     """Whether it has flown the plan to its end."""
     unix_s: float
-    """Time of the last change."""
+    """Time at which it was interrupted, or at which this leg began."""
     home: HomePosition | None
     """Where the flight took off."""
 

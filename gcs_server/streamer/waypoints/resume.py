@@ -42,7 +42,7 @@ class ResumeOffer:
     interrupted_item: int
     """Index of the item to which the vehicle was flying."""
     interrupted_unix_s: float
-    """Time at which this leg began."""
+    """Time at which it was interrupted; at which this leg began, if the server did not see the end."""
     cautions: tuple[str, ...]
     """What is different from a flight without interruption; sentences."""
 

@@ -11104,7 +11104,7 @@ export interface components {
             readonly interrupted_item: number;
             /**
              * Interrupted Unix S
-             * @description Time at which this leg began.
+             * @description Time at which it was interrupted; at which this leg began, if the server did not see the end.
              */
             readonly interrupted_unix_s: number;
             /**
