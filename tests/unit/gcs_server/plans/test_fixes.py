@@ -1,8 +1,9 @@
 """Each fix of the page: its finding is gone afterwards, and no new error has come.
 
-The plans and their findings are made here; `web/src/features/plan/editor/fixes.test.ts` fixes them. Both files in
-`tests/data/plan_fixes` are compared with what the two sides make. After a change:
-`python -m tests.unit.gcs_server.plans.test_fixes`, then `npx vitest run -u src/features/plan/editor/fixes.test.ts`.
+The plans and their findings are made here; `web/src/features/plan/editor/fixes.test.ts` fixes them. Both
+files in `tests/data/plan_fixes` are compared with what the two sides make. After a change:
+`python -m tests.unit.gcs_server.plans.test_fixes`, then
+`npx vitest run -u src/features/plan/editor/fixes.test.ts`.
 """
 
 from __future__ import annotations
