@@ -133,8 +133,9 @@ class Watched:
         removed."""
         if re.search("status of (409|503)", message.text):
             return True
-        if "status of 422" in message.text and "/api/v1/plans/import" in message.location["url"]:
-            return True  # an unreadable file
+        is_file = re.search("/api/v1/plans/(import|insert|table)", message.location["url"])
+        if "status of 422" in message.text and is_file:
+            return True  # an unreadable file, or a mission that cannot be inserted
         if message.text.startswith("Tried to update non-existent component"):
             return True  # viser's client, when it renders slower than labels change: the next update is shown
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]

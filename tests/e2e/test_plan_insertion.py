@@ -1,0 +1,70 @@
+"""The plan room inserts a stored mission and a trajectory file; the server has no vehicle."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import httpx
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, expect
+
+from tests.e2e.browser import choose, in_both_themes, opened
+from tests.e2e.plan_page import steps_of
+from tests.station import free_port, server
+
+pytestmark = [pytest.mark.browser, pytest.mark.story]
+
+HOME = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480}
+POINTS = [{"offset_ned_m": [20, 0, -12]}, {"offset_ned_m": [20, 30, -12]}]
+MAST = {
+    "format": "offboard-gcs-mission",
+    "name": "Mast",
+    "home": HOME,
+    "steps": [{"step": "take_off", "height_m": 8}, {"step": "fly", "name": "Around", "points": POINTS}],
+}
+FIELD = {
+    **MAST,
+    "name": "Field",
+    "home": {**HOME, "lat_deg": 47.401},
+    "steps": [{"step": "take_off", "height_m": 8}, {"step": "land"}],
+}
+
+
+def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -> None:
+    rows = io.BytesIO()
+    np.save(rows, np.array([[0, 0, 0, -10], [20, 20, 0, -10]], dtype=float))
+    with (
+        server([f"udpin://127.0.0.1:{free_port()}"]) as (url, _),
+        opened(browser, url, scene=False, size=(1280, 800)) as page,
+    ):
+        httpx.post(f"{url}/api/v1/plans", json={"name": "Mast", "plan": MAST}).raise_for_status()
+        page.get_by_role("toolbar", name="Map").wait_for()
+        page.keyboard.press("w")
+        room = page.get_by_role("region", name="Plan room")
+        file = {"name": "field.json", "mimeType": "", "buffer": json.dumps(FIELD).encode()}
+        page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
+        entries = steps_of(room)
+        expect(entries).to_have_count(3)  # home, take-off, landing
+
+        choose(room.get_by_role("button", name="Add step"), "Insert a stored mission…")
+        choice = room.get_by_role("region", name="Insert a stored mission")
+        choice.get_by_role("button", name="Mast").click()
+        expect(choice.get_by_role("alert")).to_contain_text("'Mast' has positions relative to its start")
+        assert in_both_themes(page) == []
+        choice.get_by_role("button", name="Stay at the planned places").click()
+        expect(entries.filter(has_text="Mast:")).to_contain_text("Around")
+        expect(entries.nth(2)).to_have_attribute("aria-selected", "true")
+        expect(room.get_by_role("status").first).to_contain_text("Take-off of 'Mast' is left out.")
+        page.keyboard.press("Control+z")
+        expect(entries).to_have_count(3)
+
+        choose(room.get_by_role("button", name="Add step"), "Trajectory from a table")
+        chosen = page.get_by_label("Choose a CSV or NumPy file")
+        damaged = {"name": "line.npy", "mimeType": "", "buffer": b"\x93NUMPY"}
+        chosen.set_input_files(damaged)  # type: ignore[arg-type]
+        expect(room.get_by_role("alert")).to_contain_text("“line.npy” was not imported.")
+        chosen.set_input_files({**damaged, "buffer": rows.getvalue()})  # type: ignore[arg-type]
+        expect(room.get_by_text("“line.npy”: 2 rows, 20.0 s, without yaw.")).to_be_visible()
+        expect(entries.filter(has_text="line.csv")).to_have_count(1)
