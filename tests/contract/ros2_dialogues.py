@@ -59,7 +59,7 @@ def load(groups: tuple[str, ...]) -> list[Dialogue]:
     return sorted(found, key=lambda each: boots.index(each["session"]))
 
 
-def _fields(fields: dict[str, Any]) -> dict[str, Any]:
+def flat_fields(fields: dict[str, Any]) -> dict[str, Any]:
     """As numbers: null is NaN; arrays of messages are flattened."""
     flat: dict[str, Any] = {}
     for key, value in fields.items():
@@ -106,7 +106,7 @@ class _Responder:
     """Answers arming check requests as one entry of a dialogue did."""
 
     def __init__(self, entry: dict[str, Any], requested: dict[int, float], continues: bool) -> None:
-        self._fields = _fields(entry["fields"])
+        self._fields = flat_fields(entry["fields"])
         first_s = entry["dt_s"]
         delay_s = first_s - requested.get(entry["fields"]["request_id"], first_s)
         self._delay_s = delay_s if delay_s > LATE_S else 0.0
@@ -249,17 +249,17 @@ def _sends(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]:
         if topic == REPLY:
             continue
         fields = sent.get("fields") or {}
-        fields = fields if topic not in TYPES else _fields(fields)
+        fields = fields if topic not in TYPES else flat_fields(fields)
         fields.pop("writer_qos", None)
         for n in range(sent.get("count", 1)):
             at_s = sent["dt_s"] + n / sent.get("streamed_hz", 1)
             if at_s > -EARLY_S:  # Earlier parts of a stream belong to the dialogue before.
-                yield at_s, topic, _at(sent["setpoints"], at_s) if "setpoints" in sent else fields
+                yield at_s, topic, fields_at(sent["setpoints"], at_s) if "setpoints" in sent else fields
 
 
-def _at(setpoints: list[list[Any]], at_s: float) -> dict[str, Any]:
+def fields_at(setpoints: list[list[Any]], at_s: float) -> dict[str, Any]:
     """The fields of a stream that changes: each entry is valid until the next one."""
-    return _fields(
+    return flat_fields(
         [fields for begin_s, fields in setpoints if begin_s <= at_s or begin_s <= setpoints[0][0]][-1]
     )
 

@@ -1,0 +1,183 @@
+"""Flights of a real PX4 that were commanded over ROS 2, replayed on the topics of the simulated vehicle."""
+
+from __future__ import annotations
+
+import bisect
+import gzip
+import itertools
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from tests.contract.ros2_dialogues import RECORDED, SLACK_S, STATUS, fields_at, flat_fields
+from tests.support.ros2_vehicle import ADDRESSES, AT_ONCE, Ros2Vehicle
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.ros2.topics import COMMAND
+
+FOLDER = RECORDED.parent / "flights"
+POSITION = "/fmu/out/vehicle_local_position"
+ARM, TAKEOFF, SET_MODE, OFFBOARD = 400, 22, 176, 14
+ARMED = 2
+BEFORE_S, OFFBOARD_AT_S = 6.0, -5.0
+"""A flight that began in Offboard is replayed from this long before its first event, and enters Offboard."""
+STEP_S = 0.004
+COMPARED_EVERY_S = 0.5
+Place = tuple[float, float, float]
+Track = list[tuple[float, Place]]
+States = list[tuple[float, int, int]]
+"""(time, nav_state, arming_state)."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A recorded flight."""
+
+    name: str
+    header: dict[str, Any]
+    stimulus: list[dict[str, Any]]
+    track: Track
+    states: States
+
+    @classmethod
+    def load(cls, name: str) -> Flight:
+        """Reads one flight."""
+        raw = json.loads(gzip.decompress((FOLDER / f"{name}.json.gz").read_bytes()))
+        column = {each: number for number, each in enumerate(raw["columns"])}
+        rows = [row for row in raw["rows"] if row[column["x"]] is not None]
+        at, axes = column["t_s"], [column[axis] for axis in "xyz"]
+        track = [(row[at], (row[axes[0]], row[axes[1]], row[axes[2]])) for row in rows]
+        states = [(row[at], int(row[column["nav_state"]]), int(row[column["arming_state"]])) for row in rows]
+        return cls(name, raw["header"], raw["stimulus"], track, states)
+
+    @property
+    def in_air(self) -> bool:
+        """Whether it began in flight."""
+        return self.states[0][2] == ARMED
+
+    @property
+    def in_offboard(self) -> bool:
+        """Whether it began in Offboard."""
+        return self.in_air and self.states[0][1] == OFFBOARD
+
+    @property
+    def begins_s(self) -> float:
+        """When the replay begins."""
+        return -BEFORE_S if self.in_offboard else -1.0
+
+    def sends(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
+        """(time, topic, fields) of each message to the vehicle, from the beginning of the replay."""
+        for sent in self.stimulus:
+            topic = sent["topic"]
+            for number in range(sent.get("count", 1)):
+                at_s = sent["dt_s"] + number / sent.get("streamed_hz", 1)
+                if at_s >= self.begins_s:
+                    streams = "setpoints" in sent
+                    yield (
+                        at_s,
+                        topic,
+                        fields_at(sent["setpoints"], at_s)
+                        if streams
+                        else flat_fields(sent.get("fields") or {}),
+                    )
+
+
+class _Vehicle(Ros2Vehicle):
+    """A vehicle that decodes only the compared topics."""
+
+    def publish(self, topic: str, data: bytes) -> None:
+        if topic in (STATUS, POSITION):
+            super().publish(topic, data)
+
+
+def fly(flight: Flight) -> tuple[Track, States]:
+    """Replays a flight; returns what the simulated vehicle published."""
+    vehicle = _Vehicle(parameters=AT_ONCE | flight.header["parameters"])
+    if flight.in_air:
+        _take_off(vehicle, -flight.track[0][1][2])
+    sends = sorted(flight.sends(), key=lambda sent: sent[0])
+    if flight.in_offboard:
+        fields = ADDRESSES | {"command": SET_MODE, "param1": 1.0, "param2": 6.0}
+        bisect.insort(sends, (OFFBOARD_AT_S, COMMAND, fields), key=lambda sent: sent[0])
+    # the recorded vehicle's clock was slower than the recorder's, which the times are of
+    per_s = flight.header["vehicle_seconds_per_wall_second"] or 1.0
+    zero_s = vehicle.sim.time_s - flight.begins_s * per_s
+    seen, last_s = len(vehicle.received), flight.track[-1][0]
+    while (now_s := (vehicle.sim.time_s - zero_s) / per_s) < last_s:
+        while sends and sends[0][0] <= now_s:
+            _, topic, fields = sends.pop(0)
+            vehicle.send(topic, fields)
+        vehicle.run(STEP_S)
+    received = [((at_s - zero_s) / per_s, topic, each) for at_s, topic, each in vehicle.received[seen:]]
+    track = [(at_s, (each["x"], each["y"], each["z"])) for at_s, topic, each in received if topic == POSITION]
+    states = [
+        (at_s, each["nav_state"], each["arming_state"]) for at_s, topic, each in received if topic == STATUS
+    ]
+    return track, states
+
+
+def _take_off(vehicle: Ros2Vehicle, height_m: float) -> None:
+    autopilot = vehicle.sim.autopilots[0]
+    altitude_m = autopilot.view.estimate.alt_amsl_m + height_m
+    vehicle.command(ARM, 1.0)
+    vehicle.command(TAKEOFF, *[math.nan] * 6, altitude_m)
+    vehicle.run(9.0)
+    while autopilot.commander.active is NavState.TAKEOFF:
+        vehicle.run(0.5)
+    vehicle.run(2.0)
+
+
+def changes(states: States) -> States:
+    """The states from the first event on, without repetitions; that at the first event is at 0."""
+    before = [each for each in states if each[0] <= 0.0]
+    found = [(0.0, *(before or states)[-1][1:])]
+    for each in states:
+        if each[0] > 0.0 and each[1:] != found[-1][1:]:
+            found.append(each)
+    return found
+
+
+def largest_errors(flown: Track, recorded: Track, until_s: float = math.inf) -> tuple[float, float]:
+    """Largest horizontal and vertical difference between two motions since the first event [m]."""
+    horizontal_m = vertical_m = 0.0
+    begins = [_at(track, 0.0) for track in (flown, recorded)]
+    for number in itertools.count():
+        at_s = number * COMPARED_EVERY_S
+        if at_s > min(until_s, flown[-1][0], recorded[-1][0]):
+            return horizontal_m, vertical_m
+        ours, theirs = (
+            [now - begun for now, begun in zip(_at(track, at_s), begin, strict=True)]
+            for track, begin in zip((flown, recorded), begins, strict=True)
+        )
+        horizontal_m = max(horizontal_m, math.dist(ours[:2], theirs[:2]))
+        vertical_m = max(vertical_m, abs(ours[2] - theirs[2]))
+    raise AssertionError
+
+
+def _at(track: Track, at_s: float) -> Place:
+    return track[min(bisect.bisect_left(track, at_s, key=lambda each: each[0]), len(track) - 1)][1]
+
+
+def late_changes(flown: States, recorded: States, disarming_s: float) -> list[str]:
+    """Differences between the changes of mode and arming, in words.
+
+    Args:
+        flown: the states of the simulated vehicle.
+        recorded: those of PX4.
+        disarming_s: tolerance of the time of disarming, which depends on the landing [s].
+    """
+    ours, theirs = changes(flown), changes(recorded)
+    if [each[1:] for each in _merged(ours)] != [each[1:] for each in _merged(theirs)]:
+        return [f"states {ours}, recorded {theirs}"]
+    return [
+        f"{mine[1:]} at {mine[0]:.1f} s, recorded {yours[0]:.1f} s"
+        for mine, yours in zip(_merged(ours), _merged(theirs), strict=True)
+        if abs(mine[0] - yours[0]) > (SLACK_S if mine[2] == ARMED else disarming_s)
+    ]
+
+
+def _merged(states: States) -> States:
+    """Without states that lasted only for one message: mode and arming may change in two."""
+    pairs = itertools.pairwise(states)
+    return [each for each, after in pairs if after[0] - each[0] > 0.1 or each[0] == 0.0] + states[-1:]
