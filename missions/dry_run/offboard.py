@@ -13,6 +13,7 @@ from missions.dry_run.fleet import Vehicle
 from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, finding_now
 from missions.dry_run.setpoint_input import send
 from missions.frames import Vector3
+from missions.offboard.segments import Segment
 from missions.runner.player import Player
 from missions.runner.reading import Reading, StreamPhase
 from missions.runner.requests import (
@@ -67,6 +68,7 @@ class OffboardPilot:
         self._stream: StreamPhase = "idle"
         self._streaming_since_s = 0.0
         self._ticks = 0
+        self._segment: Segment | None = None
         self._settled_s: float | None = None
         self._last_notification = ""
         self.started_s: float | None = None
@@ -112,23 +114,22 @@ class OffboardPilot:
 
     def _run_runner(self, now_s: float, started_s: float) -> None:
         runner = self.runner
-        reading = self.reading()
-        self.carry_out(now_s, runner.tick(now_s, reading))
-        status = runner.status(reading)
-        if status.question is not None:
+        self.carry_out(now_s, runner.tick(now_s, self.reading()))
+        state, segment = runner.state, runner.segment
+        if runner.question is not None:
             self.carry_out(now_s, runner.go_on(HOLDER))
-        if status.place is not None:
-            self.step = Step(status.place, status.title or "", None)
+        if segment is not None and segment is not self._segment:
+            self._segment, self.step = segment, Step(segment.place, segment.title, None)
         t_s = now_s - started_s
         self._avoidance.watch(now_s, self.step, t_s)
         failsafe = self._failsafe.check(self.step, t_s)
         if failsafe is not None:
             self.findings.append(failsafe)
-        if not (runner.over or status.state == "suspended"):
+        if not (runner.over or state == "suspended"):
             return
-        self.finished = status.state == "done"
+        self.finished = state == "done"
         if not self._vehicle.armed:
-            self._end(status.reason, t_s)
+            self._end(t_s)
             return
         speed_m_s = math.hypot(*self._vehicle.autopilot.view.estimate.velocity_ned_m_s)
         holds = self._vehicle.autopilot.commander.active is NavState.HOLD and speed_m_s < STILL_M_S
@@ -139,10 +140,11 @@ class OffboardPilot:
         elif now_s - self._settled_s >= SETTLED_S:
             message = f"The flight ends in the air after {self.step.place if self.step else 'its start'}."
             self.findings.append(finding_now("ends_in_air", message, self.step, t_s, self._vehicle))
-            self._end(status.reason, t_s)
+            self._end(t_s)
 
-    def _end(self, reason: str | None, t_s: float) -> None:
+    def _end(self, t_s: float) -> None:
         self.done = True
+        reason = self.runner.status(self.reading()).reason
         if not self.finished and reason:
             message = f"The mission ends early: {reason.rstrip('.')}."
             self.findings.append(finding_now("mission_left", message, self.step, t_s, self._vehicle))

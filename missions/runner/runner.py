@@ -8,7 +8,7 @@ mission.
 
 from __future__ import annotations
 
-from missions.offboard.segments import WaitSegment
+from missions.offboard.segments import Segment, WaitSegment
 from missions.offboard.timeline import Timeline
 from missions.runner.charge import REPLACED, ExecutorCharge
 from missions.runner.corridor import Corridor, CorridorWatch
@@ -17,15 +17,7 @@ from missions.runner.flight import Flight
 from missions.runner.parts import LandPart, Part, TakeOffPart
 from missions.runner.payload import release_gimbal
 from missions.runner.reading import Reading
-from missions.runner.requests import (
-    MODE_OF,
-    NAME_OF,
-    Play,
-    Request,
-    SetMode,
-    StopStream,
-    TakeOff,
-)
+from missions.runner.requests import MODE_OF, NAME_OF, Play, Request, SetMode, StopStream, TakeOff
 from missions.runner.setpoint_part import SetpointPart
 from missions.runner.status import CannotDo, RunnerStatus
 from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, takeover_reason
@@ -230,30 +222,37 @@ class Runner(Ending):
             self._payload_failed(request, text)
         return self._take_requests()
 
+    @property
+    def state(self) -> str:
+        """`RunnerStatus.state`."""
+        if self._final_state is not None or self._part is None:
+            return self._final_state or "ready"
+        return "suspended" if self._suspended else self._part.state
+
+    @property
+    def segment(self) -> Segment | None:
+        """The current segment; None: the mission has ended."""
+        return None if self._final_state is not None else self.flight.segment
+
+    @property
+    def question(self) -> str | None:
+        """The question to the pilot; None: there is none."""
+        return self._part.question if self._part is not None and self.in_charge else None
+
     def status(self, reading: Reading) -> RunnerStatus:
         """Status of the mission."""
-        flight, part = self.flight, self._part
-        segment, deviation_m = flight.segment, None
-        state = self._final_state or (
-            "ready" if part is None else "suspended" if self._suspended else part.state
-        )
-        if self._final_state is not None:
-            segment = None
-        elif isinstance(part, SetpointPart) and state not in ("suspended", "ready"):
-            deviation_m = part.deviation_m(reading)
+        flight, segment, deviation_m = self.flight, self.segment, None
+        if self.in_charge and isinstance(self._part, SetpointPart):
+            deviation_m = self._part.deviation_m(reading)
         return RunnerStatus(
-            state=state,
+            state=self.state,
             place=segment.place if segment else None,
             title=segment.title if segment else None,
             step=flight.index if segment else None,
-            remaining_s=None if self._final_state else flight.course.remaining_s(flight.index, flight.t_s),
+            remaining_s=None if self.over else flight.course.remaining_s(flight.index, flight.t_s),
             deviation_m=deviation_m,
-            outside_corridor_m=self._corridor.outside_m
-            if self._corridor and self._final_state is None
-            else None,
-            question=part.question
-            if part is not None and not self._suspended and not self._final_state
-            else None,
+            outside_corridor_m=self._corridor.outside_m if self._corridor and not self.over else None,
+            question=self.question,
             reason=self._reason,
         )
 

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from missions.runner.course import Course
 from missions.runner.requests import ChangeScript, Photo, Play, PointGimbal, TakeOff
 from missions.setpoints import Position, Trajectory
 from tests.support.mission_steps import (
@@ -18,7 +19,7 @@ from tests.support.mission_steps import (
     with_lists,
 )
 from tests.support.mission_vehicle import STEP_S, FlownMission
-from tests.support.offboard_missions import flown, mission
+from tests.support.offboard_missions import flown, mission, timeline
 
 
 def test_each_kind_of_step_of_the_document_has_its_story():
@@ -109,6 +110,20 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
     fake.in_state("done")
     assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
     assert fake.count(Play) == 1
+
+
+def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_a_branch():
+    branch = "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: land}]"
+    course = Course(timeline(flown(FLY, branch)))
+    count = len(course.segments)
+    assert [course.next_px4_segment(index) for index in (1, count, 1, 0)] == [count, count, count, 0]
+    course.choose(fulfilled=True)
+    assert [course.next_px4_segment(index) for index in (count, 1, 0)] == [count, count, 0]
+    assert course.flown_by_px4(count)
+    held = Course(timeline(flown(FLY, branch.replace("land", "hold, duration_s: 1"))))
+    held.next_px4_segment(1)
+    held.choose(fulfilled=True)
+    assert held.next_px4_segment(1) == len(held.segments) - 1 > count
 
 
 def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
