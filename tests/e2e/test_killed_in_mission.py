@@ -27,7 +27,7 @@ def item(kind: str, north_m: float, **more: Any) -> dict[str, Any]:
 
 
 PLAN = {
-    "items": [item("takeoff", 0), item("waypoint", 40), item("waypoint", 60, hold_s=60), item("land", 60)]
+    "items": [item("takeoff", 0), item("waypoint", 40), item("waypoint", 60, hold_s=90), item("land", 60)]
 }
 
 
@@ -115,4 +115,4 @@ def is_flown_on(drone: Any) -> None:
     assert flight["deviation_horizontal_m"] < 3.0
     assert 0.0 < flight["remaining_s"] < flight["duration_s"]
     drone.until_disarmed(timeout_s=120)
-    assert drone.mission.state()["flight"]["state"] == "done"
+    wait_until(lambda: drone.mission.state()["flight"]["state"] == "done", "the end of the flight", 10)
