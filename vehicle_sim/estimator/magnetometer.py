@@ -1,9 +1,10 @@
 """Fusion of the magnetometer: three axes compared with the known field, its checks, and when it stops.
 
-On the ground it corrects only the heading. At 1.5 m above ground, field, bias and heading are reset; from
-then on the magnetometer may correct every state. With a disturbed or inconsistent field the magnetometer no
-longer corrects the attitude. After 7 s of rejections its fusion stops and the variances of field and bias are
-reset, which widens the gate: it starts again with the first sample inside it.
+On the ground it corrects every state except roll, pitch and their gyroscope biases, and the declination is
+fused while the vehicle is at rest. At 1.5 m above ground, field, bias and heading are reset; from then on the
+magnetometer may correct every state. With a disturbed or inconsistent field it no longer corrects the
+attitude. After 7 s of rejections its fusion stops and the variances of field and bias are reset, which widens
+the gate: it starts again with the first sample inside it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import HORIZON_S, RESET_TIMEOUT_S, Fusion
 from vehicle_sim.estimator.kalman import Kalman
-from vehicle_sim.estimator.kalman_loops import FIELD, MAG_BIAS, SIZE, TILT, YAW
+from vehicle_sim.estimator.kalman_loops import FIELD, GYRO_BIAS, MAG_BIAS, SIZE, TILT
 from vehicle_sim.frames import rotate, rotate_back, wrap_pi
 from vehicle_sim.magnetic_field import INCLINATION_RAD, STRENGTH_GAUSS, field_ned_gauss
 from vehicle_sim.parameters import Parameters
@@ -41,7 +42,9 @@ STRENGTH_CHECK, INCLINATION_CHECK = 1, 2
 """Bits of EKF2_MAG_CHECK."""
 CONTROL_AFTER_S = 1.0
 """A magnetometer heading is good for control this long after its alignment in flight."""
-DECLINATION_NOISE_RAD = 0.5
+DECLINATION_VARIANCE_RAD2 = 0.5
+"""PX4 uses this number as the variance: with it, the standard deviation of the field's east component matches
+PX4's log."""
 
 
 class Magnetometer:
@@ -200,7 +203,7 @@ class Magnetometer:
         full = agrees & fusion.mag_aligned_in_flight & (self._type != HEADING_TYPE)
         np.copyto(fusion.mag_3d, full, where=fresh)
         np.copyto(fusion.mag_hdg, agrees & ~full, where=fresh)
-        np.copyto(fusion.mag_dec, fusion.mag & ~gnss_aided, where=fresh)
+        np.copyto(fusion.mag_dec, fusion.mag & (~gnss_aided | fusion.vehicle_at_rest), where=fresh)
 
     def _reset_field(self, mask: BoolArray, now_s: float) -> None:
         """Resets the field if it has changed, and the heading, or else the bias, where the field may correct
@@ -246,8 +249,9 @@ class Magnetometer:
         if not accepted.any():
             return accepted
         correctable = self._correctable
-        correctable[:, :FIELD] = fusion.mag_3d[:, None]
-        correctable[:, YAW] = fusion.mag_3d | fusion.mag_hdg
+        correctable[:, :FIELD] = (fusion.mag_3d | fusion.mag_hdg)[:, None]
+        for first in (TILT, GYRO_BIAS):
+            correctable[:, first : first + 2] = fusion.mag_3d[:, None]
         accepted_rows = accepted[:, None]
         kalman.fuse_measurements(
             cross_covariance,
@@ -260,7 +264,7 @@ class Magnetometer:
         return accepted
 
     def _fuse_declination(self, mask: BoolArray) -> None:
-        """Keeps the horizontal direction of the field, which nothing else determines without GNSS."""
+        """Keeps the horizontal direction of the field, which only GNSS in flight determines otherwise."""
         kalman = self._kalman
         north, east = kalman.field[:, 0], kalman.field[:, 1]
         squared = np.maximum(north**2 + east**2, 1e-6)
@@ -268,7 +272,7 @@ class Magnetometer:
         sensitivity[:, 0, FIELD], sensitivity[:, 0, FIELD + 1] = -east / squared, north / squared
         heading_error = np.where(mask, wrap_pi(self._declination_rad - np.arctan2(east, north)), 0.0)
         cross_covariance, innovation_covariance = kalman.measurement_covariances(
-            sensitivity, np.full(len(mask), DECLINATION_NOISE_RAD**2)
+            sensitivity, np.full(len(mask), DECLINATION_VARIANCE_RAD2)
         )
         kalman.fuse_measurements(
             cross_covariance, innovation_covariance, heading_error[:, None], self._correctable * mask[:, None]

@@ -22,10 +22,11 @@ from vehicle_sim.simulation import STEP_S
 from vehicle_sim.state import SimulationOrigin
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-STATES = 15
-"""Standard deviations compared: tilt and heading, velocity, position, gyroscope and accelerometer offsets."""
-HEADING = 2
+STATES = 21
+"""Standard deviations compared: tilt and heading, velocity, position, gyroscope and accelerometer offsets,
+magnetic field and compass offset."""
 MAG_SAMPLES = 4
 """PX4 logs the average of this number of samples, and the estimator averages again."""
 
@@ -43,9 +44,13 @@ class Replay:
     true_velocity: FloatArray
     """(T, 3) true velocity."""
     sigma: FloatArray
-    """(T, 15) standard deviations of the simulated estimator's states."""
+    """(T, 21) standard deviations of the simulated estimator's states."""
     recorded_sigma: FloatArray
-    """(T, 15) standard deviations of PX4's states."""
+    """(T, 21) standard deviations of PX4's states."""
+    declination: BoolArray
+    """(T,) the simulated estimator fuses the declination."""
+    recorded_declination: BoolArray
+    """(T,) PX4's estimator fuses it."""
 
 
 class _Log:
@@ -92,7 +97,7 @@ def fly(log: _Log) -> Replay:
     sensors.gps_satellites[:], sensors.gps_fix_type[:] = 10, 3
     estimator = Estimator(1, STEP_S)
     estimator.configure(0, Parameters())
-    velocity, sigma, fields_left = [], [], 0
+    velocity, sigma, declination, fields_left = [], [], [], 0
     for k, t_s in enumerate(times):
         sensors.gyro_frd_rad_s[:], sensors.accel_frd_m_s2[:] = imu[k, :3], imu[k, 3:]
         if k % 2 and k > 1:
@@ -117,6 +122,7 @@ def fly(log: _Log) -> Replay:
         estimator.update(sensors)
         velocity.append(estimator.state.velocity_ned_m_s[0].copy())
         sigma.append(np.sqrt(estimator.kalman.variances(0, STATES)[0]))
+        declination.append(bool(estimator.fusion.mag_dec[0]))
     return Replay(
         times,
         np.array(velocity),
@@ -124,6 +130,8 @@ def fly(log: _Log) -> Replay:
         log.at(times, "vehicle_local_position_groundtruth", "vx", "vy", "vz"),
         np.array(sigma),
         np.sqrt(log.at(times, "estimator_states", *_axes("covariances", STATES))),
+        np.array(declination),
+        np.array([log.latest(t_s, "estimator_status_flags", "cs_mag_dec") == 1.0 for t_s in times]),
     )
 
 
@@ -151,6 +159,15 @@ def test_the_velocity_matches_that_of_px4s_estimator(replay):
 )
 def test_the_standard_deviations_match_those_of_px4(replay, t_s, what):
     at = int(np.searchsorted(replay.t_s, t_s))
-    ratio = np.delete(replay.sigma[at] / replay.recorded_sigma[at], HEADING)
+    ratio = replay.sigma[at] / replay.recorded_sigma[at]
     assert (ratio <= 1.25).all(), (what, ratio)
     assert (ratio >= 0.75).all(), (what, ratio)
+
+
+def test_the_declination_is_fused_at_rest_although_gnss_aids(replay):
+    resting = (replay.t_s > 4.0) & (replay.t_s < 12.0)
+    assert replay.recorded_declination[resting].all()
+    assert replay.declination[resting].all()
+    armed = (replay.t_s > 13.0) & (replay.t_s < 44.0)
+    assert not replay.recorded_declination[armed].any()
+    assert not replay.declination[armed].any()
