@@ -32,10 +32,10 @@ class NewerPx4:
         self._sim = world.sim
         self._parser, self._received = sim.MAVLink(None), sim.MAVLink(None)
         self._packers: dict[tuple[int, int], Any] = {}
-        self._answers = b""
+        self._answers: list[bytes] = []
         self.cruises = False
-        self._drain, self._feed = world.sim.drain, world.sim.feed
-        world.sim.drain, world.sim.feed = self.drain, self.feed  # type: ignore[method-assign]
+        self._frames, self._feed = world.sim.frames, world.sim.feed
+        world.sim.frames, world.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
 
     def feed(self, row: int, link: str, data: bytes) -> None:
         """Passes messages to the vehicle, except those that v1.17 refuses."""
@@ -49,15 +49,15 @@ class NewerPx4:
                     -1,
                     sim.MAV_PARAM_ERROR_DOES_NOT_EXIST,
                 )
-                self._answers += error.pack(self._packer(1, 1))
+                self._answers.append(error.pack(self._packer(1, 1)))
             else:
                 self._feed(row, link, bytes(message.get_msgbuf()))
 
-    def drain(self, row: int, link: str) -> bytes:
+    def frames(self, row: int, link: str) -> list[bytes]:
         """Messages from the vehicle, as v1.17 sends them."""
-        answers, self._answers = self._answers, b""
-        messages = self._parser.parse_buffer(self._drain(row, link)) or []
-        return answers + b"".join(self._changed(message) for message in messages)
+        answers, self._answers = self._answers, []
+        messages = self._parser.parse_buffer(b"".join(self._frames(row, link))) or []
+        return [*answers, *(self._changed(message) for message in messages)]
 
     def _packer(self, system: int, component: int) -> Any:
         key = system, component
