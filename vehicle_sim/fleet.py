@@ -19,7 +19,7 @@ from vehicle_sim.payload.camera import Camera
 from vehicle_sim.ros2.bridge import Bridge, Port
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.shell.commands import Shell
-from vehicle_sim.simulation import STEP_S, ControlLevel, Simulation, SimulationOrigin
+from vehicle_sim.simulation import AUTOPILOT_EVERY_STEPS, STEP_S, ControlLevel, Simulation, SimulationOrigin
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
 from vehicle_sim.topics.states import States
@@ -28,8 +28,6 @@ from vehicle_sim.world.contact import Collision
 from vehicle_sim.world.world import World
 
 STEP_US = round(STEP_S * 1e6)
-AUTOPILOT_EVERY_STEPS = 5
-"""50 Hz at the simulation's 250 Hz."""
 DEFAULT_BOOT_TIME_UNIX_S = 1_790_000_000.0
 """Default UTC at boot; constant, so that runs are reproducible."""
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.control.allocation import mixer_of
-from vehicle_sim.control.cascade import Cascade
+from vehicle_sim.control.cascade import OUTER_EVERY_STEPS, Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
 from vehicle_sim.estimator.fusion import Fusion
@@ -56,6 +56,8 @@ FloatArray = NDArray[np.float64]
 
 STEP_S = 0.004
 """PX4's SIH runs at 250 Hz."""
+AUTOPILOT_EVERY_STEPS = 5
+"""The autopilots run at 50 Hz, as PX4's flight tasks."""
 BATTERY_EVERY_STEPS = 5
 WIND_EVERY_STEPS = 5
 
@@ -206,6 +208,12 @@ class Simulation:
         self.steps += 1
         self.time_s = self.steps * STEP_S
         self._estimates = None
+
+    @property
+    def output_is_used(self) -> bool:
+        """Whether the position controller has run since the last tick of the autopilots."""
+        tick = self.steps - self.steps % AUTOPILOT_EVERY_STEPS
+        return self.steps // OUTER_EVERY_STEPS > tick // OUTER_EVERY_STEPS
 
     def _update_contact(self, contact: Contact) -> None:
         """Updates the surface below each body, and detects collisions, which stop the vehicle's rotors."""

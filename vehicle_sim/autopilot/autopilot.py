@@ -311,7 +311,8 @@ class Autopilot:
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Applies a setpoint of PX4's internal topics, in any mode: the controllers use the newest one.
 
-        A mode with its own setpoints overwrites it within a tick; motors, thrust and torque within 4 ms.
+        A mode with its own setpoints overwrites it within a tick; motors, thrust and torque within 4 ms. In
+        PX4 a mode runs directly before the position controller: a trajectory between the two is lost.
         """
         self.offboard.put(setpoint)
         commander, level = self.commander, LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)
@@ -325,7 +326,7 @@ class Autopilot:
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._row.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
-        elif level is ControlLevel.TRAJECTORY and not streamed and not self._row.below_trajectory:
+        elif not (streamed or self._row.below_trajectory) and self.view.simulation.output_is_used:
             self._write_trajectory(setpoint)
 
     def take_goto(self, goto: Goto) -> None:

@@ -120,12 +120,13 @@ def test_goto_is_flown_in_hold_and_ends_with_its_messages(air):
 @pytest.mark.flight
 def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(air):
     pulled_m = []
-    for hz in (10.0, 50.0):
-        air.stream(3.0, hz, trajectory((5.0, 0.0, -2.5)))
+    for hz in (10.06, 50.3):  # no multiple of the mode's rate: what the mode overwrites changes all the time
+        air.stream(6.4, hz, trajectory((5.0, 0.0, -2.5)))
         pulled_m.append(air.position_ned_m[0])
         assert status(air) == (HOLD_MODE, False)
         air.run(4.0)
-    assert 0.1 < pulled_m[0] < 1.0 < pulled_m[1] < 4.9
+    assert 0.1 < pulled_m[0] < 0.8
+    assert 1.0 < pulled_m[1] < 2.5  # PX4 overwrites two thirds of them before they are used
     assert abs(air.position_ned_m[0]) < 0.5
 
 

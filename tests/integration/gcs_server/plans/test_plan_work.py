@@ -105,4 +105,4 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
 
 def test_every_task_has_its_function():
     names = {"check", "compile", "compile_roles", "convert", "elevation_files", "export", "follow_ground"}
-    assert set(tasks.TASKS) == names | {"import", "pattern", "pattern_on_ground"}
+    assert set(tasks.TASKS) == names | {"import", "insert", "pattern", "pattern_on_ground", "table"}
