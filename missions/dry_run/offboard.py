@@ -192,8 +192,8 @@ class OffboardPilot:
         estimate = self._vehicle.autopilot.view.estimate
         if not estimate.valid_position:
             return None
-        n, e, d = (at + start for at, start in zip(estimate.position_ned_m, self._start_ned_m, strict=True))
-        return (n, e, d)
+        (n, e, d), (n0, e0, d0) = estimate.position_ned_m, self._start_ned_m
+        return (n + n0, e + e0, d + d0)
 
     def carry_out(self, now_s: float, requests: list[Request]) -> None:
         """Executes requests of the runner, and reports failed requests to the runner."""

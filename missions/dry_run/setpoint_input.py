@@ -20,6 +20,11 @@ from vehicle_sim.autopilot.offboard import NAN3, Offboard, trajectory_setpoint
 IGNORE_YAW_RATE, IGNORE_RATES, IGNORE_ATTITUDE = 4, 7, 128
 """Bits of SET_ATTITUDE_TARGET's type_mask. With IGNORE_YAW_RATE cleared, the third rate is the yaw rate."""
 
+# Tuples, as in `player.PLACED`.
+_TRAJECTORIES = (Trajectory, Position, Velocity, Acceleration)
+_WITH_POSITION, _WITH_VELOCITY = (Trajectory, Position), (Trajectory, Velocity)
+_WITH_ACCELERATION = (Trajectory, Acceleration)
+
 
 def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> None:
     """Sends a setpoint.
@@ -41,19 +46,18 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
         level = (1.0, 0.0, 0.0, 0.0)
         offboard.attitude(IGNORE_ATTITUDE, level, setpoint.rates_frd_rad_s, setpoint.thrust)
         return
-    if not isinstance(setpoint, Position | Velocity | Acceleration | Trajectory):
+    if not isinstance(setpoint, _TRAJECTORIES):
         raise ValueError(f"a mission sends no {setpoint.type}")
     position, velocity, acceleration = NAN3, NAN3, NAN3
-    if isinstance(setpoint, Position | Trajectory):
+    if isinstance(setpoint, _WITH_POSITION):
         (n, e, d), (n0, e0, d0) = _numbers(setpoint.position_ned_m), start_ned_m
         position = (n - n0, e - e0, d - d0)
-    if isinstance(setpoint, Velocity | Trajectory):
+    if isinstance(setpoint, _WITH_VELOCITY):
         velocity = _numbers(setpoint.velocity_ned_m_s)
-    if isinstance(setpoint, Acceleration | Trajectory):
+    if isinstance(setpoint, _WITH_ACCELERATION):
         acceleration = _numbers(setpoint.acceleration_ned_m_s2)
-    yaw, rate = (
-        math.nan if each is None else each for each in (setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s)
-    )
+    yaw, rate = setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s
+    yaw, rate = math.nan if yaw is None else yaw, math.nan if rate is None else rate
     offboard.trajectory(trajectory_setpoint(position, velocity, acceleration, yaw, rate))
 
 

@@ -33,6 +33,8 @@ RETURNED_WITHIN_M = 1.0
 """Maximum distance to the start of the next segment after a segment without position control [m]."""
 RETURN_TIMEOUT_S = 15.0
 """Time after which the next segment starts even if the vehicle is farther away [s]."""
+PLACED = (Trajectory, Position)
+"""Setpoints with a position. A tuple: a union in `isinstance` would be made anew for each setpoint."""
 HELD_BACK_M = 8.0
 """Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
 ARRIVED_M = 1.0
@@ -99,7 +101,7 @@ class Player:
         else:
             self._advance(dt_s, position_ned_m)
             setpoint = self._slowed(self._sample())
-        position = setpoint.position_ned_m if isinstance(setpoint, Position | Trajectory) else None
+        position = setpoint.position_ned_m if isinstance(setpoint, PLACED) else None
         self._position = None if position is None else complete(position)
         return setpoint
 
@@ -122,7 +124,7 @@ class Player:
             if t_s <= segment.duration_s:
                 break
             t_s -= segment.duration_s
-        return setpoint if isinstance(setpoint, Position | Trajectory) else None
+        return setpoint if isinstance(setpoint, PLACED) else None
 
     @property
     def avoidance(self) -> AvoidanceWay | None:
