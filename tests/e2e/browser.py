@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -205,14 +205,30 @@ def box_of(control: Locator) -> FloatRect:
     return box
 
 
-def slide(page: Page) -> None:
-    """Drags the slider of the open confirmation to its end with the mouse."""
-    box = box_of(page.get_by_role("alertdialog").get_by_role("slider"))
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 400, y, steps=8)
-    page.mouse.up()
+def slide(page: Page, ask_again: Callable[[], object] = lambda: None) -> None:
+    """Drags the slider of the open confirmation to its end with the mouse.
+
+    Args:
+        page: the page.
+        ask_again: opens the confirmation if it has expired, which takes 5 s: a busy machine may be slower.
+    """
+    knob = page.get_by_role("alertdialog").get_by_role("slider")
+    for attempt in range(3):
+        if attempt:
+            ask_again()
+        expect(knob).to_be_visible()
+        box = knob.bounding_box()
+        if box is None:
+            continue
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        held = knob.is_visible()  # it does not expire while it is held
+        page.mouse.move(x + 400, y, steps=8)
+        page.mouse.up()
+        if held:
+            return
+    raise AssertionError("the confirmation expired three times before its slider was held")
 
 
 def hold_space(page: Page) -> None:

@@ -83,7 +83,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         room.get_by_role("button", name="Start group…").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Group: 101 Quad and 102 Quad")
         expect(page.get_by_role("alertdialog")).to_contain_text("all move 6.0 m north together")
-        slide(page)
+        slide(page, room.get_by_role("button", name="Start group…").click)
         refusal = room.get_by_role("alert")
         expect(refusal).to_contain_text("101 Quad and 102 Quad")
         expect(refusal).to_contain_text(re.compile("[Vv]ehicles? 10[12]"))

@@ -84,10 +84,11 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance
         room = page.get_by_role("region", name="Offboard room")
         expect(room.get_by_text("If the stream stops")).to_be_visible()
         fly_to(page, room, 0.0, "Start…")
-        slide(page)
+        slide(page, room.get_by_role("button", name="Start…").click)
         drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
-        page.get_by_role("button", name="Arm", exact=True).click()
-        slide(page)
+        arm = page.get_by_role("button", name="Arm", exact=True)
+        arm.click()
+        slide(page, arm.click)
         at.until(lambda _, up_m: up_m > 0.7 * UP_M, "the take-off to one metre")
 
         fly_to(page, room, GOAL_NORTH_M, "Send")
@@ -106,8 +107,9 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance
         at.until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the way over the box", 90)
         assert at.highest_m > BOX_HEIGHT_M
         expect(avoid).to_be_checked()
-        page.get_by_role("button", name="Land", exact=True).click()
-        slide(page)
+        land = page.get_by_role("button", name="Land", exact=True)
+        land.click()
+        slide(page, land.click)
         drone.until_disarmed()
 
 

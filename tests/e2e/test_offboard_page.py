@@ -152,7 +152,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         expect(room).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
         room.get_by_role("button", name="Start…").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("starts a setpoint stream: Position 5.0")
-        slide(page)
+        slide(page, room.get_by_role("button", name="Start…").click)
         expect(pill(page)).to_have_text("Offboard")
         assert streamed(drone)["setpoint"]["position_ned_m"][0] == 5
         health = page.get_by_label("Stream health")

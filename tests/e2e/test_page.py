@@ -84,8 +84,9 @@ def test_a_flight_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
         wait_until(lambda: abs(shown(instrument, "Above home") - 6) < 1, "the requested height")
 
-        card.get_by_role("button", name="Start").click()
-        slide(page)
+        start = card.get_by_role("button", name="Start")
+        start.click()
+        slide(page, start.click)
         expect(pill(page)).to_have_text("Offboard")
         target = card.locator(".cell", has_text="Up").locator("b")
         before = number(target.inner_text())
@@ -112,8 +113,9 @@ def test_a_flight_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Returning")
         assert drone.status()["mode"] == "rtl"
 
-        page.get_by_role("button", name="Land", exact=True).click()
-        slide(page)
+        land = page.get_by_role("button", name="Land", exact=True)
+        land.click()
+        slide(page, land.click)
         expect(pill(page)).to_have_text("Landing")
         drone.until_disarmed()
         expect(page.get_by_role("button", name="Arm", exact=True)).to_be_visible()

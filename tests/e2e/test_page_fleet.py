@@ -40,7 +40,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Arm", exact=True).click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Arm 102 Quad")
-        slide(page)
+        slide(page, page.get_by_role("button", name="Arm", exact=True).click)
         refusal = page.locator(".place").get_by_role("alert")
         expect(refusal).to_contain_text("Arming: The vehicle refused")
         expect(refusal).to_contain_text("102 Quad")
