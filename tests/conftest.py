@@ -16,6 +16,20 @@ settings.load_profile("steady")
 """Fixed examples, independent of the machine's load; `--hypothesis-profile=search` tries new ones."""
 
 
+REAL_PROCESSES = frozenset({"clients", "e2e", "hostile"})
+"""Folders of tests that start servers, vehicles, browsers and programs of others, in real time."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Repeats a failed test of real processes once, and names it in the summary.
+
+    On a busy machine a process may stand still for longer than a timeout of PX4 or of a client.
+    """
+    for item in items:
+        if REAL_PROCESSES & set(item.path.relative_to(REPOSITORY).parts):
+            item.add_marker(pytest.mark.flaky(reruns=1))
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of reference data beside the checkout; tests that need it are skipped if it is missing."""

@@ -22,6 +22,9 @@ import httpx
 FIRST_TEST_INSTANCE = 100
 """Keeps the system ids of tests apart from those of a simulator that a developer runs."""
 
+PATIENCE_S = 90.0
+"""Longest wait for something that an idle machine does within a few seconds."""
+
 
 def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
     """A loopback port that is currently free."""
@@ -51,7 +54,7 @@ def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
             return
 
 
-def wait_until(ready: Callable[[], object], what: str, deadline_s: float = 30.0) -> None:
+def wait_until(ready: Callable[[], object], what: str, deadline_s: float = PATIENCE_S) -> None:
     """Polls until `ready` returns a true value.
 
     Raises:
@@ -94,9 +97,23 @@ def server_command(http_port: int, links: Sequence[str], data: str | Path) -> li
 def answers(url: str) -> bool:
     """Whether the server answers."""
     try:
-        return httpx.get(f"{url}/api/v1/health", timeout=1).status_code == 200
+        return httpx.get(f"{url}/api/v1/health", timeout=5).status_code == 200
     except httpx.TransportError:
         return False
+
+
+def wait_for_start(process: subprocess.Popen[bytes], ready: Callable[[], object], output: Path) -> None:
+    """Waits until a server is ready.
+
+    Raises:
+        TimeoutError: it was not ready in time, or its process ended; with what it wrote to `output`.
+    """
+    try:
+        wait_until(lambda: process.poll() is not None or ready(), "the server's start")
+    except TimeoutError as late:
+        raise TimeoutError(f"{late}; it wrote:\n{output.read_text()}") from None
+    if process.poll() is not None:
+        raise TimeoutError(f"the server ended with {process.poll()}; it wrote:\n{output.read_text()}")
 
 
 @contextlib.contextmanager
@@ -108,9 +125,10 @@ def server(
     url = f"http://127.0.0.1:{http_port}"
     with contextlib.ExitStack() as stack:
         data = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-        options: dict[str, Any] = {}
-        if log is not None:
-            options = {"stdout": stack.enter_context(log.open("wb")), "stderr": subprocess.STDOUT}
-        process = stack.enter_context(running(server_command(http_port, links, data), **options))
-        wait_until(lambda: answers(url), f"the server's start at {url}")
+        output = log or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "server.log"
+        written = stack.enter_context(output.open("wb"))
+        process = stack.enter_context(
+            running(server_command(http_port, links, data), stdout=written, stderr=subprocess.STDOUT)
+        )
+        wait_for_start(process, lambda: answers(url), output)
         yield url, process

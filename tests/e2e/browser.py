@@ -35,7 +35,7 @@ ARGUMENTS = [
     "--disable-background-networking",
 ]
 """WebGL is rendered in software; rendering the whole page in software would take another core."""
-TIMEOUT_MS = 30_000
+TIMEOUT_MS = 60_000
 """Chromium renders in software, and the machine may be busy."""
 
 COARSE = 0.5

@@ -30,7 +30,7 @@ from zstandard import ZstdDecompressor
 from gcs_server.client import NotAllowed, SyncGcs
 from tests.bench.process import family
 from tests.e2e.fast_station import FAST
-from tests.station import end, free_port, running, server_command, vehicle, wait_until
+from tests.station import end, free_port, running, server_command, vehicle, wait_for_start, wait_until
 
 VEHICLE = "101"
 VISER = Subprotocol(f"viser-v{viser.__version__}")
@@ -179,7 +179,7 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
         ) as process,
         vehicle(mavlink, more=FAST),
     ):
-        wait_until(lambda: "Ready: " in output_file.read_text(), "the server's start")
+        wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
         token = (folder / "token").read_text().strip() if exposed else None
         site = Site(port, token, process, folder)
         with SyncGcs(site.url, token=token or "") as gcs:
@@ -370,7 +370,7 @@ def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
     output_file = tmp_path / "said.txt"
     for _ in range(2):
         with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
-            wait_until(lambda: "Ready: " in output_file.read_text(), "the server's start")
+            wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
             site = Site(port, (tmp_path / "token").read_text().strip(), process, tmp_path)
             assert f"http://localhost:{port}/?token={site.token}" in output_file.read_text()
             cookies.append(site.cookie)

@@ -29,7 +29,7 @@ from tests.station import answers, end, free_port, running, server, server_comma
 
 pytestmark = pytest.mark.browser
 
-FLIGHT_MS = 40_000
+FLIGHT_MS = 90_000
 
 
 @pytest.fixture(scope="module")
