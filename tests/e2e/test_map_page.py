@@ -18,7 +18,7 @@ from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 MEAN_COLOUR = """
 async (shot) => {
@@ -83,7 +83,6 @@ def metres_from(drone: SyncVehicle, place: tuple[float, float]) -> float:
     return math.hypot(north, east)
 
 
-@pytest.mark.realtime  # clicks in the 3D view, rendered in software
 def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
     drone = station.drone
     drone.takeoff(8)
@@ -189,7 +188,7 @@ def in_3d(page: Page) -> None:
     expect(menu).to_be_hidden()
 
 
-@pytest.mark.parametrize("kind", ["pmtiles", pytest.param("mbtiles", marks=pytest.mark.realtime)])
+@pytest.mark.parametrize("kind", ["pmtiles", "mbtiles"])
 def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station, kind: str) -> None:
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
     write, made = (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")

@@ -17,7 +17,7 @@ from tests.e2e.browser import REPOSITORY, chromium, in_both_themes, opened
 from tests.support.dds_vehicle import ATTITUDE, AnsweringVehicle, Background
 from tools import build_page
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 DOMAIN = 57
 NAMESPACE = f"panel_{os.getpid()}"

@@ -12,7 +12,7 @@ from tests.e2e.browser import in_both_themes, opened
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.question import await_command, refuse_commands
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
 def add_step(page: Page) -> Locator:
