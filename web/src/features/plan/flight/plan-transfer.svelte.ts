@@ -27,6 +27,9 @@ export class VehicleMission {
   private pendingComparison: { readonly download: string; readonly to: Plan; readonly which: PlanReference } | null = null;
   problem = $state.raw<Problem | null>(null);
   private vehicle: string | null = null;
+  /** The vehicle's state at the newest request; null: none since the vehicle was selected. */
+  private reported: string | null = null;
+  private requests = 0;
 
   constructor(private readonly api: ApiClient) {}
 
@@ -36,15 +39,25 @@ export class VehicleMission {
   selectVehicle(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
-    this.view = this.transfer = this.problem = this.compared = this.pendingComparison = null;
+    this.view = this.transfer = this.problem = this.compared = this.pendingComparison = this.reported = null;
     void this.refresh();
   }
 
+  /** Requests the server's view again if the vehicle reports another state. @param reported see `reportedState`. */
+  onReported(reported: string): void {
+    const changed = this.reported !== null && this.reported !== reported;
+    this.reported = reported;
+    if (changed) void this.refresh();
+  }
+
+  /** An answer to an earlier request than the newest one is discarded. */
   async refresh(): Promise<void> {
     const vehicle = this.vehicle;
     if (vehicle === null) return;
+    this.requests += 1;
+    const number = this.requests;
     const view = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
-    if (vehicle !== this.vehicle) return;
+    if (vehicle !== this.vehicle || number !== this.requests) return;
     this.view = view.ok ? view.value : null;
     if (this.view?.transfer == null || this.running) return;
     const all = await this.api.get('/operations', { params: { query: { vehicle } } });

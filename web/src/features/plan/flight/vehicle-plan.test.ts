@@ -4,7 +4,7 @@ import { positionAt } from '../../../vehicle/geo';
 import { AcceptedErrors, StartErrors } from './accepted-errors.svelte';
 import { DEFAULT_ALTITUDE, EMPTY } from '../document/document';
 import type { Finding } from '../document/fixes';
-import { comparisonText, differenceText, vehiclePlanText, type Comparison } from './vehicle-plan';
+import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
 import { VehicleMission } from './plan-transfer.svelte';
 import { interruptedText, resumeBody, resumeQuestion, resumeVerb, startBody, startQuestion } from './mission-start';
@@ -80,6 +80,53 @@ describe('the plan on the vehicle', () => {
     await mission.send('abc', 2);
     expect(mission.problem?.detail).toBe('anna has control.');
     expect(mission.running).toBe(false);
+  });
+
+  it('is requested again when the vehicle is disarmed or reaches an item, and not while it reports the same', async () => {
+    const interrupted = { ...view('plan', named), no_resume: null, resume: { item: 3 } };
+    const { mission, asked } = vehicle([200, { ...view('plan', named), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
+    const at = (armed: boolean, current: number) => reportedState({ armed, mode: 'mission' } as never, { current, mission_id: 7 } as never, null);
+    mission.selectVehicle('1');
+    for (const state of [at(true, 3), at(true, 3)]) mission.onReported(state);
+    await settled();
+    expect([mission.view?.no_resume, asked.length]).toEqual(['Vehicle 1 is armed.', 1]);
+    mission.onReported(at(false, 3));
+    await settled();
+    expect([mission.view?.no_resume, mission.view?.resume?.item, asked.length]).toEqual([null, 3, 2]);
+    mission.onReported(at(false, 4));
+    mission.onReported(at(false, 4));
+    await settled();
+    expect(asked.length).toBe(3);
+  });
+
+  it('changes with armed state, mode, item, mission and state of the flight', () => {
+    const status = { armed: true, mode: 'mission', battery: 1 } as never;
+    const [mission, flight] = [{ current: 1, mission_id: 7 } as never, { state: 'flying', started_unix_s: 1, item: 1 } as never];
+    const states = [
+      reportedState(status, mission, flight),
+      reportedState({ armed: false, mode: 'mission' } as never, mission, flight),
+      reportedState({ armed: true, mode: 'hold' } as never, mission, flight),
+      reportedState(status, { current: 2, mission_id: 7 } as never, flight),
+      reportedState(status, { current: 1, mission_id: 8 } as never, flight),
+      reportedState(status, mission, { state: 'done', started_unix_s: 1 } as never),
+      reportedState(null, null, null),
+    ];
+    expect(new Set(states).size).toBe(states.length);
+    expect(reportedState(status, mission, { state: 'flying', started_unix_s: 1, remaining_s: 5 } as never)).toBe(states[0]);
+  });
+
+  it('shows the answer to the newest request, also if an earlier one is answered later', async () => {
+    const answers: ((view: object) => void)[] = [];
+    const api = new ApiClient('p', undefined, () => new Promise((done) => answers.push((body) => done(Response.json(body)))));
+    const mission = new VehicleMission(api);
+    mission.selectVehicle('1');
+    mission.onReported('armed');
+    mission.onReported('disarmed');
+    await settled();
+    answers[1]?.({ ...view('plan', named), no_resume: null });
+    answers[0]?.({ ...view('plan', named), no_resume: 'Vehicle 1 is armed.' });
+    await settled();
+    expect(mission.view?.no_resume).toBeNull();
   });
 
   it('is read back, compared and listed value by value', async () => {

@@ -1,7 +1,9 @@
 /** The plan on a vehicle, and its differences from the edited plan, as text. Pure. */
 
 import type { components } from '../../../api/schema';
+import type { Status } from '../../../live/topics';
 import { fixed } from '../../../ui/format';
+import type { WaypointFlight } from './waypoint-flight';
 
 type Schemas = components['schemas'];
 export type VehiclePlan = Readonly<Schemas['MissionView']['holds']>;
@@ -26,6 +28,11 @@ export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, cu
       ? `version ${holds.plan.version ?? 0} of this plan`
       : `the plan “${holds.plan?.name ?? 'without a name'}”`;
   return `On ${name}: ${older}.`;
+}
+
+/** The values of the telemetry that change what the server says about the plan on the vehicle, as one text. */
+export function reportedState(status: Status | null, mission: Schemas['Mission'] | null, flight: WaypointFlight | null): string {
+  return JSON.stringify([status?.armed, status?.mode, mission?.current, mission?.mission_id, flight?.state, flight?.started_unix_s]);
 }
 
 /** Whether exactly this version is on the vehicle. */
