@@ -42,6 +42,10 @@ export interface Services {
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
     showPositions: (positions: readonly GeoPosition[]) => void;
+    /** The same for a plan that was opened; also the 3D view shows it, once, when it is large and no vehicle flies. */
+    showPlan: (positions: readonly GeoPosition[]) => void;
+    /** The shown plan is known completely now: the 3D view shows it again, unless a person has moved its camera. */
+    growPlan: () => void;
     /** The middle of the part of the map that no panel covers, and the distance to its edge; null: no map is shown. */
     visibleMiddle: () => { readonly at: GeoPosition; readonly reach_m: number } | null;
   };

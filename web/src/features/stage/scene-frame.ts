@@ -1,7 +1,8 @@
 /** Access to viser's page in the iframe of the 3D view: its camera. The only file that knows viser's names. */
 
 import type { LayerPosition } from '../../app/map-layers.svelte';
-import { parseOrigin, validCamera, type Matrix, type SceneCamera, type Vector } from './scene-view';
+import type { CameraPose } from './scene-overview';
+import { parseOrigin, validCamera, type Matrix, type SceneCamera } from './scene-view';
 
 interface Elements {
   readonly elements: Matrix;
@@ -16,7 +17,11 @@ interface ViserState {
     readonly matrixWorldInverse: Elements;
   } | null;
   readonly nodeRefFromName?: Readonly<Record<string, { readonly matrixWorld: Elements } | undefined>>;
-  readonly cameraControl?: { readonly setLookAt: (...numbers: number[]) => unknown } | null;
+  readonly cameraControl?: {
+    readonly setLookAt: (...numbers: number[]) => unknown;
+    readonly getTarget: () => Readonly<Record<'x' | 'y' | 'z', number>>;
+    readonly getPosition: () => Readonly<Record<'x' | 'y' | 'z', number>>;
+  } | null;
   readonly requestRender?: () => void;
 }
 
@@ -48,8 +53,16 @@ export function fovOf(inside: SceneWindow): number | null {
   return typeof fov_deg === 'number' && fov_deg > 0 ? (fov_deg * Math.PI) / 180 : null;
 }
 
-/** Moves the camera. Positions are those of the page's scene. */
-export function lookAt(inside: SceneWindow, eye: Vector, target: Vector): void {
+/** The camera's pose, also before its next picture; null while viser starts. */
+export function poseOf(inside: SceneWindow): CameraPose | null {
+  const control = inside.__viserMutable?.cameraControl;
+  if (control == null) return null;
+  const [eye, target] = [control.getPosition(), control.getTarget()];
+  return { eye: [eye.x, eye.y, eye.z], target: [target.x, target.y, target.z] };
+}
+
+/** Moves the camera. */
+export function lookAt(inside: SceneWindow, { eye, target }: CameraPose): void {
   const viser = inside.__viserMutable;
   void viser?.cameraControl?.setLookAt(...eye, ...target, 0); // 0: without a transition
   viser?.requestRender?.();

@@ -135,9 +135,13 @@ export class SceneView implements LayerView {
   overview(positions: readonly LayerPosition[], fov_rad: number, share: number): { eye: Vector; target: Vector } | null {
     if (positions.length === 0) return null;
     const all = positions.map((at) => this.enuOf(at));
-    const middle = (axis: 0 | 1 | 2): number => (Math.min(...all.map((at) => at[axis])) + Math.max(...all.map((at) => at[axis]))) / 2;
+    const most = (of: (at: Vector) => number): number => all.reduce((found, at) => Math.max(found, of(at)), -Infinity);
+    const middle = (axis: 0 | 1 | 2): number => (most((at) => at[axis]) - most((at) => -at[axis])) / 2;
     const target: Vector = [middle(0), middle(1), middle(2)];
-    const radius_m = Math.max(LEAST_RADIUS_M, ...all.map((at) => Math.hypot(...minus(at, target))));
+    const radius_m = Math.max(
+      LEAST_RADIUS_M,
+      most((at) => Math.hypot(...minus(at, target))),
+    );
     const away_m = (radius_m * 1.2) / (Math.tan(fov_rad / 2) * Math.max(0.1, share));
     const ahead = this.ahead();
     const elevation = Math.min(Math.PI / 2 - 0.01, Math.max(OVERVIEW_RAD, Math.asin(-ahead[2])));

@@ -4,7 +4,9 @@ import { covered } from '../../app/covered-edges.svelte';
 import { freeMiddle } from '../../app/free-area';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
+import type { LayerPosition } from '../../app/map-layers.svelte';
 import type { GeoPosition } from '../../vehicle/geo';
+import { SceneOverview } from './scene-overview';
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
 
@@ -48,7 +50,9 @@ class StageState {
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
   /** Fits positions into the 3D view; null: it shows no layer. */
-  scenePositions: ((positions: readonly GeoPosition[]) => void) | null = null;
+  scenePositions: ((positions: readonly LayerPosition[]) => void) | null = null;
+  /** The 3D view's camera while a plan is open. */
+  readonly overview = new SceneOverview();
   private pendingView: SceneRequest | null = null;
   private mapChosen = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.mapChosen ? 'scene' : 'map');
@@ -69,6 +73,17 @@ class StageState {
   showPositions(positions: readonly GeoPosition[]): void {
     this.map?.show(positions);
     if (this.main === 'scene') this.scenePositions?.(positions);
+  }
+
+  /** @param positions of the plan, for the map; the 3D view shows all its layers, once, when it is large. */
+  showPlan(positions: readonly GeoPosition[]): void {
+    if (positions.length > 0) this.map?.show(positions);
+    this.overview.request(this.camera);
+  }
+
+  /** The plan that was shown is known completely now. */
+  growPlan(): void {
+    this.overview.grow();
   }
 
   visibleMiddle(): { at: GeoPosition; reach_m: number } | null {
