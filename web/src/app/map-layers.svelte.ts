@@ -44,10 +44,18 @@ export interface LayerArea {
   readonly tone: Tone;
 }
 
+/** An upright body from the ground to its top, for the 3D view. The map shows it by an area. */
+export interface LayerSolid {
+  readonly ring: readonly GeoPosition[];
+  readonly top_amsl_m: number;
+  readonly tone: Tone;
+}
+
 export interface LayerPicture {
   readonly points: readonly LayerPoint[];
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
+  readonly solids?: readonly LayerSolid[];
   /** A point of the ground, whose altitude is that of all ground; missing: the layer is not shown in the 3D view. */
   readonly ground?: Required<LayerPosition>;
 }

@@ -1,5 +1,5 @@
 /**
- * Draws layers over the 3D view: paths with their shadows on the ground, areas, points with vertical lines to the
+ * Draws layers over the 3D view: paths with their shadows on the ground, areas, solids, points with vertical lines to the
  * ground, and the handles that change heights. Depends only on a canvas, not on the page.
  */
 
@@ -8,7 +8,8 @@ import type { Pixel } from '../../vehicle/geo';
 import { drawIcon, HALF_PX, iconName, TONES } from './layer-draw';
 import { withHandles } from './layer-gesture';
 import type { Palette } from './map-draw';
-import { NEAR_M, type Clip, type SceneView } from './scene-view';
+import { facesOf, type Face } from './scene-solids';
+import { NEAR_M, type Clip, type SceneView, type Vector } from './scene-view';
 
 type Ctx = CanvasRenderingContext2D;
 
@@ -80,7 +81,20 @@ export class ScenePainter {
   draw(view: SceneView, pictures: readonly LayerPicture[]): void {
     this.ctx.clearRect(0, 0, view.width, view.height);
     this.ctx.lineCap = this.ctx.lineJoin = 'round';
-    for (const { areas } of pictures) for (const { ring, tone } of areas) this.area(view, ring, this.colour(tone));
+    const opacity = this.palette.dark ? 0.1 : 0.13;
+    for (const { areas } of pictures)
+      for (const { ring, tone } of areas)
+        this.fill(
+          view,
+          ring.map((at) => view.enuOf(at)),
+          this.colour(tone),
+          opacity,
+        );
+    for (const face of facesOf(
+      view,
+      pictures.flatMap(({ solids }) => solids ?? []),
+    ))
+      this.face(view, face);
     for (const { lines } of pictures) for (const line of lines) this.shadow(view, line);
     for (const { points } of pictures) this.plumbLines(view, points);
     for (const { lines } of pictures) for (const line of lines) this.line(view, line);
@@ -122,17 +136,26 @@ export class ScenePainter {
     ctx.setLineDash([]);
   }
 
-  private area(view: SceneView, ring: readonly LayerPosition[], colour: string): void {
+  /** Fills an area; its outline stays the current path. */
+  private fill(view: SceneView, ring: readonly Vector[], colour: string, opacity: number): void {
     const { ctx } = this;
     ctx.beginPath();
-    for (const clip of visibleArea(ring.map((at) => view.clipOf(view.enuOf(at))))) {
+    for (const clip of visibleArea(ring.map((enu) => view.clipOf(enu)))) {
       const { x, y } = view.pixelOfClip(clip);
       ctx.lineTo(x, y);
     }
+    ctx.closePath();
     ctx.fillStyle = colour;
-    ctx.globalAlpha = this.palette.dark ? 0.1 : 0.13;
+    ctx.globalAlpha = opacity;
     ctx.fill();
     ctx.globalAlpha = 1;
+  }
+
+  /** One side or the top of a solid. The edges behind it stay visible, but weaker. */
+  private face(view: SceneView, { ring, tone, inFront, shade }: Face): void {
+    const colour = this.colour(tone);
+    this.fill(view, ring, colour, inFront ? shade : 0.06);
+    this.stroke(colour, inFront && !this.inset ? 1.6 : 1, inFront ? 0.9 : 0.3);
   }
 
   /** A path above the ground has a thin line below it, so that its position can be seen from any side. */

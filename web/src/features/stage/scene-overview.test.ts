@@ -77,9 +77,11 @@ describe('the camera of the 3D view, when a plan is opened', () => {
   });
 });
 
-it('shows points and lines of the layers that the 3D view has', () => {
+it('shows points, lines and tops of the layers that the 3D view has', () => {
   const [point, end] = [{ id: 'a', lat_deg: 47.4, lon_deg: 8.5 } as LayerPoint, { lat_deg: 47.5, lon_deg: 8.5, alt_amsl_m: 500 }];
   const flat: LayerPicture = { points: [point], lines: [{ positions: [end], tone: 'target', style: 'solid' }], areas: [] };
   expect(extentOf([flat])).toEqual([]);
   expect(extentOf([{ ...flat, ground: end }])).toEqual([point, end]);
+  const solids = [{ ring: [{ lat_deg: 47.6, lon_deg: 8.5 }], top_amsl_m: 520, tone: 'danger' as const }];
+  expect(extentOf([{ ...flat, solids, ground: end }]).at(-1)).toEqual({ lat_deg: 47.6, lon_deg: 8.5, alt_amsl_m: 520 });
 });

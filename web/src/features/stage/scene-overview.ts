@@ -14,7 +14,11 @@ const SAME_SHARE = 0.001;
 
 /** All positions that the 3D view shows. */
 export function extentOf(pictures: readonly LayerPicture[]): LayerPosition[] {
-  return pictures.flatMap(({ ground, points, lines }) => (ground === undefined ? [] : [...points, ...lines.flatMap(({ positions }) => positions)]));
+  return pictures.flatMap(({ ground, points, lines, solids = [] }) => {
+    if (ground === undefined) return [];
+    const tops = solids.flatMap(({ ring, top_amsl_m }) => ring.map((at) => ({ ...at, alt_amsl_m: top_amsl_m })));
+    return [...points, ...lines.flatMap(({ positions }) => positions), ...tops];
+  });
 }
 
 /** A camera pose to set; `show`: the one that shows everything. */

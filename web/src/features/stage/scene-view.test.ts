@@ -3,6 +3,7 @@ import type { LayerEditor, LayerPoint, LayerPosition } from '../../app/map-layer
 import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
 import { LayerGesture, targetAt, withHandles } from './layer-gesture';
 import { drawnPoints, MAX_POINTS, visibleArea, visibleParts } from './scene-draw';
+import { facesOf } from './scene-solids';
 import { NEAR_M, parseOrigin, SceneView, validCamera, type Clip, type Matrix, type SceneCamera } from './scene-view';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -149,6 +150,43 @@ describe('the drawing', () => {
     const drawn = drawnPoints(view, many);
     expect(drawn).toHaveLength(MAX_POINTS);
     expect(drawn.some((one) => one.point.id === '0')).toBe(true);
+  });
+
+  it('has solids with their true heights, the nearest last, of each the faces in front last', () => {
+    const box = (north_m: number, up_m: number) => ({
+      ring: [at(-5, north_m), at(5, north_m), at(5, north_m + 10), at(-5, north_m + 10)],
+      top_amsl_m: 480 + up_m,
+      tone: 'danger' as const,
+    });
+    const found = facesOf(viewFrom([0, -60, 40], 0.5), [box(0, 12), box(100, 60), box(50, 0)]);
+    expect(found).toHaveLength(10);
+    const rounded = found.map(({ ring, inFront }) => ({ inFront, ring: ring.map((corner) => corner.map((metre) => Math.round(metre) + 0)) }));
+    const front = (north_m: number, up_m: number) => ({
+      inFront: true,
+      ring: [
+        [-5, north_m, 0],
+        [5, north_m, 0],
+        [5, north_m, up_m],
+        [-5, north_m, up_m],
+      ],
+    });
+    const top = {
+      inFront: true,
+      ring: [
+        [-5, 0, 12],
+        [5, 0, 12],
+        [5, 10, 12],
+        [-5, 10, 12],
+      ],
+    };
+    // From below its top, the top of the far box is behind its front.
+    expect([rounded.slice(0, 5).filter(({ inFront }) => inFront), rounded.slice(5).filter(({ inFront }) => inFront)]).toEqual([
+      [front(100, 60)],
+      [front(0, 12), top],
+    ]);
+    expect(rounded[4]).toEqual(front(100, 60));
+    const clockwise = { ...box(0, 12), ring: box(0, 12).ring.reverse() };
+    expect(facesOf(viewFrom([0, -60, 40], 0.5), [clockwise]).filter(({ inFront }) => inFront)).toHaveLength(2);
   });
 
   it('shows all points from above, in the middle of the free area', () => {

@@ -75,12 +75,17 @@ export class SceneView implements LayerView {
   /** A position in the world's ENU [m]. */
   enuOf(at: LayerPosition): Vector {
     const { east_m, north_m } = eastNorth(this.camera.origin, at);
-    return [east_m, north_m, (at.alt_amsl_m ?? this.ground_amsl_m) - this.camera.origin.alt_amsl_m];
+    return [east_m, north_m, this.upOf(at.alt_amsl_m ?? this.ground_amsl_m)];
+  }
+
+  /** An altitude in the world's ENU [m]. */
+  upOf(alt_amsl_m: number): number {
+    return alt_amsl_m - this.camera.origin.alt_amsl_m;
   }
 
   /** Height of the ground in the world's ENU [m]. */
   get ground_m(): number {
-    return this.ground_amsl_m - this.camera.origin.alt_amsl_m;
+    return this.upOf(this.ground_amsl_m);
   }
 
   clipOf(enu: Vector): Clip {

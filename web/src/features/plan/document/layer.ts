@@ -1,6 +1,6 @@
 /** A waypoint plan as an editable map layer. Pure. */
 
-import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, Tone } from '../../../app/map-layers.svelte';
+import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, LayerSolid, Tone } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
 import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, path, type Altitude, type FenceZone, type Plan, type SharedParts } from './document';
 import { midpoint } from './edit';
@@ -35,7 +35,7 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
     lon_deg: at.lon_deg,
     alt_amsl_m: alt_amsl_m(at.altitude, ground.alt_amsl_m),
   });
-  const { points, lines: fences, areas } = fencePicture(plan, selected, sketch);
+  const { points, lines: fences, areas, solids } = fencePicture(plan, selected, sketch, ground.alt_amsl_m);
   const add = adder(points, selected);
   const way = path(plan);
   const showsAllMidpoints = way.length <= MAX_MIDPOINTS;
@@ -52,7 +52,7 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
     const flown = isFlownTo(item);
     add(`item:${row}`, inSpace(item), flown ? 'disc' : 'cross', 'target', flown ? String(row + 1) : '', altitudeText(item.altitude));
   });
-  return { points, lines: [...fences, ...lines(plan, inSpace, ground), ...sketchLines(sketch)], areas, ground };
+  return { points, lines: [...fences, ...lines(plan, inSpace, ground), ...sketchLines(sketch)], areas, solids, ground };
 }
 
 /** @returns a function that adds a point; one with a `height` can be raised. */
@@ -63,12 +63,16 @@ export function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
   };
 }
 
-/** Draws the geofence, the obstacles, and the area that is being drawn. */
+/**
+ * Draws the geofence, the obstacles, and the area that is being drawn.
+ * @param home_amsl_m from which altitudes above home count.
+ */
 export function fencePicture(
   plan: SharedParts,
   selected: ReadonlySet<string>,
   sketch: Sketch | null,
-): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[] } {
+  home_amsl_m: number,
+): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[]; solids: LayerSolid[] } {
   const points: LayerPoint[] = [];
   const add = adder(points, selected);
   const addPolygon = (polygon: readonly GeoPosition[], corners: string, sides: string, tone: Tone): void => {
@@ -87,7 +91,8 @@ export function fencePicture(
     return { positions: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
   });
   const walls = obstaclesOf(plan).map(({ polygon }): LayerLine => ({ positions: [...polygon, ...polygon.slice(0, 1)], tone: 'danger', style: 'solid' }));
-  return { points, lines: [...fences, ...walls], areas: areas(plan, sketch) };
+  const solids = obstaclesOf(plan).map(({ polygon, top }): LayerSolid => ({ ring: polygon, top_amsl_m: alt_amsl_m(top, home_amsl_m), tone: 'danger' }));
+  return { points, lines: [...fences, ...walls], areas: areas(plan, sketch), solids };
 }
 
 /** An inclusion zone is a limit, an exclusion zone is forbidden. */

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
-import { positionIn } from '../document-kinds';
+import { pictureOf, positionIn } from '../document-kinds';
 import { EMPTY, obstaclesOf, type Obstacle, type Plan } from '../document/document';
 import { PlanEditor } from './editor.svelte';
 import { fixOf, type Finding } from '../document/fixes';
@@ -81,6 +81,7 @@ describe('a plan with obstacles', () => {
     expect(lines.filter((line) => line.style === 'solid' && line.tone === 'danger')).toHaveLength(2);
     expect(areas.map((area) => area.ring)).toEqual([CORNERS, CORNERS]);
     expect(points.filter(({ id }) => id.startsWith('obstacle:1:'))).toHaveLength(4);
+    expect(picture(plan, NONE, null, HOME).solids).toEqual([488, 500].map((top_amsl_m) => ({ ring: CORNERS, top_amsl_m, tone: 'danger' })));
     expect(treeOf(plan).map((entry) => `${entry.title}|${entry.detail}`)).toEqual([
       'Home|480.0 m AMSL',
       'Waypoint|5.0 m above home',
@@ -116,6 +117,11 @@ describe('a plan with obstacles', () => {
 describe('a mission with obstacles', () => {
   const mission = { ...newMission(HOME), obstacles: [BARN] };
   const frame = frameOf(mission, HOME, HOME);
+
+  it('shows them in 3D from the ground to their tops', () => {
+    const shown = pictureOf(mission, NONE, null, frame, { flight: null, isCurrent: false });
+    expect(shown.solids).toEqual([{ ring: CORNERS, top_amsl_m: 488, tone: 'danger' }]);
+  });
 
   it('shows in the profile of its compiled path where it crosses them', () => {
     const points = [

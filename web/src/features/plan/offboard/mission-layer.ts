@@ -28,7 +28,7 @@ export function picture(
   flight: Flight | null,
   isCurrent: boolean,
 ): LayerPicture {
-  const { points, areas, lines } = fencePicture(mission, selected, sketch);
+  const { points, areas, lines, solids } = fencePicture(mission, selected, sketch, frame.start.alt_amsl_m);
   const add = adder(points, selected);
   const nodes = nodesOf(mission);
   const showsAllMidpoints = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
@@ -56,7 +56,7 @@ export function picture(
   }
   lines.push(...(flight === null ? straight(nodes, frame) : flightLines(flight, frame, isCurrent)), ...sketchLines(sketch));
   const { lat_deg, lon_deg, alt_amsl_m } = frame.start;
-  return { points, lines, areas, ground: { lat_deg, lon_deg, alt_amsl_m } };
+  return { points, lines, areas, solids, ground: { lat_deg, lon_deg, alt_amsl_m } };
 }
 
 /** A point with its altitude for the 3D view. */
