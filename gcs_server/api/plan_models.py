@@ -29,7 +29,7 @@ from missions.offboard.samples import Leg, StepTime
 from missions.offboard.tables import ImportedTable
 from missions.patterns import document as pattern_document
 from missions.plan import Plan
-from missions.values import Point
+from missions.values import Altitude, Point
 
 MAX_NAME_LENGTH = 100
 
@@ -313,6 +313,16 @@ class PatternFigures(AnswerBody):
     time_s: float = Field(description="Estimated flight time without wind, as for a waypoint plan [s].")
 
 
+class PatternPosition(AnswerBody):
+    """A position of a pattern's path."""
+
+    lat_deg: float = Field(description="Latitude [deg].")
+    lon_deg: float = Field(description="Longitude [deg].")
+    altitude: Altitude = Field(
+        description="Altitude; above the ground with `resolved_amsl_m`, if it is known."
+    )
+
+
 class PatternPlan(AnswerBody):
     """A document that contains only a pattern; nothing is saved."""
 
@@ -321,6 +331,6 @@ class PatternPlan(AnswerBody):
         "The steps begin in the air: insert them after a take-off."
     )
     lines: list[tuple[Point, Point]] = Field(description="The lines on which pictures are taken.")
-    path: list[Point] = Field(description="The positions that the vehicle flies to, in order.")
+    path: list[PatternPosition] = Field(description="The positions that the vehicle flies to, in order.")
     figures: PatternFigures = Field(description="Figures of the pattern.")
     notes: list[str] = Field(description="What could not be computed; sentences.")

@@ -51,10 +51,13 @@ def generate(arguments: Mapping[str, Any]) -> Values:
     }
 
 
-def _path(plan: Plan) -> list[dict[str, float]]:
+def _path(plan: Plan) -> list[Values]:
     """The positions that the vehicle flies to, in order."""
     items = [item for _, item in plan.simple_items() if isinstance(item, PlacedItem) and is_flown_to(item)]
-    return [{"lat_deg": item.lat_deg, "lon_deg": item.lon_deg} for item in items]
+    return [
+        {"lat_deg": item.lat_deg, "lon_deg": item.lon_deg, "altitude": item.altitude.model_dump()}
+        for item in items
+    ]
 
 
 def _on_ground(plan: Plan, arguments: Mapping[str, Any]) -> tuple[Plan, Sequence[str]]:

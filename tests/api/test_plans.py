@@ -221,9 +221,21 @@ def test_patterns_become_items(client):
     assert figures["photos"] > 10
     assert figures["lines_length_m"] >= figures["lower_bound_m"] > 0
     assert len(made.json()["lines"]) >= 2
+    assert {each["altitude"]["value_m"] for each in made.json()["path"]} == {40}
     orbit = {"kind": "orbit", "center": SQUARE[0], "radius_m": 20, "altitude": AT_20_M}
     around = client.post("plans/pattern", json=orbit).json()
     assert around["figures"]["lines_length_m"] == pytest.approx(2 * math.pi * 20, rel=0.02)
+    tower = {
+        "kind": "structure",
+        "outline": SQUARE,
+        "coverage": {"camera": camera, "distance_m": 8},
+        "base": {"value_m": 500, "reference": "amsl"},
+        "height_m": 20,
+    }
+    path = client.post("plans/pattern", json=tower).json()["path"]
+    assert {each["altitude"]["reference"] for each in path} == {"amsl"}
+    heights_m = [each["altitude"]["value_m"] for each in path]
+    assert (heights_m[0], heights_m == sorted(heights_m), len(set(heights_m)) > 1) == (503, True, True)
     refused = client.post("plans/pattern", json={**survey, "outer": SQUARE[:2]})
     assert refused.status_code == 422
     assert "fewer than 3 corners" in refused.json()["detail"]

@@ -9700,7 +9700,7 @@ export interface components {
              * Path
              * @description The positions that the vehicle flies to, in order.
              */
-            readonly path: readonly components["schemas"]["Point"][];
+            readonly path: readonly components["schemas"]["PatternPosition"][];
             /** @description Figures of the pattern. */
             readonly figures: components["schemas"]["PatternFigures"];
             /**
@@ -9708,6 +9708,24 @@ export interface components {
              * @description What could not be computed; sentences.
              */
             readonly notes: readonly string[];
+        };
+        /**
+         * PatternPosition
+         * @description A position of a pattern's path.
+         */
+        readonly PatternPosition: {
+            /**
+             * Lat Deg
+             * @description Latitude [deg].
+             */
+            readonly lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Longitude [deg].
+             */
+            readonly lon_deg: number;
+            /** @description Altitude; above the ground with `resolved_amsl_m`, if it is known. */
+            readonly altitude: components["schemas"]["Altitude"];
         };
         /**
          * PerimeterPattern

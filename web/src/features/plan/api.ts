@@ -41,7 +41,7 @@ export interface Imported {
 /** A pattern with its items or steps; the positions and lines are those of the map. */
 export interface MadePattern {
   readonly plan: Document;
-  readonly path: readonly GeoPosition[];
+  readonly path: readonly Readonly<Schemas['PatternPosition']>[];
   readonly lines: readonly (readonly [GeoPosition, GeoPosition])[];
   readonly figures: Readonly<Schemas['PatternFigures']>;
   readonly notes: readonly string[];

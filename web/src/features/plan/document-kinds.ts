@@ -113,10 +113,14 @@ export interface Compiled {
   readonly isCurrent: boolean;
 }
 
-/** Where the plan starts; for a plan without home its first point, at sea level. */
-function groundOf(document: Plan, frame: Frame): Required<LayerPosition> {
-  const { lat_deg, lon_deg, alt_amsl_m } = frame.known ? frame.start : { ...(allPositions(document)[0] ?? frame.start), alt_amsl_m: frame.start.alt_amsl_m };
-  return { lat_deg, lon_deg, alt_amsl_m };
+/**
+ * Where the plan starts; for a plan without home its first point, at sea level.
+ * @param drawn position of what is being drawn, for a plan without points.
+ */
+export function groundOf(document: Document, frame: Frame, drawn?: GeoPosition): Required<LayerPosition> {
+  const first = isMission(document) ? undefined : allPositions(document)[0];
+  const { lat_deg, lon_deg } = frame.known ? frame.start : (first ?? drawn ?? frame.start);
+  return { lat_deg, lon_deg, alt_amsl_m: frame.start.alt_amsl_m };
 }
 
 export function pictureOf(document: Document, selected: ReadonlySet<string>, sketch: Sketch | null, frame: Frame, compiled: Compiled): LayerPicture {

@@ -1,6 +1,8 @@
-/** The shape that is being drawn, and the lines of its pattern, as a map layer. Pure. */
+/** The shape that is being drawn, on the ground, and the lines of its pattern at their altitudes, as a map layer. Pure. */
 
-import type { LayerLine, LayerPicture, LayerPoint } from '../../../app/map-layers.svelte';
+import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
+import { groundDistance_m } from '../../../vehicle/geo';
+import { alt_amsl_m } from '../document/document';
 import { ringOf } from '../document/layer';
 import type { MadePattern } from '../api';
 import { midpoints, pointId, type Rings, type ShapeKind, type ShapePoint } from './shape';
@@ -8,7 +10,13 @@ import { midpoints, pointId, type Rings, type ShapeKind, type ShapePoint } from 
 /** Above this number of points, midpoints would cover the corners. */
 const MAX_MIDPOINTS = 60;
 
-/** @param radius_m of an orbit, whose circle is drawn until the server has generated it; null: of no orbit. */
+/** Larger than the error of positions in JSON, smaller than any line [m]. */
+const SAME_M = 0.01;
+
+/**
+ * @param radius_m of an orbit, whose circle is drawn until the server has generated it; null: of no orbit.
+ * @param ground position from which altitudes above home count.
+ */
 export function shapePicture(
   rings: Rings,
   kind: ShapeKind,
@@ -16,6 +24,7 @@ export function shapePicture(
   made: MadePattern | null,
   isCurrent: boolean,
   radius_m: number | null,
+  ground: Required<LayerPosition>,
 ): LayerPicture {
   const points: LayerPoint[] = [];
   if (rings.flat().length <= MAX_MIDPOINTS)
@@ -26,7 +35,7 @@ export function shapePicture(
       points.push({ id: pointId({ ring: i, index }), ...at, mark: kind === 'point' ? 'cross' : 'corner', tone: 'actual', text: '', selected: isSelected });
     }),
   );
-  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(made, isCurrent)], areas: areas(rings, kind) };
+  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(made, isCurrent, ground.alt_amsl_m)], areas: areas(rings, kind), ground };
 }
 
 function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): LayerLine[] {
@@ -41,11 +50,34 @@ function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): Layer
 }
 
 /** The path, with the lines on which pictures are taken; dotted while it belongs to an earlier shape or setting. */
-function patternLines(made: MadePattern | null, isCurrent: boolean): LayerLine[] {
+function patternLines(made: MadePattern | null, isCurrent: boolean, home_amsl_m: number): LayerLine[] {
   if (made === null) return [];
-  const pictured = made.lines.map((positions): LayerLine => ({ positions, tone: 'target', style: isCurrent ? 'solid' : 'dotted' }));
+  const path = made.path.map(({ lat_deg, lon_deg, altitude }) => ({ lat_deg, lon_deg, alt_amsl_m: alt_amsl_m(altitude, home_amsl_m) }));
+  const pictured = linesOnPath(path, made.lines).map((positions): LayerLine => ({ positions, tone: 'target', style: isCurrent ? 'solid' : 'dotted' }));
   const style = isCurrent && pictured.length === 0 ? 'solid' : 'dotted';
-  return [...(made.path.length > 1 ? [{ positions: made.path, tone: 'target', style } as const] : []), ...pictured];
+  return [...(path.length > 1 ? [{ positions: path, tone: 'target', style } as const] : []), ...pictured];
+}
+
+/**
+ * The lines with the altitudes of the path, on which they are in the same order. Each begins at a position of the path;
+ * the path may have more positions along it, where it follows the ground.
+ */
+export function linesOnPath(path: readonly Required<LayerPosition>[], lines: MadePattern['lines']): LayerPosition[][] {
+  let from = 0;
+  return lines.map(([start, end]) => {
+    const first = path.findIndex((at, i) => i >= from && groundDistance_m(at, start) < SAME_M);
+    if (first < 0) return [start, end];
+    const length_m = groundDistance_m(start, end);
+    const along_m = (i: number): number => groundDistance_m(start, path[i] ?? end);
+    let next = first + 1;
+    while (next < path.length && along_m(next) < length_m - SAME_M) next += 1;
+    from = next - 1;
+    const [before, after] = [path[next - 1], path[next] ?? path[next - 1]];
+    const span_m = along_m(next) - along_m(next - 1);
+    const share = span_m > SAME_M ? (length_m - along_m(next - 1)) / span_m : 0;
+    const [low_m, high_m] = [before?.alt_amsl_m ?? 0, after?.alt_amsl_m ?? 0];
+    return [...path.slice(first, next), { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: low_m + share * (high_m - low_m) }];
+  });
 }
 
 function areas(rings: Rings, kind: ShapeKind): LayerPicture['areas'] {

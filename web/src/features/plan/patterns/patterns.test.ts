@@ -2,12 +2,12 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
 import { PlanApi } from '../api';
-import { EMPTY } from '../document/document';
+import { EMPTY, type Altitude } from '../document/document';
 import { PlanEditor } from '../editor/editor.svelte';
 import { newItem } from '../document/items';
 import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
 import { areaText, figuresOf } from './figures';
-import { shapePicture } from './pattern-layer';
+import { linesOnPath, shapePicture } from './pattern-layer';
 import { fitting, KINDS, missingPoints, namedPoints, PATTERNS, rectangle, type PatternKind } from './shape';
 import { DEFAULT_VALUES, placeOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
 
@@ -27,8 +27,15 @@ const FIGURES = {
   length_m: 512.4,
   time_s: 125,
 };
-const WAYPOINTS = [at(0), at(0, 80)].map((place) => newItem('waypoint', place, { value_m: 40, reference: 'home' }));
-const MADE = { plan: { ...EMPTY, items: WAYPOINTS }, path: [at(0), at(0, 80)], lines: [[at(0), at(0, 80)]], figures: FIGURES, notes: [] };
+const AT_40_M: Altitude = { value_m: 40, reference: 'home' };
+const WAYPOINTS = [at(0), at(0, 80)].map((place) => newItem('waypoint', place, AT_40_M));
+const MADE = {
+  plan: { ...EMPTY, items: WAYPOINTS },
+  path: [at(0), at(0, 80)].map((place) => ({ ...place, altitude: AT_40_M })),
+  lines: [[at(0), at(0, 80)]],
+  figures: FIGURES,
+  notes: [],
+};
 const STEPS = ['To survey line 1', 'Survey line 1'].map((name) => ({ step: 'fly', name, points: [{ lat_deg: 47.4, lon_deg: 8.5, alt_home_m: 40 }] }));
 
 type Answer = readonly [number, unknown];
@@ -109,14 +116,55 @@ describe('the shape of a pattern', () => {
   });
 
   it('is drawn as a closed outline with its path, and with a circle for an orbit', () => {
-    const picture = shapePicture([AREA], 'area', { ring: 0, index: 1 }, MADE as never, true, null);
+    const picture = shapePicture([AREA], 'area', { ring: 0, index: 1 }, MADE as never, true, null, HOME);
     expect(picture.lines.map(({ style, positions }) => [style, positions.length])).toEqual([
       ['dashed', 5],
       ['dotted', 2],
       ['solid', 2],
     ]);
     expect(picture.points.filter((point) => point.selected).map(({ id }) => id)).toEqual(['shape:0:1']);
-    expect(shapePicture([[at(0)]], 'point', null, null, false, 30).lines).toMatchObject([{ style: 'dashed', positions: { length: 73 } }]);
+    expect(shapePicture([[at(0)]], 'point', null, null, false, 30, HOME).lines).toMatchObject([{ style: 'dashed', positions: { length: 73 } }]);
+  });
+});
+
+describe('a pattern in the 3D view', () => {
+  it('has its path and its lines at their altitudes, above the home of the plan', async () => {
+    const { drawing, editor } = drawn('survey', [200, MADE]);
+    editor.frame = { start: HOME, origin: HOME, known: true };
+    drawing.draw(AREA);
+    await drawing.refresh();
+    expect(drawing.picture?.ground).toEqual(HOME);
+    const altitudes = drawing.picture?.lines.map(({ positions }) => positions.map((position) => position.alt_amsl_m));
+    expect(altitudes).toEqual([Array(5).fill(undefined), [520, 520], [520, 520]]);
+  });
+
+  it('has rounds at several altitudes above sea level', () => {
+    const path = [20, 30].flatMap((value_m) => AREA.map((place) => ({ ...place, altitude: { value_m, reference: 'amsl' } })));
+    const picture = shapePicture([AREA], 'area', null, { ...MADE, path, lines: [] } as never, true, null, HOME);
+    expect(picture.lines.at(-1)?.positions.map(({ alt_amsl_m }) => alt_amsl_m)).toEqual([20, 20, 20, 20, 30, 30, 30, 30]);
+  });
+
+  it('is on the ground of its own position while the plan has none', () => {
+    const { drawing, editor } = drawn('survey');
+    editor.begin(null);
+    drawing.draw(AREA);
+    expect(drawing.picture?.ground).toEqual({ ...AREA[0], alt_amsl_m: 0 });
+  });
+
+  it('has lines that follow the ground like its path, up to where the pictures end', () => {
+    const path = [at(0, -10), at(0), at(0, 40), at(0, 90), at(20, 90), at(20, 0)].map((place, i) => ({ ...place, alt_amsl_m: 500 + 10 * i }));
+    const lines = linesOnPath(path, [
+      [at(0), at(0, 80)],
+      [at(20, 90), at(20, 45)],
+      [at(70), at(70, 9)],
+    ]);
+    const rounded = lines.map((line) => line.map(({ alt_amsl_m }) => (alt_amsl_m === undefined ? null : Math.round(alt_amsl_m))));
+    expect(rounded).toEqual([
+      [510, 520, 528],
+      [540, 545],
+      [null, null],
+    ]);
+    expect(lines[0]?.at(-1)).toMatchObject(at(0, 80));
   });
 });
 
