@@ -22,7 +22,7 @@ from gcs_server.api.bodies import Bodies
 from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
-from gcs_server.api.mission_mode_routes import start_in_mode
+from gcs_server.api.mission_mode_routes import conditions_of, prepare_mode
 from gcs_server.api.offboard_models import LimitsRequest
 from gcs_server.api.operation_routes import operation_view
 from gcs_server.api.permission import bind_commands, command_of
@@ -55,7 +55,9 @@ from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
 from gcs_server.streamer.groups.status import GroupStatus
 from gcs_server.streamer.missions.missions import OffboardMissions
-from gcs_server.streamer.missions.modes import MissionMode, MissionModes
+from gcs_server.streamer.missions.mode_status import MissionMode
+from gcs_server.streamer.missions.modes import MissionModes
+from gcs_server.streamer.missions.preparation import Conditions
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
@@ -114,7 +116,7 @@ class Server:
         self.streamer = Streamer(clock, streams, limits)
         missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
         mission_modes = MissionModes(
-            clock, self.streamer, streams, missions, self.supervisor, self._start_in_mode
+            clock, self.streamer, streams, missions, self.supervisor, self._prepare_mode, self._conditions
         )
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.fleet.on_vehicle_added(missions.attach)
@@ -249,8 +251,11 @@ class Server:
             else:
                 log.warning("vehicle %s: %s", stopped.vehicle, error)
 
-    async def _start_in_mode(self, vehicle_id: str, mode: MissionMode) -> Start:
-        return await start_in_mode(self.station, vehicle_id, mode)
+    async def _prepare_mode(self, vehicle_id: str, mode: MissionMode) -> Start:
+        return await prepare_mode(self.station, vehicle_id, mode)
+
+    def _conditions(self, vehicle_id: str) -> Conditions | None:
+        return conditions_of(self.station, vehicle_id)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gcs_server.api.offboard_mission_models import WhichMission
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.missions.modes import MissionModeStatus
+from gcs_server.streamer.missions.mode_status import MissionModeStatus
 
 MAX_DEFERRAL_S = 120
 PRINTABLE = r"^[!-~]([ -~]{0,22}[!-~])?$"

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 from fastapi import APIRouter, Response
 
 from gcs_server.api import mission_mode_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.offboard_mission_routes import chosen_mission, prepared_start
+from gcs_server.api.offboard_mission_routes import chosen_mission, prepared_start, start_of
+from gcs_server.api.plan_checks import plan_context_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.errors import Refused
-from gcs_server.streamer.missions.modes import MissionMode, dds_address
+from gcs_server.streamer.missions.mode_status import MissionMode
+from gcs_server.streamer.missions.modes import dds_address
+from gcs_server.streamer.missions.preparation import Conditions
 from gcs_server.streamer.missions.start import Start
+from gcs_server.vehicle.samples import GlobalPosition
+from gcs_server.vehicle.vehicle import Vehicle
 
 router = APIRouter(prefix="/vehicles/{v}/mission_modes", tags=["offboard mission"], responses=RESPONSES)
 
@@ -34,21 +38,17 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
     when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
     position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
-    from the position at which it begins.
+    from the position at which it begins: before arming if it begins with a take-off, and PX4 does not arm in
+    its mode until it is compiled (`ready`).
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "mission_modes/register", v, arguments):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         name, text = await chosen_mission(station, body)
-        takes_off = _begins_with_take_off(text)
-        start = await prepared_start(
-            station, v, name, text, body.despite, principal.name, begins_in_air=not takes_off
-        )
-        needs = start.timeline.needs
+        takes_off, despite = _begins_with_take_off(text), tuple(body.despite)
         deferral_s = body.defer_failsafes_s
-        despite = tuple(body.despite)
-        mode = MissionMode(body.name, name, text, despite, needs, principal.name, deferral_s, takes_off)
+        mode = MissionMode(body.name, name, text, despite, principal.name, deferral_s, takes_off)
         await station.mission_modes.register(v, mode)
         return _view(station, v)
 
@@ -63,26 +63,37 @@ async def unregister(
         return _view(station, v)
 
 
-async def start_in_mode(station: Station, vehicle_id: str, entry: MissionMode) -> Start:
-    """The mission of a mode that is to begin, from the vehicle's present position.
+async def prepare_mode(station: Station, vehicle_id: str, mode: MissionMode) -> Start:
+    """The mission of a mode, compiled for the vehicle's present position.
 
     Raises:
         GcsError: it cannot be flown from there.
     """
-    begins_in_air = not entry.takes_off
-    prepared = await prepared_start(
-        station,
-        vehicle_id,
-        entry.mission,
-        entry.text,
-        entry.despite,
-        entry.client,
-        begins_in_air=begins_in_air,
+    vehicle = station.fleet.get(vehicle_id)
+    overrides = _home_when_armed(vehicle) if mode.takes_off else {"in_air": True}
+    return await prepared_start(
+        station, vehicle_id, mode.mission, mode.text, mode.despite, mode.client, overrides
     )
-    mode = station.fleet.get(vehicle_id).status.mode
-    if not mode.startswith("external_"):
-        raise Refused("The vehicle has left the mode.")
-    return replace(prepared, mode=mode)
+
+
+def conditions_of(station: Station, vehicle_id: str) -> Conditions | None:
+    """What a mission of a vehicle is compiled for now; None: the vehicle has no valid position."""
+    vehicle = station.fleet.get(vehicle_id)
+    try:
+        start = start_of(vehicle)
+    except Refused:
+        return None
+    known = plan_context_of(station, vehicle)
+    settings = (start["origin"], known.parameters, known.reported, known.operator)
+    return Conditions(start["position_ned_m"], start["yaw_ned_rad"], settings)
+
+
+def _home_when_armed(vehicle: Vehicle) -> dict[str, float]:
+    """The altitude of home to which PX4 sets it when it arms: the vehicle's present one."""
+    position = vehicle.topic("global_position")
+    if vehicle.topic("home") is None or position is None or not isinstance(position.value, GlobalPosition):
+        return {}
+    return {"home_alt_amsl_m": position.value.alt_amsl_m}
 
 
 def _begins_with_take_off(text: str) -> bool:

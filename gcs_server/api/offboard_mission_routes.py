@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import base64
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Annotated, Any
 
@@ -151,8 +151,7 @@ async def prepared_start(
     text: str,
     despite: Sequence[str],
     client: str,
-    *,
-    begins_in_air: bool = False,
+    overrides: Mapping[str, Any] | None = None,
 ) -> Start:
     """Compiles a mission from the vehicle's present position, and checks it.
 
@@ -163,7 +162,7 @@ async def prepared_start(
         text: its JSON text.
         despite: codes of the error findings that the client accepts.
         client: who starts it.
-        begins_in_air: whether it will begin in the air, also if the vehicle is on the ground now.
+        overrides: values of `start_of` that will be different when the mission begins.
 
     Raises:
         PlanFindings: the mission has error findings whose codes are not in `despite`.
@@ -179,7 +178,7 @@ async def prepared_start(
             "parameters": known.parameters,
             "reported": known.reported,
             "operator": known.operator.to_json(),
-            "start": start_of(vehicle) | ({"in_air": True} if begins_in_air else {}),
+            "start": {**start_of(vehicle), **(overrides or {})},
         },
         small=False,
         field="mission",

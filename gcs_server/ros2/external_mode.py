@@ -13,7 +13,7 @@ from functools import cache
 from typing import Final, Literal
 
 from gcs_server.ros2.message_types import MESSAGES, Values
-from gcs_server.ros2.mode_executor import COMMAND, ExecutorState, Message, ModeExecutor
+from gcs_server.ros2.mode_executor import ARMED, COMMAND, ExecutorState, Message, ModeExecutor
 
 REGISTER: Final = "/fmu/in/register_ext_component_request"
 UNREGISTER: Final = "/fmu/in/unregister_ext_component"
@@ -116,8 +116,10 @@ class ExternalMode:
         self._attempts, self.due_s = 0, now_s
         self._checked_s, self._checks = now_s, 0
         """Time of PX4's last arming check request, and number of these requests."""
-        self._was_settable = False
+        self._was_settable = self._armed = False
         self._failsafe_deferred = False
+        self.ready = True
+        """Whether the vehicle may be armed in the mode; without effect once it is armed."""
 
     @property
     def registration(self) -> Registration:
@@ -184,7 +186,7 @@ class ExternalMode:
         Args:
             values: the request.
             now_s: monotonic.
-            can_run: whether the mode can be started, or may continue.
+            can_run: whether the mode can be started, or may continue, if it is `ready`.
         """
         if self._state != "registered":
             return []
@@ -192,7 +194,7 @@ class ExternalMode:
         fields = {
             "request_id": values["request_id"],
             "registration_id": self._check_id,
-            "can_arm_and_run": can_run,
+            "can_arm_and_run": can_run and (self.ready or self._armed),
             # without an executor the mission begins in the air: an armed vehicle would fly to the path
             "mode_req_prevent_arming": not self.declaration.executor,
             **{f"mode_req_{name}": True for name in self.declaration.requires},
@@ -202,6 +204,7 @@ class ExternalMode:
     def on_status(self, values: Values) -> list[Message]:
         """Handles a VehicleStatus, which shows whether PX4 has removed the mode; repeats the overrides if PX4
         does not have them."""
+        self._armed = values["arming_state"] == ARMED
         active = self._state == "registered" and values["nav_state"] == self._mode_id
         self._failsafe_deferred = active and values["failsafe_defer_state"] == WOULD_FAILSAFE
         if self._state != "registered":

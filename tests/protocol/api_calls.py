@@ -5,7 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from gcs_server.api import control_models
-from gcs_server.api.mission_mode_routes import start_in_mode
+from gcs_server.api.mission_mode_routes import conditions_of, prepare_mode
 from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
@@ -46,7 +46,10 @@ def station_of(world, progress=None):
     missions = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
 
     async def prepare(vehicle_id, mode):
-        return await start_in_mode(station, vehicle_id, mode)
+        return await prepare_mode(station, vehicle_id, mode)
+
+    def conditions(vehicle_id):
+        return conditions_of(station, vehicle_id)
 
     waypoint_flights = WaypointFlights(world.clock, world.supervisor, progress or ProgressStore())
     for vehicle in world.fleet.all():
@@ -63,7 +66,9 @@ def station_of(world, progress=None):
         streamer=world.streamer,
         missions=missions,
         waypoint_flights=waypoint_flights,
-        mission_modes=MissionModes(world.clock, world.streamer, streams, missions, world.supervisor, prepare),
+        mission_modes=MissionModes(
+            world.clock, world.streamer, streams, missions, world.supervisor, prepare, conditions
+        ),
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),
         plan_work=PlanWork(Path("no elevation")),

@@ -140,3 +140,18 @@ class NoWork:
 
     async def run(self, *_: Any, **__: Any) -> Any:
         raise Refused("No worker.", remedy="Try later.")
+
+
+class SlowWork(WorkHere):
+    """A slow machine.
+
+    Args:
+        takes_s: time that each task takes.
+    """
+
+    def __init__(self, takes_s: float) -> None:
+        self._takes_s = takes_s
+
+    async def run(self, task: Any, arguments: Any, **options: Any) -> Any:
+        await seconds(self._takes_s)
+        return await super().run(task, arguments, **options)

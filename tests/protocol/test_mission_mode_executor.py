@@ -12,8 +12,9 @@ from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.mode_executor import COMMAND as EXECUTOR_COMMAND
 from gcs_server.ros2.mode_executor import MODE_COMPLETED
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK
+from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import ANNA
-from tests.protocol.mission_modes_world import MISSION, Modes, NoWork, fly
+from tests.protocol.mission_modes_world import MISSION, Modes, NoWork, SlowWork, fly
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import until
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -222,15 +223,46 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_holds_and_states_
     fly(jump, story, in_air=False)
 
 
-def test_a_mission_with_a_take_off_that_cannot_start_holds_on_the_ground(jump: Any) -> None:
+async def change_settings(at: Modes) -> None:
+    """The operator sets a limit, so that the mission must be compiled again."""
+    await at.station.offboard("1").operator.set(OperatorLimits(height_max_m=50.0), by="anna")
+
+
+async def mode_is_ready(at: Modes, ready: bool) -> dict[str, Any]:
+    """Waits until the mode shows this, and PX4 has received an answer with it."""
+    for _ in range(60):
+        if (await at.shown())["modes"][0]["ready"] == ready:
+            await seconds(1)
+            return (await at.shown())["modes"][0]
+        await seconds(0.25)
+    raise AssertionError(f"ready did not become {ready}")
+
+
+def test_nothing_slow_stands_between_arming_and_take_off(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await selected(at)
-        at.station.plan_work = NoWork()
+        at.station.plan_work = SlowWork(12.0)
         await arm(at)
-        await until(lambda: any("No worker." in text for text in at.warnings()), 5)
-        await at.mode("hold")
-        assert at.vehicle.status.landed_state == "on_ground"
-        assert executor_commands(at) == []
+        await at.mode("takeoff", 1.5)
+        assert at.warnings() == []
+
+    fly(jump, story, in_air=False)
+
+
+def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(jump: Any) -> None:
+    async def story(at: Modes) -> None:
+        await selected(at)
+        at.station.plan_work, works = NoWork(), at.station.plan_work
+        await change_settings(at)
+        await mode_is_ready(at, False)
+        await until(lambda: any("PX4 does not arm in this mode" in text for text in at.warnings()), 10)
+        assert "No worker." in (await at.shown())["modes"][0]["reason"]
+        with pytest.raises(GcsError):
+            await at.vehicle.command.arm()
+        at.station.plan_work = works
+        assert (await mode_is_ready(at, True))["reason"] == ""
+        await arm(at)
+        await at.mode("takeoff", 1.5)
 
     fly(jump, story, in_air=False)
 

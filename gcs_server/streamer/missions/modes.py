@@ -5,15 +5,15 @@ is active; this module only reacts: it starts the mission when the vehicle is in
 the vehicle is in the mode again. It never requests the mode by itself.
 
 A mission that begins with a take-off has a mode with an executor: the vehicle is armed in the mode, and the
-mission then begins on the ground.
+mission then begins on the ground. It is compiled before arming (`preparation.py`).
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
@@ -25,8 +25,11 @@ from gcs_server.ros2.external_mode import (
     RegistrationState,
 )
 from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
+from gcs_server.streamer.missions.mode_status import MissionMode, MissionModeStatus
+from gcs_server.streamer.missions.preparation import Conditions, Preparation
+from gcs_server.streamer.missions.preparer import Preparer
 from gcs_server.streamer.missions.start import Start
-from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.supervise import Supervisor
@@ -48,55 +51,6 @@ IN_CHARGE_TIMEOUT_S: Final = 1.0
 """Time within which PX4 reports that the executor of the selected mode is in charge."""
 AFTER_DISARMING_S: Final = 3.0
 """Time after disarming within which PX4 selects the mode again, as it does after a landing."""
-WARNING, NOTICE = 4, 5
-
-
-@dataclass(frozen=True, slots=True)
-class MissionMode:
-    """A mission that is to be registered as a mode."""
-
-    name: str
-    """The mode's name: 1 to 24 printable ASCII characters."""
-    mission: MissionName
-    text: str
-    """The mission's document."""
-    despite: tuple[str, ...]
-    """Codes of the mission's error findings that the client accepts."""
-    needs: tuple[Estimate, ...]
-    client: str
-    defer_failsafes_s: int = 0
-    """See `ModeDeclaration`."""
-    takes_off: bool = False
-    """Whether the mission begins with a take-off; then the mode has an executor."""
-
-
-@dataclass(frozen=True, slots=True)
-class MissionModeStatus:
-    """A mission that is registered with PX4 as a flight mode."""
-
-    name: str
-    """The mode's name, as all ground stations show it."""
-    state: RegistrationState
-    """registering; registered: it can be selected, on the ground if the mission begins with a take-off, else
-    in the air; refused or lost: it cannot."""
-    mode: str | None
-    """The mode as in `status.mode`: external_1 to external_8; null while it is not registered."""
-    reason: str
-    """Why the registration was refused or lost; otherwise empty."""
-    mission: str
-    """Name of the mission."""
-    plan_id: str | None
-    version: int | None
-    """Version of the stored plan that is flown, also if newer versions were saved since."""
-    client: str
-    """Client that registered it."""
-    defer_failsafes_s: int
-    """How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never."""
-    failsafe_deferred: bool
-    """Whether PX4 defers a failsafe now, because the vehicle flies in the mode."""
-    takes_off: bool
-    """Whether the mission begins with a take-off: true: it starts on the ground, when the vehicle is armed in
-    the mode; false: in flight, when the mode is selected."""
 
 
 @dataclass(slots=True)
@@ -104,6 +58,8 @@ class _ModeEntry:
     mode: MissionMode
     state: RegistrationState = "registering"
     failsafe_deferred: bool = False
+    preparation: Preparation | None = None
+    """The mission, compiled before arming; None: it begins in the air, and is compiled when it begins."""
 
 
 @dataclass(slots=True)
@@ -126,6 +82,7 @@ class MissionModes:
         missions: flies the missions.
         supervisor: runs background tasks.
         prepare: compiles a mode's mission from the vehicle's current position, and checks it.
+        conditions: what a mission of a vehicle is compiled for now; None: no valid position.
     """
 
     def __init__(
@@ -136,9 +93,12 @@ class MissionModes:
         missions: OffboardMissions,
         supervisor: Supervisor,
         prepare: Callable[[str, MissionMode], Awaitable[Start]],
+        conditions: Callable[[str], Conditions | None],
     ) -> None:
         self._clock, self._streamer, self._streams = clock, streamer, streams
-        self._missions, self._supervisor, self._prepare = missions, supervisor, prepare
+        self._missions, self._supervisor = missions, supervisor
+        self._prepare = prepare
+        self._preparer = Preparer(clock, supervisor, streams, prepare, conditions)
         self._vehicles: dict[str, _Vehicle] = {}
 
     def start(self) -> None:
@@ -155,8 +115,9 @@ class MissionModes:
         """Registers a mission as a mode; returns when PX4 has accepted it.
 
         Raises:
-            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode or does not answer, or the
-                vehicle has a mode of this name.
+            PlanFindings: the mission has error findings that the client does not accept.
+            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode or does not answer, the
+                vehicle has a mode of this name, or the mission cannot be compiled.
         """
         vehicle = self._vehicle(vehicle_id)
         vehicle.require_commandable()
@@ -166,15 +127,20 @@ class MissionModes:
                 f"Vehicle {vehicle_id} is not reached over ROS 2, over which modes are registered.",
                 remedy="Add a ros2:// link to it (see Links).",
             )
-        requires = ALWAYS_REQUIRED | {REQUIREMENT_OF[need] for need in mode.needs if need in REQUIREMENT_OF}
+        conditions = self._preparer.conditions(vehicle_id)
+        start = await self._prepare(vehicle_id, mode)
+        needs = {REQUIREMENT_OF[need] for need in start.timeline.needs if need in REQUIREMENT_OF}
         try:
-            declaration = ModeDeclaration(mode.name, requires, mode.defer_failsafes_s, mode.takes_off)
+            declaration = ModeDeclaration(
+                mode.name, ALWAYS_REQUIRED | needs, mode.defer_failsafes_s, mode.takes_off
+            )
             await self._streams.register_mode(vehicle_id, address, declaration)
         except ValueError as error:
             raise Refused(
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
             ) from None
-        self._vehicles.setdefault(vehicle_id, _Vehicle()).modes[mode.name] = _ModeEntry(mode)
+        entry = _ModeEntry(mode, preparation=Preparation(start, conditions) if mode.takes_off else None)
+        self._vehicles.setdefault(vehicle_id, _Vehicle()).modes[mode.name] = entry
         until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
         while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
             if self._clock.monotonic_s() >= until_s:
@@ -187,7 +153,7 @@ class MissionModes:
                 remedy="Check the ros2:// link, and that the vehicle is disarmed; then try again.",
             )
         self.update()
-        return self._status(mode, registration)
+        return self._status(entry, registration)
 
     def unregister(self, vehicle_id: str, name: str) -> None:
         """Removes a mode from PX4.
@@ -216,7 +182,7 @@ class MissionModes:
         """The modes of a vehicle."""
         known = self._vehicles.get(vehicle_id)
         return [
-            self._status(each.mode, self._registration(vehicle_id, name))
+            self._status(each, self._registration(vehicle_id, name))
             for name, each in ({} if known is None else known.modes).items()
         ]
 
@@ -234,11 +200,11 @@ class MissionModes:
             await self._clock.sleep(CHECK_PERIOD_S)
 
     def _update_vehicle(self, vehicle: Vehicle, known: _Vehicle) -> None:
-        by_mode: dict[str, MissionMode] = {}
+        by_mode: dict[str, _ModeEntry] = {}
         for name, each in known.modes.items():
             registration = self._registration(vehicle.id, name)
             if registration.mode is not None:
-                by_mode[registration.mode] = each.mode
+                by_mode[registration.mode] = each
                 vehicle.mode_names.external[registration.mode] = name
             if registration.state != each.state:
                 each.state = registration.state
@@ -250,6 +216,9 @@ class MissionModes:
         status = vehicle.status
         if status.link_lost:
             return
+        if not status.armed:
+            prepared = [(each.mode, each.preparation) for each in by_mode.values()]
+            self._preparer.keep(vehicle, [(mode, kept) for mode, kept in prepared if kept is not None])
         since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
         before, known.last_mode = known.last_mode, (status.mode, since_s) if status.armed else None
         if before is not None and not status.armed:
@@ -261,16 +230,17 @@ class MissionModes:
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
 
     def _hold_after_disarming(
-        self, vehicle: Vehicle, known: _Vehicle, by_mode: Mapping[str, MissionMode]
+        self, vehicle: Vehicle, known: _Vehicle, by_mode: Mapping[str, _ModeEntry]
     ) -> None:
         """Selects Hold if PX4 has gone back to a mode with an executor, or to the take-off of its mission,
         after disarming. In these modes the next arming would start the mission, or a take-off."""
         mode = vehicle.status.mode
         if mode == "takeoff" and (flown := self._missions.status(vehicle.id)) is not None:
             mode = flown.mode
-        present = by_mode.get(mode)
-        if present is None or not present.takes_off or vehicle.status.armed:
+        entry = by_mode.get(mode)
+        if entry is None or not entry.mode.takes_off or vehicle.status.armed:
             return
+        present = entry.mode
         if self._clock.monotonic_s() - known.disarmed_s > AFTER_DISARMING_S:
             return
         known.disarmed_s = float("-inf")
@@ -283,12 +253,12 @@ class MissionModes:
                     f"After the mission of the mode {present.name!r} the vehicle did not switch to Hold: "
                     f"{error} Select another mode before you arm, or it takes off again."
                 )
-                self._add_event(vehicle, present.name, "still_selected", text, WARNING)
+                add_event(vehicle, self._clock, present.name, "still_selected", text, WARNING)
 
         self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", hold())
 
     @staticmethod
-    def _forget_names(vehicle: Vehicle, registered: Mapping[str, MissionMode]) -> None:
+    def _forget_names(vehicle: Vehicle, registered: Mapping[str, _ModeEntry]) -> None:
         """Drops the names of modes that PX4 no longer has, once the vehicle has left them."""
         names = vehicle.mode_names.external
         for mode in [mode for mode in names if mode not in registered and mode != vehicle.status.mode]:
@@ -299,12 +269,12 @@ class MissionModes:
             takes_off = self._vehicles[vehicle.id].modes[name].mode.takes_off
             where = "on the ground, and starts when the vehicle is armed" if takes_off else "in the air"
             text = f"PX4 shows the mission as the mode {name!r}; it can be selected {where}."
-            self._add_event(vehicle, name, "registered", text, NOTICE)
+            add_event(vehicle, self._clock, name, "registered", text, NOTICE)
         elif registration.state == "lost":
             text = f"The mode {name!r} is no longer registered: {registration.why}."
             if vehicle.status.armed and vehicle.mode_names.external.get(vehicle.status.mode) == name:
                 text = f"{text} PX4 returns (RTL) unless another mode is commanded within about 1 s."
-            self._add_event(vehicle, name, "lost", f"{text} Register it again to use it.", WARNING)
+            add_event(vehicle, self._clock, name, "lost", f"{text} Register it again to use it.", WARNING)
 
     def _report_deferral(self, vehicle: Vehicle, entry: _ModeEntry) -> None:
         """Reports that PX4 began or stopped to defer a failsafe."""
@@ -314,13 +284,14 @@ class MissionModes:
                 f"PX4 defers a failsafe for up to {entry.mode.defer_failsafes_s} s, because the vehicle "
                 f"flies in the mode {name!r}. It acts then, or when the vehicle leaves the mode."
             )
-            self._add_event(vehicle, name, "failsafe_deferred", text, WARNING)
+            add_event(vehicle, self._clock, name, "failsafe_deferred", text, WARNING)
         else:
             text = f"PX4 no longer defers a failsafe for the mode {name!r}."
-            self._add_event(vehicle, name, "failsafe_not_deferred", text, NOTICE)
+            add_event(vehicle, self._clock, name, "failsafe_not_deferred", text, NOTICE)
 
-    async def _begin(self, vehicle: Vehicle, mode: str, entry: MissionMode) -> None:
+    async def _begin(self, vehicle: Vehicle, mode: str, mode_entry: _ModeEntry) -> None:
         """Starts or resumes the mission; if that is not possible, the vehicle holds."""
+        entry = mode_entry.mode
         by = f"The mode {entry.name!r}"
         try:
             on_ground = vehicle.status.landed_state == "on_ground"
@@ -337,16 +308,24 @@ class MissionModes:
             if flight is not None:
                 flight.resume(by)
                 return
-            start = await self._prepare(vehicle.id, entry)
+            start = await self._start_of(vehicle, mode_entry)
             if vehicle.status.mode == mode and vehicle.status.armed:
-                self._missions.begin(vehicle.id, start)
+                self._missions.begin(vehicle.id, replace(start, mode=mode))
         except GcsError as error:
-            remedy = f" {error.remedy}" if error.remedy else ""
-            text = f"The mission of the mode {entry.name!r} cannot be flown: {error}{remedy}"
-            self._add_event(vehicle, entry.name, "not_started", f"{text} The vehicle holds.", WARNING)
+            text = f"The mission of the mode {entry.name!r} cannot be flown: {with_remedy(error)}"
+            add_event(vehicle, self._clock, entry.name, "not_started", f"{text} The vehicle holds.", WARNING)
             if vehicle.status.mode == mode:
                 self._streams.complete_mode(vehicle.id, mode, False)
                 await vehicle.command.hold(by=by)
+
+    async def _start_of(self, vehicle: Vehicle, entry: _ModeEntry) -> Start:
+        """The mission to begin now."""
+        if entry.preparation is None or vehicle.status.landed_state != "on_ground":
+            return await self._prepare(vehicle.id, entry.mode)
+        start = entry.preparation.start()
+        if start.timeline.avoidance:
+            await self._streamer.offboard(vehicle.id).avoidance.wait_for_sensor()
+        return start
 
     async def _wait_for_charge(self, vehicle_id: str, name: str) -> None:
         """Returns once PX4 reports that the mode's executor is in charge; raises Refused if it does not."""
@@ -370,12 +349,16 @@ class MissionModes:
         del self._vehicles[vehicle_id].modes[name]
 
     @staticmethod
-    def _status(mode: MissionMode, registration: Registration) -> MissionModeStatus:
+    def _status(entry: _ModeEntry, registration: Registration) -> MissionModeStatus:
+        mode, preparation = entry.mode, entry.preparation
+        registered = registration.state == "registered"
+        not_ready = "" if preparation is None or not registered else preparation.reason
         return MissionModeStatus(
             name=mode.name,
             state=registration.state,
             mode=registration.mode,
-            reason=registration.why,
+            ready=registered and not not_ready,
+            reason=registration.why or not_ready,
             mission=mode.mission.name,
             plan_id=mode.mission.plan_id,
             version=mode.mission.version,
@@ -384,11 +367,6 @@ class MissionModes:
             failsafe_deferred=registration.failsafe_deferred,
             takes_off=mode.takes_off,
         )
-
-    def _add_event(self, vehicle: Vehicle, name: str, code: str, text: str, severity: int) -> None:
-        data: dict[str, Any] = {"source": "mission_mode", "code": code, "name": name}
-        kind = "warning" if severity == WARNING else "command"
-        vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
 
 
 def dds_address(vehicle: Vehicle) -> DdsAddress | None:

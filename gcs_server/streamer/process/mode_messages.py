@@ -34,6 +34,18 @@ class UnregisterMode(Post):
 
 
 @dataclass(frozen=True, slots=True)
+class SetModeReady(Post):
+    """See `Streams.set_mode_ready`."""
+
+    vehicle_id: str
+    name: str
+    ready: bool
+
+    def apply(self, worker: WorkerInterface) -> None:
+        worker.scheduler.set_mode_ready(self.vehicle_id, self.name, self.ready)
+
+
+@dataclass(frozen=True, slots=True)
 class CompleteMode(Post):
     """See `Streams.complete_mode`."""
 

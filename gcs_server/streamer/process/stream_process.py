@@ -245,6 +245,9 @@ class StreamProcess(Streams):
     def unregister_mode(self, vehicle_id: str, name: str) -> None:
         self._post(mode_messages.UnregisterMode(vehicle_id, name))
 
+    def set_mode_ready(self, vehicle_id: str, name: str, ready: bool) -> None:
+        self._post(mode_messages.SetModeReady(vehicle_id, name, ready))
+
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
         self._post(mode_messages.CompleteMode(vehicle_id, mode, success))
 

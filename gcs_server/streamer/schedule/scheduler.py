@@ -256,6 +256,9 @@ class StreamScheduler:
     def unregister_mode(self, vehicle_id: str, name: str) -> None:
         self._modes.unregister(vehicle_id, name)
 
+    def set_mode_ready(self, vehicle_id: str, name: str, ready: bool) -> None:
+        self._modes.set_ready(vehicle_id, name, ready=ready)
+
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
         self._modes.complete(vehicle_id, mode, success=success)
 

@@ -161,6 +161,10 @@ class Streams(Protocol):
         """Removes a mode of this server from PX4."""
         ...
 
+    def set_mode_ready(self, vehicle_id: str, name: str, ready: bool) -> None:
+        """Sets whether PX4 may arm the vehicle in a mode of this server, given by its name."""
+        ...
+
     def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
         """Reports to PX4 that a mode (`external_1` …) is complete, or that it has failed."""
         ...

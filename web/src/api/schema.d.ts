@@ -1972,7 +1972,8 @@ export interface paths {
          *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
          *     when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
          *     position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
-         *     from the position at which it begins.
+         *     from the position at which it begins: before arming if it begins with a take-off, and PX4 does not arm in
+         *     its mode until it is compiled (`ready`).
          */
         readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
         readonly delete?: never;
@@ -7749,8 +7750,15 @@ export interface components {
              */
             readonly mode: string | null;
             /**
+             * Ready
+             * @description Whether the mission begins as soon as the mode is selected in the air, or the vehicle is armed in it.
+             *     While it is false, PX4 does not arm in the mode.
+             */
+            readonly ready: boolean;
+            /**
              * Reason
-             * @description Why the registration was refused or lost; otherwise empty.
+             * @description Why the registration was refused or lost, or why the mode is registered but not ready; otherwise
+             *     empty.
              */
             readonly reason: string;
             /**

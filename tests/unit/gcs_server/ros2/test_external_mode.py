@@ -88,6 +88,16 @@ def test_each_arming_check_is_answered_at_once_with_the_requirements() -> None:
     ]
 
 
+def test_a_mode_that_is_not_ready_prevents_arming_but_never_interrupts_a_flight() -> None:
+    made = registered()
+    made.ready = False
+    status = {"nav_state": 4, "arming_state": 1, "failsafe_defer_state": 0, "can_set_nav_states_mask": MASK}
+    for armed in (False, True):
+        made.on_status({**status, "arming_state": 2 if armed else 1})
+        reply = fields(made.on_check_request(ASKED, 0.9, can_run=True), CHECK_REPLY)
+        assert reply["can_arm_and_run"] == armed
+
+
 def test_the_reply_differs_from_the_recorded_one_only_in_what_it_states() -> None:
     theirs = MESSAGES["ArmingCheckReply"].decode(RECORDED[CHECK_REPLY])
     ours = fields(
@@ -156,12 +166,12 @@ def test_without_arming_check_requests_the_mode_is_lost() -> None:
 
 def test_a_mode_that_px4_has_removed_is_lost() -> None:
     made = registered()
-    made.on_status({"can_set_nav_states_mask": 0, "nav_state": 4})
+    made.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
     assert made.registration.state == "registered", "the status is older than the registration"
-    made.on_status({"can_set_nav_states_mask": MASK, "nav_state": 4})
-    made.on_status({"can_set_nav_states_mask": MASK, "nav_state": 4})
+    made.on_status({"arming_state": 1, "can_set_nav_states_mask": MASK, "nav_state": 4})
+    made.on_status({"arming_state": 1, "can_set_nav_states_mask": MASK, "nav_state": 4})
     assert made.registration.state == "registered"
-    made.on_status({"can_set_nav_states_mask": 0, "nav_state": 4})
+    made.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
     assert made.registration.state == "lost"
     assert "no answers in time" in made.registration.why
 
@@ -219,7 +229,13 @@ def test_a_registered_mode_sends_px4_the_time_for_deferred_failsafes() -> None:
 
 
 def status_of(nav_state: int, defer_state: int) -> dict[str, int]:
-    return {"can_set_nav_states_mask": 1 << 23, "nav_state": nav_state, "failsafe_defer_state": defer_state}
+    mask = 1 << 23
+    return {
+        "arming_state": 2,
+        "can_set_nav_states_mask": mask,
+        "nav_state": nav_state,
+        "failsafe_defer_state": defer_state,
+    }
 
 
 def test_the_overrides_are_repeated_if_px4_flies_the_mode_without_them() -> None:

@@ -7,6 +7,7 @@ const MODE: MissionMode = {
   name: 'Short line',
   state: 'registered',
   mode: 'external_1',
+  ready: true,
   reason: '',
   mission: 'Line',
   plan_id: 'p1',
@@ -84,6 +85,8 @@ describe('a mode', () => {
       tone: 'caution',
     });
     expect(modeText(as({ state: 'registering', mode: null }), null).tone).toBe('dim');
+    const compiling = as({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });
+    expect(modeText(compiling, 'external_1')).toEqual({ text: 'PX4 does not arm in it now: The mission is being compiled.', tone: 'caution' });
     expect(modeText(as({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({ text: 'not registered: PX4 restarted', tone: 'caution' });
   });
 

@@ -59,6 +59,7 @@ export function modeText(mode: MissionMode, present: string | null): { text: str
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
       if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
+      if (!mode.ready) return { text: `PX4 does not arm in it now: ${mode.reason}`, tone: 'caution' };
       return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };

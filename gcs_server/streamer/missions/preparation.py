@@ -1,0 +1,110 @@
+"""Missions that begin when the vehicle is armed in their mode are compiled before that.
+
+PX4 disarms a vehicle that has not taken off 10 s after arming (COM_DISARM_PRFLT), so nothing slow may stand
+between arming and take-off. While the vehicle is disarmed, its mission is compiled again when the vehicle was
+moved or a setting has changed. Until it is compiled, the answers to PX4's arming checks say that the mode
+cannot run, so that PX4 does not arm in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from gcs_server.errors import Refused
+from gcs_server.streamer.missions.start import Start
+from missions.frames import Vector3
+
+COMPILE_AFTER: Final = (0.3, math.radians(5))
+"""Change of position [m] and of yaw [rad] after which the mission is compiled again."""
+READY_WITHIN: Final = (1.0, math.radians(20))
+"""Change of position [m] and of yaw [rad] up to which the compiled mission can begin. It is larger, so that
+the drift of the estimate on the ground does not interrupt readiness."""
+EVERY_S: Final = 1.0
+"""Time between two compilations of a mission."""
+RETRY_S: Final = 5.0
+"""Time after which a failed compilation is repeated."""
+COMPILING: Final = "The mission is being compiled for the vehicle's present position and settings."
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What a mission is compiled for."""
+
+    position_ned_m: Vector3
+    yaw_ned_rad: float
+    settings: object
+    """The other data: origin, parameters, reported values and operator's limits."""
+
+    def within(self, other: Conditions, change: tuple[float, float]) -> bool:
+        """Whether the vehicle has moved and turned by at most this change, and the settings are the same."""
+        moved_m = math.dist(self.position_ned_m, other.position_ned_m)
+        turned_rad = abs(math.remainder(self.yaw_ned_rad - other.yaw_ned_rad, math.tau))
+        return moved_m <= change[0] and turned_rad <= change[1] and self.settings == other.settings
+
+
+class Preparation:
+    """The compiled mission of one mode, for a vehicle on the ground.
+
+    Args:
+        start: the mission, compiled at the registration.
+        conditions: what it was compiled for; None: unknown.
+    """
+
+    def __init__(self, start: Start, conditions: Conditions | None) -> None:
+        self._start: Start | None = start
+        self._conditions = conditions
+        self._compiling, self._next_s = False, 0.0
+        self.ready = self.reported = True
+        """Whether the mission can begin when the vehicle is armed, and what the stream process was told."""
+        self.problem = ""
+        """Why the last compilation failed; empty: it did not."""
+
+    @property
+    def reason(self) -> str:
+        """Why the mission is not ready; empty if it is."""
+        return "" if self.ready else self.problem or COMPILING
+
+    def update(self, now_s: float, conditions: Conditions | None) -> bool:
+        """Called while the vehicle is disarmed; returns True if the mission must be compiled now. The caller
+        then calls `succeeded` or `failed`.
+
+        Args:
+            now_s: monotonic.
+            conditions: the present ones; None: the vehicle has no valid position.
+        """
+        self.ready = self._is_compiled_for(conditions, READY_WITHIN)
+        current = self._is_compiled_for(conditions, COMPILE_AFTER)
+        if current or self._compiling or now_s < self._next_s:
+            return False
+        self._compiling = True
+        return True
+
+    def _is_compiled_for(self, conditions: Conditions | None, change: tuple[float, float]) -> bool:
+        if self._start is None or self._conditions is None or conditions is None:
+            return False
+        return conditions.within(self._conditions, change)
+
+    def succeeded(self, start: Start, conditions: Conditions | None, now_s: float) -> None:
+        """The mission was compiled for these conditions."""
+        self._start, self._conditions, self.problem = start, conditions, ""
+        self._compiling, self._next_s = False, now_s + EVERY_S
+
+    def failed(self, problem: str, now_s: float) -> None:
+        """The mission cannot be flown from the vehicle's present position, or was not compiled."""
+        self._start, self.problem, self.ready = None, problem, False
+        self._compiling, self._next_s = False, now_s + RETRY_S
+
+    def start(self) -> Start:
+        """The mission to begin now.
+
+        Raises:
+            Refused: it was not ready when the vehicle was armed.
+        """
+        if not self.ready or self._start is None:
+            raise Refused(
+                f"The vehicle was armed before the mission was ready. {self.reason}",
+                remedy="Disarm, select the mode and arm when it is ready.",
+            )
+        return self._start

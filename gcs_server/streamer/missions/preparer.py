@@ -1,0 +1,71 @@
+"""Keeps the missions that begin when the vehicle is armed compiled while it is disarmed."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError
+from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
+from gcs_server.streamer.missions.mode_status import MissionMode
+from gcs_server.streamer.missions.preparation import Conditions, Preparation
+from gcs_server.streamer.missions.start import Start
+from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.vehicle import Vehicle
+
+
+class Preparer:
+    """Compiles missions before arming, and tells the stream process whether PX4 may arm.
+
+    Args:
+        clock: the server's clock.
+        supervisor: runs the compilations.
+        streams: answers PX4's arming checks.
+        prepare: compiles a mode's mission from the vehicle's current position, and checks it.
+        conditions: what a mission of a vehicle is compiled for now; None: no valid position.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        supervisor: Supervisor,
+        streams: Streams,
+        prepare: Callable[[str, MissionMode], Awaitable[Start]],
+        conditions: Callable[[str], Conditions | None],
+    ) -> None:
+        self._clock, self._supervisor, self._streams = clock, supervisor, streams
+        self._prepare, self.conditions = prepare, conditions
+
+    def keep(self, vehicle: Vehicle, missions: Iterable[tuple[MissionMode, Preparation]]) -> None:
+        """Called periodically while the vehicle is disarmed: compiles the missions that are not compiled for
+        its present position and settings."""
+        missions = list(missions)
+        conditions = self.conditions(vehicle.id) if missions else None
+        for mode, preparation in missions:
+            if preparation.update(self._clock.monotonic_s(), conditions):
+                work = self._compile(vehicle, mode, preparation, conditions)
+                self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
+            if preparation.ready != preparation.reported:
+                preparation.reported = preparation.ready
+                self._streams.set_mode_ready(vehicle.id, mode.name, preparation.ready)
+
+    async def _compile(
+        self, vehicle: Vehicle, mode: MissionMode, preparation: Preparation, conditions: Conditions | None
+    ) -> None:
+        problem = preparation.problem
+        try:
+            start = await self._prepare(vehicle.id, mode)
+        except GcsError as error:
+            preparation.failed(with_remedy(error), self._clock.monotonic_s())
+            if preparation.problem != problem:
+                text = (
+                    f"The mission of the mode {mode.name!r} cannot begin here: {preparation.problem} "
+                    "PX4 does not arm in this mode until it can."
+                )
+                add_event(vehicle, self._clock, mode.name, "not_ready", text, WARNING)
+        else:
+            preparation.succeeded(start, conditions, self._clock.monotonic_s())
+            if problem:
+                text = f"The mission of the mode {mode.name!r} can begin here now."
+                add_event(vehicle, self._clock, mode.name, "ready", text, NOTICE)
