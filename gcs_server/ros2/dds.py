@@ -13,7 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
 from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
@@ -29,8 +33,8 @@ from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_nam
 LOOPBACK: Final = "lo"
 MAX_PARTICIPANTS: Final = 99
 """On loopback: without multicast, discovery uses one port for each participant."""
-MAX_PUBLICATIONS: Final = 200
-"""Maximum number of announcements of writers in one reading."""
+MAX_ANNOUNCEMENTS: Final = 200
+"""Maximum number of announcements of writers, and of readers, in one reading."""
 MAX_WRITERS: Final = 64
 """Maximum number of writers of one topic whose participant is stored."""
 SILENT_S: Final = 3.5
@@ -113,12 +117,18 @@ def _has_names(found: object) -> bool:
     return bool(getattr(found, "topic_name", None) and getattr(found, "type_name", None))
 
 
+inspectors: Final[set[str]] = set()
+"""Participants of this process that read topics only to show them."""
+
+
 @dataclass(frozen=True, slots=True)
-class Publication:
-    """A writer that DDS discovered."""
+class Discovered:
+    """A writer or a reader that DDS discovered."""
 
     topic: str
     type: str
+    publishes: bool
+    """Whether it is a writer."""
 
 
 class DdsPort:
@@ -132,18 +142,28 @@ class DdsPort:
         self._domain = open_domain(domain_id, interface)
         try:
             self.participant = DomainParticipant(domain_id)
-            self._publications = BuiltinDataReader(self.participant, BuiltinTopicDcpsPublication)
+            self._builtin = (
+                (True, BuiltinDataReader(self.participant, BuiltinTopicDcpsPublication)),
+                (False, BuiltinDataReader(self.participant, BuiltinTopicDcpsSubscription)),
+            )
         except DDSException as problem:
             raise DdsUnavailable(_not_opened(domain_id, interface, problem)) from None
 
-    def discovered(self) -> list[Publication]:
-        """Writers that appeared or changed since the last call, a limited number."""
-        try:
-            found = self._publications.take(MAX_PUBLICATIONS)
-        except DDSException:
-            return []
-        # a writer that has ended is announced without its names
-        return [Publication(each.topic_name, each.type_name) for each in found if _has_names(each)]
+    def discovered(self) -> list[Discovered]:
+        """Writers and readers that appeared or changed since the last call, a limited number."""
+        found: list[Discovered] = []
+        for publishes, reader in self._builtin:
+            try:
+                announced = reader.take(MAX_ANNOUNCEMENTS)
+            except DDSException:
+                continue
+            found += [
+                Discovered(each.topic_name, each.type_name, publishes)
+                for each in announced
+                # one that has ended is announced without its names
+                if _has_names(each) and str(each.participant_key) not in inspectors
+            ]
+        return found
 
     def vehicle(self, namespace: str) -> VehiclePort:
         """Subscribes to the topics of a vehicle.

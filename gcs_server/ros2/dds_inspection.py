@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any, Final
 
 from cyclonedds.builtin import (
@@ -15,7 +16,7 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from gcs_server.ros2.dds import DdsUnavailable, open_domain
+from gcs_server.ros2.dds import DdsUnavailable, inspectors, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MessageType
@@ -40,6 +41,8 @@ class InspectionPort:
         try:
             self._participant = DomainParticipant(domain_id)
             self._own = str(self._participant.get_guid())
+            inspectors.add(self._own)
+            weakref.finalize(self, inspectors.discard, self._own)
             self._builtin = (
                 (True, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
                 (False, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),

@@ -174,6 +174,13 @@ class ExternalMode:
                 "are used, or it is armed and COM_MODE_ARM_CHK is 0"
             )
             return []
+        if values["px4_ros2_api_version"] != API_VERSION:
+            self._state, self.due_s = "refused", float("inf")
+            self._why = (
+                f"PX4's interface for flight modes has version {values['px4_ros2_api_version']}, but this "
+                f"server knows version {API_VERSION}; use PX4 v1.16"
+            )
+            return [self._removal(values["arming_check_id"], values["mode_id"], executor_id)]
         self._state, self._checked_s, self.due_s = "registered", now_s, now_s + LOST_S
         self._check_id, self._mode_id = values["arming_check_id"], values["mode_id"]
         if self.declaration.executor:

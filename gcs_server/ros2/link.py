@@ -17,9 +17,10 @@ from gcs_server.links.base import DdsAddress, Link, Peer
 from gcs_server.links.writer import LinkWriter
 from gcs_server.ros2.topics import STATUS, STATUS_VERSION, read_topic, vehicle_of, wire_type
 from gcs_server.ros2.vehicle_link import VehicleLink
+from gcs_server.ros2.versions import TopicVersions
 
 if TYPE_CHECKING:
-    from gcs_server.ros2.dds import DdsPort, Publication, VehiclePort
+    from gcs_server.ros2.dds import DdsPort, Discovered, VehiclePort
 
 READ_EVERY_S: Final = 0.02
 DISCOVER_EVERY_S: Final = 0.25
@@ -148,6 +149,7 @@ class _Run:
         self._found_s: dict[str, float] = {}
         self._unreadable: dict[str, str] = {}
         """Reason by topic why a vehicle cannot be read."""
+        self._versions = TopicVersions()
         self._began_s = loop.time()
         self._discover_s = self._report_s = 0.0
         self.thread = threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)
@@ -168,8 +170,10 @@ class _Run:
     def _step(self, port: DdsPort, now_s: float) -> None:
         if now_s >= self._discover_s:
             self._discover_s = now_s + DISCOVER_EVERY_S
-            for publication in port.discovered():
-                self._found(port, publication, now_s)
+            for each in port.discovered():
+                self._versions.announced(each.topic, publishes=each.publishes)
+                if each.publishes:
+                    self._found(port, each, now_s)
         batch: list[tuple[str, bytes]] = []
         for name, vehicle_port in self._ports.items():
             try:  # a fault affects this vehicle only
@@ -186,7 +190,7 @@ class _Run:
             self._report_s = now_s + REPORT_EVERY_S
             self._post(self._link.report, self._detail(now_s))
 
-    def _found(self, port: DdsPort, publication: Publication, now_s: float) -> None:
+    def _found(self, port: DdsPort, publication: Discovered, now_s: float) -> None:
         topic = publication.topic.removeprefix("rt")
         read = read_topic(publication.topic)
         if read is not None and self._link.namespace in (None, read[0]):
@@ -198,11 +202,7 @@ class _Run:
         if found is None or self._link.namespace not in (None, found[0]):
             return
         namespace, version = found
-        if version != STATUS_VERSION:
-            self._cannot_read(
-                topic, f"{topic} is of another version of PX4; only vehicle_status_v1 (v1.16) is read"
-            )
-        elif peer_name(namespace) not in self._ports:
+        if version == STATUS_VERSION and peer_name(namespace) not in self._ports:
             if len(self._ports) >= MAX_VEHICLES:
                 self._cannot_read(topic, f"{topic} is not read: the link has {MAX_VEHICLES} vehicles already")
                 return
@@ -217,6 +217,7 @@ class _Run:
 
     def _detail(self, now_s: float) -> str:
         texts = [f"{why}." for why in self._unreadable.values()]
+        texts += self._versions.problems(self._link.namespace)
         for name, port in self._ports.items():
             texts += self.vehicles[name].problems(now_s)
             if not port.has_status and now_s - self._found_s[name] > FIRST_REPORT_S:

@@ -33,7 +33,8 @@ class Ros2Sender:
     def __init__(self, address: DdsAddress) -> None:
         self._address = address
         self._writers: Writers | None = None
-        self._connected = False
+        self._connected: set[str] = set()
+        """Topics to which the vehicle subscribes."""
         threading.Thread(target=self._open, name=f"dds {address.namespace}", daemon=True).start()
 
     def send(self, topic: str, data: bytes) -> None:
@@ -41,10 +42,10 @@ class Ros2Sender:
         writers = self._writers
         if writers is None:
             raise OSError("DDS is not open yet")
-        if not self._connected:
-            self._connected = writers.connected(topic)
-            if not self._connected:
+        if topic not in self._connected:
+            if not writers.connected(topic):
                 raise OSError(f"no vehicle subscribes to {topic} yet")
+            self._connected.add(topic)
         writers.send(topic, data)
 
     def _open(self) -> None:

@@ -14,12 +14,17 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
 from gcs_server.links.base import Peer
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.tables import NAMES
 from gcs_server.ros2.dds import DdsPort, DdsUnavailable, configuration, open_domain
+from gcs_server.ros2.dds_types import idl_type
 from gcs_server.ros2.link import Ros2Link
 from gcs_server.ros2.message_types import HEADER, MESSAGES, SHOWN
+from gcs_server.ros2.topics import wire_name
 from tests.support.dds_publisher import STATUS, Publisher, status
 from tests.support.dds_samples import recorded
 
@@ -161,6 +166,7 @@ async def test_of_two_vehicles_in_one_namespace_only_the_first_is_read() -> None
     [
         ("/fmu/out/vehicle_status_v2", "VehicleStatus", "of another version of PX4"),
         ("/fmu/out/vehicle_status", "VehicleStatus", "of another version of PX4"),
+        ("/fmu/out/vehicle_attitude_v1", "VehicleAttitude", "so that attitude cannot be used"),
         (STATUS, "HomePosition", "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
         (
             "/fmu/out/vehicle_attitude",
@@ -178,6 +184,23 @@ async def test_an_unknown_version_or_type_is_reported_and_not_read(
         lambda: text in received.link.info().detail, lambda: vehicle.send(topic, bytes(100), message)
     )
     assert not received.frames
+    await received.link.close()
+
+
+@in_event_loop
+async def test_a_command_topic_of_another_version_is_reported_and_the_vehicle_is_still_read() -> None:
+    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
+    topic = wire_name("/fmu/in/vehicle_command_v1", NAMESPACE)
+    where = Topic(vehicle.participant, topic, idl_type(SHOWN["VehicleCommand"]))
+    reader = DataReader(vehicle.participant, where)
+
+    def reported() -> bool:
+        return "version 1 instead of 0, so that commands cannot be used" in received.link.info().detail
+
+    await received.until(
+        lambda: reported() and "HEARTBEAT" in received.names(), lambda: vehicle.send(STATUS, status())
+    )
+    assert reader
     await received.link.close()
 
 

@@ -106,6 +106,15 @@ def test_the_reply_differs_from_the_recorded_one_only_in_what_it_states() -> Non
     assert {name for name in ours if ours[name] != theirs[name]} == {"mode_req_prevent_arming"}
 
 
+def test_another_version_of_px4s_interface_is_refused_and_named() -> None:
+    made = mode()
+    made.step(0.0)
+    removal = fields(made.on_reply({**REGISTERED, "px4_ros2_api_version": 2}, 0.02), UNREGISTER)
+    assert removal["mode_id"] == 23
+    assert made.registration.state == "refused"
+    assert "has version 2, but this server knows version 1; use PX4 v1.16" in made.registration.why
+
+
 def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
     made, sent, now_s = mode(), 0, 0.0
     while made.registration.state == "registering" and now_s < 20.0:

@@ -1,0 +1,134 @@
+"""Versions of a vehicle's topics: which topics the server uses, and which of them a vehicle has in a version
+that the server does not know.
+
+PX4 appends the version of a message to the topic's name (`vehicle_status_v1`; version 0 has no suffix). A
+topic of another version never connects in DDS, so its messages would be missing without a word. No I/O.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from gcs_server.ros2.external_mode import (
+    CHECK_REPLY,
+    CHECK_REQUEST,
+    COMPLETED,
+    CONTROLLERS,
+    OVERRIDES,
+    REGISTER,
+    REPLY,
+    UNREGISTER,
+)
+from gcs_server.ros2.mode_executor import COMMAND as EXECUTOR_COMMAND
+from gcs_server.ros2.mode_executor import MODE_COMPLETED
+from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, STATUS, TIMESYNC, is_namespace
+
+_MODES: Final = "flight modes of missions"
+_SETPOINTS: Final = "setpoints"
+MISSING: Final = {
+    STATUS: "the whole vehicle",
+    TIMESYNC: "the time since boot",
+    COMMAND_ACK: "answers to commands",
+    COMMAND: "commands",
+    "/fmu/out/vehicle_land_detected": "whether the vehicle is on the ground",
+    "/fmu/out/failsafe_flags": "reasons for refusals",
+    "/fmu/out/home_position": "home",
+    "/fmu/out/position_setpoint_triplet": "the vehicle's target",
+    "/fmu/out/vehicle_odometry": "angular velocity",
+    "/fmu/out/vehicle_attitude": "attitude",
+    "/fmu/out/vehicle_local_position": "local position",
+    "/fmu/out/vehicle_global_position": "global position",
+    "/fmu/out/vehicle_gps_position": "GPS",
+    "/fmu/out/battery_status": "battery",
+    REGISTER: _MODES,
+    UNREGISTER: _MODES,
+    REPLY: _MODES,
+    CHECK_REQUEST: _MODES,
+    CHECK_REPLY: _MODES,
+    COMPLETED: "the end of a flight mode of a mission",
+    CONTROLLERS: _MODES,
+    OVERRIDES: "deferred failsafes",
+    EXECUTOR_COMMAND: "take-off and landing in a flight mode of a mission",
+    MODE_COMPLETED: "take-off in a flight mode of a mission",
+    "/fmu/in/offboard_control_mode": "Offboard",
+    "/fmu/in/trajectory_setpoint": f"{_SETPOINTS} of position, velocity and acceleration",
+    "/fmu/in/vehicle_attitude_setpoint": f"{_SETPOINTS} of attitude",
+    "/fmu/in/vehicle_rates_setpoint": f"{_SETPOINTS} of angular velocity",
+    "/fmu/in/vehicle_thrust_setpoint": f"{_SETPOINTS} of thrust and torque",
+    "/fmu/in/vehicle_torque_setpoint": f"{_SETPOINTS} of thrust and torque",
+    "/fmu/in/actuator_motors": f"{_SETPOINTS} of motors",
+    "/fmu/in/actuator_servos": f"{_SETPOINTS} of servos",
+}
+"""What is missing without a topic, for every topic that the server uses."""
+MAX_TOPICS: Final = 512
+"""Maximum number of topics whose versions are stored."""
+MAX_NAMED: Final = 3
+"""Maximum number of topics of a vehicle that are named."""
+REMEDY: Final = (
+    "Use PX4 v1.16, whose message versions this server knows, or connect the vehicle over MAVLink as well."
+)
+_TOPIC: Final = re.compile(r"rt(?:/(?P<namespace>.+?))?(?P<name>/fmu/(?P<way>in|out)/[a-z0-9_]+)")
+
+
+def _split(name: str) -> tuple[str, int]:
+    """A topic's name without its version, and the version."""
+    base, separator, version = name.rpartition("_v")
+    return (base, int(version)) if separator and re.fullmatch(r"\d{1,4}", version) else (name, 0)
+
+
+_KNOWN: Final = {_split(name)[0]: name for name in MISSING}
+
+
+class TopicVersions:
+    """The versions of the topics that the vehicles of a domain have."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, dict[str, set[int]]] = {}
+        """Versions by namespace and by name without version."""
+        self._topics = 0
+
+    def announced(self, topic: str, *, publishes: bool) -> None:
+        """A program of another participant writes or reads this topic, given its name in DDS. Topics that
+        the server does not use are ignored."""
+        found = _TOPIC.fullmatch(topic)
+        if found is None or publishes != (found["way"] == "out"):
+            return
+        namespace, (base, version) = found["namespace"] or "", _split(found["name"])
+        if base not in _KNOWN or (namespace and not is_namespace(namespace)):
+            return
+        seen = self._seen.get(namespace, {}).get(base, set[int]())
+        if version not in seen and self._topics < MAX_TOPICS:
+            self._topics += 1
+            self._seen.setdefault(namespace, {})[base] = seen | {version}
+
+    def problems(self, only: str | None = None) -> list[str]:
+        """For each vehicle a text about the topics that it has only in unknown versions.
+
+        Args:
+            only: the only namespace; None: all.
+        """
+        problems: list[str] = []
+        for namespace, topics in self._seen.items():
+            texts = [
+                _text(namespace, base, max(versions), known)
+                for base, versions in topics.items()
+                if (known := _split(_KNOWN[base])[1]) not in versions
+            ]
+            if texts and only in (None, namespace):
+                problems.append(_problem(texts))
+        return problems
+
+
+def _text(namespace: str, base: str, version: int, known: int) -> str:
+    prefix = f"/{namespace}" if namespace else ""
+    seen = f"{base}_v{version}" if version else base
+    return (
+        f"{prefix}{seen} is of another version of PX4: version {version} instead of {known}, so that "
+        f"{MISSING[_KNOWN[base]]} cannot be used"
+    )
+
+
+def _problem(texts: list[str]) -> str:
+    more = len(texts) - MAX_NAMED
+    return f"{'; '.join(texts[:MAX_NAMED])}{f'; and {more} more topics' if more > 0 else ''}. {REMEDY}"

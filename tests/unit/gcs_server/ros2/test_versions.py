@@ -1,0 +1,75 @@
+"""Versions of a vehicle's topics that the server does not know."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_server.ros2.external_mode import SENT_TYPES
+from gcs_server.ros2.topics import COMMAND, SUBSCRIPTIONS, wire_name
+from gcs_server.ros2.versions import MAX_TOPICS, MISSING, REMEDY, TopicVersions
+from gcs_server.streamer.schedule.external_modes import READ_TYPES
+from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
+
+READ = {each.name for each in SUBSCRIPTIONS} | set(READ_TYPES)
+SENT = {COMMAND} | set(SENT_TYPES) | set(TOPIC_TYPES)
+
+
+def announce(versions: TopicVersions, *names: str, namespace: str = "px4_1") -> None:
+    for name in names:
+        versions.announced(wire_name(name, namespace), publishes="/out/" in name)
+
+
+def test_every_topic_that_the_server_uses_has_its_known_version() -> None:
+    assert set(MISSING) == READ | SENT
+
+
+def test_topics_of_the_known_versions_are_no_problem() -> None:
+    versions = TopicVersions()
+    announce(versions, *MISSING)
+    assert versions.problems() == []
+
+
+@pytest.mark.parametrize("topic", sorted(MISSING))
+def test_an_unknown_version_of_any_topic_is_named_with_what_is_missing(topic: str) -> None:
+    versions = TopicVersions()
+    known = 1 if topic.endswith("_v1") else 0
+    other = f"{topic.removesuffix('_v1')}_v7"
+    announce(versions, *(each for each in MISSING if each != topic), other)
+    (text,) = versions.problems()
+    assert text == (
+        f"/px4_1{other} is of another version of PX4: version 7 instead of {known}, so that "
+        f"{MISSING[topic]} cannot be used. {REMEDY}"
+    )
+
+
+def test_a_known_version_beside_another_one_is_no_problem() -> None:
+    versions = TopicVersions()
+    announce(versions, "/fmu/out/vehicle_status", "/fmu/out/vehicle_status_v1", "/fmu/in/vehicle_command_v1")
+    announce(versions, COMMAND)
+    assert versions.problems() == []
+
+
+def test_programs_at_the_other_end_of_a_topic_are_ignored() -> None:
+    versions = TopicVersions()
+    versions.announced("rt/fmu/out/vehicle_attitude_v9", publishes=False)
+    versions.announced("rt/fmu/in/vehicle_command_v9", publishes=True)
+    versions.announced("rt/fmu/out/battery_voltage_v9", publishes=True)
+    assert versions.problems() == []
+
+
+def test_each_vehicle_has_one_text_and_many_topics_are_counted() -> None:
+    versions = TopicVersions()
+    announce(versions, "/fmu/out/vehicle_attitude_v1", namespace="")
+    announce(versions, *(f"{topic}_v9" for topic in sorted(SENT)[:5]))
+    first, second = versions.problems()
+    assert first.startswith("/fmu/out/vehicle_attitude_v1 is of another version")
+    assert "and 2 more topics. " in second
+    assert versions.problems("px4_1") == [second]
+    assert versions.problems("px4_2") == []
+
+
+def test_a_flood_of_names_is_bounded() -> None:
+    versions = TopicVersions()
+    for number in range(MAX_TOPICS + 100):
+        announce(versions, "/fmu/out/vehicle_attitude_v1", namespace=f"v{number}")
+    assert len(versions.problems()) == MAX_TOPICS
