@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from missions.offboard.segments import Decision, Segment, WaitSegment
 from missions.offboard.timeline import Timeline
 from missions.runner.reading import Reading
@@ -20,6 +22,14 @@ class Course:
     def decision(self) -> Decision | None:
         """The decision after the last segment; None: there is none."""
         return self._node.decision
+
+    def rest(self, index: int) -> Timeline:
+        """The segments from `index` on, with both continuations of the next decision."""
+        starts_s, now_s = list[float](), 0.0
+        for segment in self.segments[index:]:
+            starts_s.append(now_s)
+            now_s += segment.duration_s
+        return replace(self._node, segments=tuple(self.segments[index:]), starts_s=tuple(starts_s))
 
     def choose(self, fulfilled: bool) -> None:
         """Continues in one of the two timelines."""

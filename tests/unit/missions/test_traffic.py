@@ -1,0 +1,166 @@
+"""The predicted paths of two vehicles: where they come too near, and within which times."""
+
+import json
+import math
+
+import pytest
+
+from missions import plan as plan_document
+from missions.geodesy import LocalOrigin
+from missions.offboard.compiler import compile_mission
+from missions.offboard.positions import Start
+from missions.offboard.reader import read
+from missions.runner.flight import Flight
+from missions.separation import planned_margin_m
+from missions.traffic.conflict import conflicts, first_conflict
+from missions.traffic.offboard import predict_mission
+from missions.traffic.path import standing
+from missions.traffic.waypoints import lands, predict_plan
+from missions.trajectory.limits import MotionLimits
+from missions.values import HomePosition
+from missions.vehicle import VehicleModel
+from missions.waypoints.planned import planned_by_plan
+
+ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
+LEAST_M = 5.0 + planned_margin_m()
+
+
+def at(kind, north_m, east_m, alt_m, **more):
+    lat, lon, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
+    return {
+        "kind": kind,
+        "lat_deg": lat,
+        "lon_deg": lon,
+        "altitude": {"value_m": alt_m, "reference": "home"},
+        **more,
+    }
+
+
+def line(*, east_m=0.0, alt_m=20.0, hold_s=0.0, north=False, land=True):
+    """200 m to the east, or to the north at `east_m`; crosses at 100 m, after `hold_s` above the take-off."""
+    begin, end = ((-100.0, east_m), (100.0, east_m)) if north else ((0.0, 0.0), (0.0, 200.0))
+    items = [at("takeoff", *begin, alt_m), at("waypoint", *begin, alt_m, hold_s=hold_s)]
+    items.append(at("waypoint", *end, alt_m))
+    return [*items, at("land", *end, 0)] if land else items
+
+
+def flown(items, vehicle="1", *, frame=ORIGIN, **more):
+    plan = plan_document.read(json.dumps({"items": items}))
+    first = items[0]
+    home = HomePosition(lat_deg=first["lat_deg"], lon_deg=first["lon_deg"], alt_amsl_m=500.0)
+    planned = planned_by_plan(plan, VehicleModel(), home, frame)
+    return predict_plan(vehicle, frame, planned, ends_in_air=not lands(plan), **more)
+
+
+def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_place_time_and_distance():
+    found = first_conflict(flown(line(), "2"), flown(line(east_m=100.0, north=True)))
+    assert (found.vehicle, found.other, found.place, found.other_place) == ("2", "1", "item 3", "item 3")
+    assert found.along_m == pytest.approx(20 + 100, abs=25)
+    assert found.after_s == pytest.approx(20 / 1.5 + 20, abs=6)
+    assert found.distance_m < 1.0
+    assert found.position_deg == pytest.approx(ORIGIN.to_geodetic((0, 100, 0))[:2], abs=3e-4)
+    assert "vehicle 2 may come within" in found.text
+    assert "of vehicle 1 (item 3)" in found.text
+    assert "Required: 5 m plus 1.9 m of margin" in found.text
+
+
+def test_paths_that_cross_at_different_times_are_no_conflict_beyond_the_accuracy_of_the_times():
+    other = flown(line(east_m=100.0, north=True))
+    assert first_conflict(flown(line(hold_s=20), "2"), other) is not None, "the times may differ by that much"
+    assert first_conflict(flown(line(hold_s=90), "2"), other) is None
+
+
+def test_a_vehicle_follows_another_on_the_same_path_if_it_starts_late_enough():
+    ahead = {"index": 2, "t_s": 20 / 1.5 + 42}
+    assert first_conflict(flown(line(), "2"), flown(line(), index=2, t_s=20 / 1.5 + 8)) is not None
+    assert first_conflict(flown(line(), "2"), flown(line(), **ahead)) is None
+    assert first_conflict(flown(line(), "2"), flown(line())) is not None, "both begin at one position"
+
+
+def test_two_paths_are_apart_by_their_altitude():
+    other = flown(line(east_m=100.0, north=True))
+    assert first_conflict(flown(line(alt_m=20 + LEAST_M + 0.5), "2"), other) is None
+    found = first_conflict(flown(line(alt_m=20 + LEAST_M - 0.5), "2"), other)
+    assert found.distance_m == pytest.approx(LEAST_M - 0.5, abs=0.1)
+
+
+def test_another_vehicle_that_has_landed_by_then_is_not_in_the_way():
+    short = [at("takeoff", 0, 100, 20), at("land", 0, 100, 0)]
+    assert first_conflict(flown(line(hold_s=90), "2"), flown(short)) is None
+    assert first_conflict(flown(line(hold_s=90), "2"), flown(short[:1])) is not None, "it stays in the air"
+
+
+def test_a_vehicle_that_hovers_in_the_way_is_a_conflict_at_any_time():
+    found = first_conflict(flown(line(hold_s=600), "2"), standing("1", ORIGIN, (0, 100, -20), "Hold"))
+    assert (found.other_place, found.earlier_or_later_s) == ("Hold", None)
+    assert "is there is not known" in found.text
+    assert first_conflict(flown(line(), "2"), standing("1", ORIGIN, (0, 100, -60), "Hold")) is None
+
+
+def test_each_vehicle_has_its_own_local_frame():
+    frame = LocalOrigin(47.001, 8.002, 480.0)
+    found = first_conflict(flown(line(), "2"), flown(line(east_m=100.0, north=True), frame=frame))
+    same = first_conflict(flown(line(), "2"), flown(line(east_m=100.0, north=True)))
+    assert found.distance_m == pytest.approx(same.distance_m, abs=0.5)
+    assert found.after_s == pytest.approx(same.after_s, abs=1.0)
+
+
+def test_the_flown_part_of_a_path_is_not_compared():
+    crossing = flown(line(east_m=100.0, north=True), index=3, t_s=60.0)
+    assert first_conflict(flown(line(), "2"), crossing) is None
+
+
+def test_a_vehicle_off_its_path_is_expected_on_the_straight_way_to_its_item():
+    way = {"index": 2, "t_s": 0.0, "way_from": (0.0, 180.0, -20.0)}
+    own = flown(line(east_m=190.0, north=True), "2", **{**way, "way_from": (-60.0, 190.0, -20.0)})
+    found = first_conflict(own, flown(line(), **way))
+    assert found.place == "item 3"
+    assert 30 < found.along_m < 75
+
+
+def test_the_next_item_of_a_plan_that_repeats_without_end_is_flown_at_any_time():
+    items = [*line(north=True, east_m=100.0, land=False), {"kind": "jump", "target_index": 1, "repeat": -1}]
+    assert first_conflict(flown(line(hold_s=900), "2"), flown(items)) is not None
+
+
+def test_conflicts_with_several_vehicles_come_in_order_of_time():
+    late, soon = standing("3", ORIGIN, (0, 150, -20), "Hold"), standing("1", ORIGIN, (0, 50, -20), "Hold")
+    found = conflicts(flown(line(), "2"), [late, soon])
+    assert [each.other for each in found] == ["1", "3"]
+
+
+def mission(*steps):
+    text = "name: Across\nsteps:\n" + "".join(f"- {each}\n" for each in steps)
+    compiled = compile_mission(read(text), start=Start(origin=ORIGIN, home_alt_amsl_m=500.0))
+    return Flight(compiled, "Across", MotionLimits())
+
+
+UP, DOWN = "{step: take_off, height_m: 20}", "{step: land}"
+ACROSS = "{step: fly, points: [{position_ned_m: [0, 200, -20]}]}"
+CROSSING = line(east_m=100.0, north=True, hold_s=10)
+
+
+def test_an_offboard_mission_is_compared_along_its_timeline():
+    flight = mission(UP, ACROSS, DOWN)
+    own = flown(CROSSING, "2")
+    found = first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
+    assert (found.place, found.other_place) == ("item 3", "step 2")
+    last = next(at for at, each in enumerate(flight.course.segments) if each.place == "step 3")
+    flight.move_to(last)
+    assert first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))) is None
+
+
+def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
+    own = flown(line(east_m=100.0, north=True, hold_s=600), "2")
+    waits = (UP, "{step: wait, until: person, timeout_s: 900}", ACROSS)
+    for steps, expected in (((UP, ACROSS, DOWN), False), (waits, True)):
+        path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
+        assert (first_conflict(own, path) is not None) == expected
+        assert math.isinf(path.latest_s[-1]) == expected
+
+
+def test_a_paused_mission_is_expected_at_any_later_time():
+    flight = mission(UP, ACROSS, DOWN)
+    flight.paused = True
+    own = flown(line(east_m=100.0, north=True, hold_s=600), "2")
+    assert first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None
