@@ -55,6 +55,11 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "too_many_items": ("error", "more fence or rally items than PX4 has room for"),
     "endurance_exceeded": ("warning", "more energy than the battery provides"),
     "endurance_endless": ("warning", "endless: no battery is large enough"),
+    "separation": (
+        "warning",
+        "started now, the vehicle may come too near to another one; refused at the start",
+    ),
+    "separation_unknown": ("warning", "another vehicle is flying, and its path cannot be compared"),
     "parameters_unknown": ("warning", "vehicle parameters that are not known; PX4's defaults are used"),
     "check_failed": ("warning", "a check that could not be carried out"),
 }

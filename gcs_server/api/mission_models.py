@@ -61,7 +61,8 @@ class StartRequest(StrictBody):
         default=[],
         description="Codes of the plan's error findings that the caller accepts; `plan_not_known` if the "
         "server does not know which plan is on the vehicle; `flight_from_here` for errors that only the "
-        "flight from here to a later `item`, and on, has.",
+        "flight from here to a later `item`, and on, has; `separation` if the flight may come too near to "
+        "another vehicle.",
     )
     dry_run: Annotated[str, Field(max_length=20)] | None = Field(
         default=None,

@@ -11,7 +11,6 @@ from msgspec import Raw
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_to
-from gcs_server.api.dry_run_paths import dry_run_path
 from gcs_server.api.mission_start import check_start, still_held
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
@@ -200,9 +199,15 @@ async def start(
 
     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
     or is unknown, unless `despite` lists their codes. A start on the ground at a later item also checks the
-    flight from here to that item. An interrupted flight is resumed by a start at the item of `resume` of
-    `GET …/mission`. Hold pauses the mission. The server monitors the flight of a plan that it knows (topic
-    `waypoint_flight`), and never intervenes.
+    flight from here to that item. The predicted flight is compared with what the other vehicles of this
+    server fly now: waypoint plans that the server monitors, offboard missions, and vehicles that hover. If
+    two may come nearer than 5 m plus a margin of about 2 m, braking included, the code is `separation`, and
+    the text names both vehicles, place, time and distance. Not compared: vehicles flown by hand or by other
+    commands, and vehicles of other stations. All findings are in one answer.
+
+    An interrupted flight is resumed by a start at the item of `resume` of `GET …/mission`. Hold pauses the
+    mission. The server monitors the flight of a plan that it knows (topic `waypoint_flight`), and never
+    intervenes.
     """
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
@@ -214,8 +219,7 @@ async def start(
                 f"Vehicle {vehicle.id} is busy with {vehicle.mission.doing}.",
                 remedy="Wait until it is done.",
             )
-        await check_start(station, vehicle, request)
-        path = dry_run_path(station, vehicle, request.dry_run)
+        path = await check_start(station, vehicle, request)
         with station.waypoint_flights.announced(vehicle.id, Announcement(principal.name, path)):
             if request.item is not None:
                 await vehicle.mission.set_current(request.item)

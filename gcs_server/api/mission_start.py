@@ -1,20 +1,27 @@
-"""What is checked before the mission on a vehicle starts: its plan, and for a start on the ground at a later
-item, the flight from there."""
+"""What is checked before the mission on a vehicle starts: its plan, for a start on the ground at a later
+item the flight from there, and the separation from the flights of other vehicles."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from gcs_server.api.dry_run_paths import dry_run_path
 from gcs_server.api.mission_models import StartRequest
 from gcs_server.api.plan_checks import check_document
+from gcs_server.api.plan_traffic import SEPARATION, compare_with_others
 from gcs_server.api.station import Station
 from gcs_server.errors import PlanFindings, Refused, UnknownPlan
 from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.waypoints.flight import DryRunPath
 from gcs_server.vehicle.services.held_plan import plan_of
 from gcs_server.vehicle.services.mission_held import Held
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError
 from missions.plan import Plan
+from missions.traffic.conflict import FIX, Conflict
 from missions.values import HomePosition, Obstacle
 from missions.waypoints.resume import rest_of, resume_point
 
@@ -35,11 +42,18 @@ PLACE_CODES = frozenset(
 """Errors that depend on where the vehicle takes off."""
 
 
-async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> None:
-    """Refuses a plan with error findings that the caller has not accepted.
+async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> DryRunPath | None:
+    """Refuses a plan with error findings, or too near to other vehicles, that the caller has not accepted.
+
+    All findings are in one answer. A start that is not refused counts as a flight for the starts of other
+    vehicles, until `WaypointFlights.announced` ends.
+
+    Returns:
+        Path and corridor of the dry run that the request names.
 
     Raises:
-        PlanFindings: the plan, or its rest from here, has such findings, or the plan is not known.
+        PlanFindings: the plan, its rest from here, or its separation from other vehicles has such findings,
+            or the plan is not known.
         Refused: the vehicle has no mission, another one than `request` names, or cannot start at the item.
     """
     _require_mission(vehicle, request.mission_id)
@@ -55,25 +69,80 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
                 codes=(NOT_KNOWN,),
                 remedy="Download or upload it first, or name plan_not_known in `despite`.",
             )
-        return
+        return dry_run_path(station, vehicle, request.dry_run)
+    path = dry_run_path(station, vehicle, request.dry_run)
     plan, _ = plan_of(held)
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, held)})
+    found = await _errors(station, vehicle, plan, request)
+    async with station.waypoint_flights.comparing:
+        compared = await compare_with_others(station, vehicle, plan, request.item, path)
+        found.append(_too_near(vehicle, compared.conflicts))
+        _require_accepted(found, request.despite)
+        if compared.path is not None:
+            station.waypoint_flights.expect(vehicle.id, compared.path)
+    return path
+
+
+@dataclass(frozen=True, slots=True)
+class _Errors:
+    """Errors of one sort."""
+
+    about: str
+    """Begin of the message, which the first error completes."""
+    found: tuple[tuple[str, str], ...]
+    """Codes and texts."""
+    remedy: str
+
+    def without(self, despite: Collection[str]) -> _Errors:
+        """Those that the caller has not accepted."""
+        return replace(self, found=tuple(each for each in self.found if each[0] not in despite))
+
+
+def _require_accepted(sorts: Sequence[_Errors], despite: Collection[str]) -> None:
+    """Raises PlanFindings with all errors of all sorts that the caller has not accepted."""
+    open_sorts = [each for each in (errors.without(despite) for errors in sorts) if each.found]
+    if not open_sorts:
+        return
+    every = [each for errors in open_sorts for each in errors.found]
+    raise PlanFindings(
+        " ".join(f"{errors.about} {errors.found[0][1]}" for errors in open_sorts),
+        codes=tuple(dict.fromkeys(code for code, _ in every)),
+        reasons=tuple(text for _, text in every),
+        remedy=" ".join(errors.remedy for errors in open_sorts),
+    )
+
+
+async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: StartRequest) -> list[_Errors]:
+    """Errors of the plan, and for a start on the ground at a later item those of the flight from here."""
     findings = (await check_document(station, plan, vehicle))["findings"]
-    errors = [each for each in findings if each["severity"] == "error"]
-    unaccepted = [each for each in errors if each["code"] not in request.despite]
-    if unaccepted:
-        raise PlanFindings(
-            f"The plan on vehicle {vehicle.id} has errors: {unaccepted[0]['text']}",
-            codes=tuple(dict.fromkeys(each["code"] for each in unaccepted)),
-            reasons=tuple(each["text"] for each in unaccepted),
-            remedy="Correct the plan and upload it, or accept the findings by naming their codes in "
-            "`despite`.",
+    errors = [(each["code"], each["text"]) for each in findings if each["severity"] == "error"]
+    found = [
+        _Errors(
+            f"The plan on vehicle {vehicle.id} has errors:",
+            tuple(errors),
+            "Correct the plan and upload it, or accept the findings by naming their codes in `despite`.",
         )
+    ]
     landed = not vehicle.status.armed or vehicle.flight_state.landed_state == "on_ground"
     if landed and request.item is not None and request.item > 0:
         rest = await _rest_errors(station, vehicle, plan, request.item)
-        known = {each["text"] for each in errors}
-        _require_rest(request, tuple(text for text in rest if text not in known))
+        known = {text for _, text in errors}
+        found.append(
+            _Errors(
+                f"The flight from here to item {request.item + 1} and on has errors:",
+                tuple((FROM_HERE, text) for text in rest if text not in known),
+                "Start at another item or place, or name flight_from_here in `despite`.",
+            )
+        )
+    return found
+
+
+def _too_near(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
+    return _Errors(
+        f"Vehicle {vehicle.id} may come too near to another vehicle:",
+        tuple((SEPARATION, each.text) for each in found),
+        f"{FIX} Or name separation in `despite`.",
+    )
 
 
 def still_held(vehicle: Vehicle, held: Held) -> bool | None:
@@ -107,16 +176,6 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
     start = HomePosition(lat_deg=here.lat_deg, lon_deg=here.lon_deg, alt_amsl_m=here.alt_amsl_m)
     check = await check_document(station, rest_of(plan, item, start), vehicle, home=start)
     return [each["text"] for each in check["findings"] if each["code"] in PLACE_CODES]
-
-
-def _require_rest(request: StartRequest, errors: tuple[str, ...]) -> None:
-    if errors and FROM_HERE not in request.despite:
-        raise PlanFindings(
-            f"The flight from here to item {(request.item or 0) + 1} and on has errors: {errors[0]}",
-            codes=(FROM_HERE,),
-            reasons=errors,
-            remedy="Start at another item or place, or name flight_from_here in `despite`.",
-        )
 
 
 async def _stored_obstacles(station: Station, held: Held) -> tuple[Obstacle, ...]:

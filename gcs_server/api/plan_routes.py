@@ -21,6 +21,7 @@ from gcs_server.api.plan_checks import (
     plan_context_of,
     text_of,
 )
+from gcs_server.api.plan_traffic import traffic_findings
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.refusals import MAX_BODY_BYTES
@@ -31,6 +32,7 @@ from gcs_server.plans.files import PlanVersion
 from missions import documents
 from missions.documents import PlanKind
 from missions.formats.any_format import FormatName
+from missions.offboard.document import OffboardMission
 from missions.values import Altitude, Reference
 
 router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
@@ -84,10 +86,15 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     With `vehicle`, the vehicle's parameters and home are used if the server has them. Otherwise PX4's
     defaults are used (finding `parameters_unknown`), and the plan's home (`not_known`). An offboard mission
     is compiled for a start on the ground at home; `flight` contains its path and the duration of each step.
+    For a vehicle on the ground, the flight of a waypoint plan is compared with what other vehicles fly now,
+    as at its start (warnings `separation`, `separation_unknown`).
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()
-    return answer(await check_document(station, body.plan, vehicle, power))
+    check = await check_document(station, body.plan, vehicle, power)
+    if vehicle is not None and not isinstance(body.plan, OffboardMission):
+        check["findings"] += await traffic_findings(station, vehicle, body.plan)
+    return answer(check)
 
 
 @router.post("/convert", response_model=m.ConvertedPlan)

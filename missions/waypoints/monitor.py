@@ -114,6 +114,16 @@ class WaypointMonitor:
         """Distance outside the corridor; None: it is not monitored now."""
         return None if self._watch is None or self._match is None else self._watch.outside_m
 
+    def place_now(self, now_s: float) -> tuple[int, float, bool] | None:
+        """Index of the pass that is flown, the planned time, and whether the vehicle is on its path; None: it
+        does not fly the plan now, or there is no planned path."""
+        if self.state != "flying" or self._planned is None:
+            return None
+        if self._progress is None:
+            return (0, 0.0, True) if self._from_start else None
+        found = self._progress.now(now_s)
+        return None if found is None else (*found, self._progress.on_path)
+
     @property
     def not_compared(self) -> str | None:
         """Why there is no deviation now."""

@@ -62,6 +62,14 @@ class Progress:
         """The current execution of an item; None: the vehicle has not reported an item of the path."""
         return None if self._index is None else self._passes[self._index]
 
+    def now(self, now_s: float) -> tuple[int, float] | None:
+        """Index of the pass that is flown, and the planned time, also if the last update was some time ago;
+        None: the vehicle has not reported an item of the path."""
+        if self._index is None:
+            return None
+        passed_s = 0.0 if self._updated_s is None else now_s - self._updated_s
+        return self._index, self.t_s + passed_s
+
     @property
     def at_last(self) -> bool:
         """Whether the last item is being flown."""

@@ -16,6 +16,8 @@ from missions.plan import Plan
 from missions.runner.corridor import Corridor
 from missions.runner.flown import FlightRecord, FlownMission
 from missions.runner.requests import Notify
+from missions.traffic.path import PredictedPath
+from missions.traffic.waypoints import lands, predict_plan
 from missions.values import HomePosition
 from missions.vehicle import PARAMETERS, VehicleModel
 from missions.waypoints.monitor import WaypointMonitor
@@ -61,6 +63,7 @@ class WaypointFlight:
         self._path = None if announcement is None else announcement.path
         plan, _ = plan_of(held)
         self._count = len(plan.items)
+        self._lands = lands(plan)
         planned, why = _planned(vehicle, plan, self._path)
         self._planned = planned
         reading = vehicle_reading(vehicle)
@@ -136,6 +139,20 @@ class WaypointFlight:
             reason=monitor.reason,
         )
 
+    def predicted(self) -> PredictedPath | None:
+        """The rest of the flight; None: the vehicle does not fly the plan now, or its path is not known."""
+        place, origin = self._monitor.place_now(self._now_s), VehicleEstimates(self._vehicle).origin()
+        if place is None or origin is None or self._planned is None:
+            return None
+        index, t_s, on_path = place
+        here = vehicle_reading(self._vehicle).position_ned_m
+        if not on_path and here is None:
+            return None
+        return predict_plan(
+            self._vehicle.id, origin, self._planned, ends_in_air=not self._lands, index=index, t_s=t_s,
+            way_from=None if on_path else here, speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
+        )  # fmt: skip
+
     def new_progress(self) -> FlightProgress | None:
         """How far the plan is flown, if that has changed since the last call; None until the flight has
         passed its first waypoint, because it then begins again at its first item."""
@@ -188,15 +205,20 @@ def _planned(
     home, origin = _home(vehicle), VehicleEstimates(vehicle).origin()
     if home is None or origin is None:
         return None, "The home of the vehicle was not known when the monitoring began."
+    planned = planned_by_plan(plan, vehicle_model(vehicle), home, origin)
+    if planned is None or not planned.passes:
+        return None, f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
+    return planned, None
+
+
+def vehicle_model(vehicle: Vehicle) -> VehicleModel:
+    """Speeds and limits of a vehicle, by the parameters that are known."""
     parameters = {
         name: float(param.value)
         for name in PARAMETERS.values()
         if (param := vehicle.params.known(name)) is not None
     }
-    planned = planned_by_plan(plan, VehicleModel.from_parameters(parameters), home, origin)
-    if planned is None or not planned.passes:
-        return None, f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
-    return planned, None
+    return VehicleModel.from_parameters(parameters)
 
 
 def _home(vehicle: Vehicle) -> HomePosition | None:

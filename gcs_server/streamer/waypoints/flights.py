@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.flown import FlownMission
+from missions.traffic.path import PredictedPath
 
 PERIOD_S = 0.1
 HOME_WAIT_S = 10.0
@@ -43,6 +45,11 @@ class WaypointFlights:
         self._announced: dict[str, Announcement] = {}
         self._in_mission: dict[str, bool] = {}
         """Whether the vehicle flew its mission at the last update."""
+        self._expected: dict[str, PredictedPath] = {}
+        """Predicted paths of vehicles that are being started."""
+        self.comparing = asyncio.Lock()
+        """Held while a start is compared with the other vehicles, so that of two starts at the same time the
+        second is compared with the first."""
         self._found_s: dict[str, float] = {}
         """When a flight was found in the air that waits for the vehicle's home [s, monotonic]."""
 
@@ -55,8 +62,8 @@ class WaypointFlights:
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops all data of a removed vehicle."""
-        kept_by_id = (self._vehicles, self._link_loss, self._flights, self._announced, self._in_mission)
-        for kept in (*kept_by_id, self._found_s):
+        kept_by_id = (self._vehicles, self._link_loss, self._flights, self._announced, self._expected)
+        for kept in (*kept_by_id, self._in_mission, self._found_s):
             kept.pop(vehicle.id, None)
         self._resumes.forget(vehicle.id)
 
@@ -78,6 +85,21 @@ class WaypointFlights:
                 self._update_vehicle(vehicle)
         finally:
             self._announced.pop(vehicle_id, None)
+            self._expected.pop(vehicle_id, None)
+
+    def expect(self, vehicle_id: str, path: PredictedPath) -> None:
+        """The vehicle will fly this path: it is being started. Ends with `announced`."""
+        self._expected[vehicle_id] = path
+
+    def predicted(self, vehicle_id: str) -> PredictedPath | None:
+        """The rest of the flight of a vehicle that flies its plan or is being started; None: it does neither,
+        or its path is not known."""
+        if vehicle_id in self._expected:
+            return self._expected[vehicle_id]
+        flight, vehicle = self._flights.get(vehicle_id), self._vehicles.get(vehicle_id)
+        if flight is None or flight.over or vehicle is None or not vehicle.status.armed:
+            return None  # a vehicle that has just disarmed has landed, also before the next update
+        return flight.predicted()
 
     def status(self, vehicle_id: str) -> WaypointFlightStatus | None:
         """Status of a vehicle's newest flight; None if there was none."""

@@ -1454,6 +1454,8 @@ export interface paths {
          *     With `vehicle`, the vehicle's parameters and home are used if the server has them. Otherwise PX4's
          *     defaults are used (finding `parameters_unknown`), and the plan's home (`not_known`). An offboard mission
          *     is compiled for a start on the ground at home; `flight` contains its path and the duration of each step.
+         *     For a vehicle on the ground, the flight of a waypoint plan is compared with what other vehicles fly now,
+         *     as at its start (warnings `separation`, `separation_unknown`).
          */
         readonly post: operations["check_plan_api_v1_plans_check_post"];
         readonly delete?: never;
@@ -1905,9 +1907,15 @@ export interface paths {
          *
          *     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
          *     or is unknown, unless `despite` lists their codes. A start on the ground at a later item also checks the
-         *     flight from here to that item. An interrupted flight is resumed by a start at the item of `resume` of
-         *     `GET …/mission`. Hold pauses the mission. The server monitors the flight of a plan that it knows (topic
-         *     `waypoint_flight`), and never intervenes.
+         *     flight from here to that item. The predicted flight is compared with what the other vehicles of this
+         *     server fly now: waypoint plans that the server monitors, offboard missions, and vehicles that hover. If
+         *     two may come nearer than 5 m plus a margin of about 2 m, braking included, the code is `separation`, and
+         *     the text names both vehicles, place, time and distance. Not compared: vehicles flown by hand or by other
+         *     commands, and vehicles of other stations. All findings are in one answer.
+         *
+         *     An interrupted flight is resumed by a start at the item of `resume` of `GET …/mission`. Hold pauses the
+         *     mission. The server monitors the flight of a plan that it knows (topic `waypoint_flight`), and never
+         *     intervenes.
          */
         readonly post: operations["start_api_v1_vehicles__v__mission_start_post"];
         readonly delete?: never;
@@ -13585,7 +13593,7 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only the flight from here to a later `item`, and on, has.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only the flight from here to a later `item`, and on, has; `separation` if the flight may come too near to another vehicle.
              */
             readonly despite?: readonly string[];
             /**

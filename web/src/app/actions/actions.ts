@@ -5,8 +5,7 @@ import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { StreamStart } from '../../vehicle/setpoint';
 
-export type ActionName =
-  'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto' | 'mission/start';
+export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
 
 /** Values for the confirmation texts; null is unknown. */
 export interface ActionFacts {
@@ -103,15 +102,6 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       };
     case 'rtl':
       return { title: `Return ${name}`, effect: `${returnText(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
-    case 'mission/start':
-      return {
-        title: `Fly the mission of ${name}`,
-        effect: facts.inAir
-          ? `Continues the mission stored on the vehicle from its current step. Hold pauses the mission.${end}`
-          : `${facts.armed ? 'Takes' : 'Arms, takes'} off and flies the mission stored on the vehicle from its first step. Hold pauses the mission.`,
-        verb: 'Fly',
-        danger: false,
-      };
     case 'goto':
       return goal === null
         ? null
@@ -174,8 +164,6 @@ export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start
       return api.post('/vehicles/{v}/control/take', { ...params, body: { force: true } });
     case 'kill':
       return api.post('/vehicles/{v}/kill', { ...params, body: { confirm: `motors stop, vehicle ${id} falls` } });
-    case 'mission/start':
-      return api.post('/vehicles/{v}/mission/start', { ...params, body: facts.inAir ? {} : { item: 0 } });
     case 'goto': {
       if (goal === null) throw new Error('goto takes a goal');
       const { lat_deg, lon_deg, alt_home_m } = goal;
@@ -210,7 +198,6 @@ export const PROGRESS_TEXTS: Readonly<Record<ActionName, string>> = {
   kill: 'Stopping the motors',
   offboard_start: 'Offboard',
   goto: 'Go here',
-  'mission/start': 'Mission',
 };
 
 /** Reads the values for the confirmation texts from a vehicle's present state. */

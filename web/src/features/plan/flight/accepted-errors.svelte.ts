@@ -33,7 +33,7 @@ export class AcceptedErrors {
   }
 }
 
-/** Errors that the server finds only when several vehicles start, because then it knows their positions. */
+/** Errors that the server finds only at a start, because then it knows where all vehicles are and what they fly. */
 export class StartErrors {
   private refusal = $state.raw<{ readonly of: Document; readonly vehicles: string; readonly problem: Problem } | null>(null);
   /** A person has accepted all of them. */

@@ -3,22 +3,24 @@
 import type { components } from '../../../api/schema';
 import type { Question } from '../../../app/actions/actions';
 import { join, metres } from '../../../ui/format';
-import { findingCodes, acceptedErrorsText, findingText } from './accepted-errors.svelte';
+import { acceptedErrorsText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
-import type { Finding } from '../document/fixes';
 
 /** The vehicle's index of the first item of a row. A pattern is one row with several items. */
 export function itemOfRow(plan: Plan, row: number): number {
   return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
 }
 
-/** @param row the row to start at; null: the beginning, or the current item in flight. */
-export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly Finding[], dryRun: string | null = null): Question {
+/**
+ * @param row the row to start at; null: the beginning, or the current item in flight.
+ * @param despite texts of the accepted errors.
+ */
+export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly string[], dryRun: string | null = null): Question {
   const from = row === null ? (inAir ? 'its current step' : 'its first step') : `step ${row + 1}`;
   const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
     title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
-    effect: [flies, acceptedErrorsText(despite.map(findingText)), dryRun === null ? '' : 'The flight is compared with the dry run.', 'Hold pauses the mission.']
+    effect: [flies, acceptedErrorsText(despite), dryRun === null ? '' : 'The flight is compared with the dry run.', 'Hold pauses the mission.']
       .filter((part) => part !== '')
       .join(' '),
     verb: 'Fly',
@@ -26,16 +28,19 @@ export function startQuestion(vehicleName: string, inAir: boolean, row: number |
   };
 }
 
-/** @param dryRun the dry run to compare the flight with; null: none. */
+/**
+ * @param despite codes of the accepted errors.
+ * @param dryRun the dry run to compare the flight with; null: none.
+ */
 export function startBody(
   plan: Plan,
   inAir: boolean,
   row: number | null,
-  despite: readonly Finding[],
+  despite: readonly string[],
   dryRun: string | null = null,
 ): { item?: number; despite: string[]; dry_run?: string } {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
-  return { ...(item === null ? {} : { item }), despite: findingCodes(despite), ...(dryRun === null ? {} : { dry_run: dryRun }) };
+  return { ...(item === null ? {} : { item }), despite: [...despite], ...(dryRun === null ? {} : { dry_run: dryRun }) };
 }
 
 /** An interrupted flight of the plan on the vehicle. */

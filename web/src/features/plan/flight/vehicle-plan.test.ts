@@ -196,7 +196,7 @@ describe('flying the plan on the vehicle', () => {
   });
 
   it('lists the accepted errors, and confirms as a dangerous action', () => {
-    const question = startQuestion('1 Quad', false, null, [finding({})]);
+    const question = startQuestion('1 Quad', false, null, ['It leaves the fence.']);
     expect(question.effect).toBe(
       'Arms, takes off and flies the mission stored on the vehicle from its first step. Despite an error: It leaves the fence. Hold pauses the mission.',
     );
@@ -211,7 +211,7 @@ describe('flying the plan on the vehicle', () => {
     const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
     const plan = { ...EMPTY, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
     expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
-    expect(startBody(plan, false, null, [finding({}), finding({ text: 'again' })])).toEqual({ item: 0, despite: ['fence_crossed'] });
+    expect(startBody(plan, false, null, ['fence_crossed'])).toEqual({ item: 0, despite: ['fence_crossed'] });
     expect(startBody(plan, true, null, [])).toEqual({ despite: [] });
   });
 });

@@ -1,0 +1,202 @@
+"""Compares the flight of a waypoint plan with what the other vehicles of this station fly now."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_server.api.station import Station
+from gcs_server.streamer.missions.readings import vehicle_reading
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.waypoints.flight import DryRunPath, vehicle_model
+from gcs_server.vehicle.samples import Mission
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.plan import Plan
+from missions.traffic.conflict import FIX, Conflict, conflicts
+from missions.traffic.offboard import predict_mission
+from missions.traffic.path import PredictedPath, standing
+from missions.traffic.waypoints import lands, predict_plan
+from missions.values import HomePosition
+from missions.vehicle import VehicleModel
+from missions.waypoints.planned import PlannedPasses, planned_by_plan
+from missions.waypoints.resume import rest_of, resume_point
+
+SEPARATION, SEPARATION_UNKNOWN = "separation", "separation_unknown"
+HOVERS_BELOW_M_S = 0.5
+"""Speed below which a vehicle without a known path counts as hovering."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The flight of a plan beside those of the other vehicles."""
+
+    path: PredictedPath | None
+    """Predicted path of the vehicle; None: its position is not known, or the plan has no path."""
+    conflicts: tuple[Conflict, ...]
+    not_compared: tuple[str, ...]
+    """Sentences about vehicles that fly and cannot be compared."""
+
+
+async def compare_with_others(
+    station: Station,
+    vehicle: Vehicle,
+    plan: Plan,
+    item: int | None = None,
+    dry_run: DryRunPath | None = None,
+) -> Comparison:
+    """Compares the flight of a plan, started now, with the flights of the other vehicles.
+
+    Args:
+        station: the running server.
+        vehicle: the vehicle that will fly the plan.
+        plan: the plan.
+        item: index of the item at which it starts; None: the current one.
+        dry_run: the path of its dry run; None: straight lines with estimated times.
+    """
+    predict = _own_path(vehicle, plan, item, dry_run)
+    others, not_compared = _others(station, vehicle)
+
+    def compare() -> Comparison:
+        path = None if predict is None else predict()
+        if path is None and others:
+            text = (
+                f"The path of vehicle {vehicle.id} is not known, so it is not compared with other vehicles."
+            )
+            return Comparison(None, (), (text,))
+        return Comparison(path, () if path is None else conflicts(path, others), tuple(not_compared))
+
+    return await asyncio.to_thread(compare)
+
+
+async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> list[dict[str, Any]]:
+    """The findings of a check of a plan for a vehicle on the ground, if it were started now; as
+    `FindingModel`. They are warnings, because the check does not know when the plan is started."""
+    if vehicle_reading(vehicle).in_air:
+        return []
+    compared = await compare_with_others(station, vehicle, plan, 0)
+    rows = {f"item {seq + 1}": row for seq, (row, _) in enumerate(plan.simple_items())}
+    found = [
+        _finding(SEPARATION, f"Started now: {each.text}", rows.get(each.place), FIX)
+        for each in compared.conflicts
+    ]
+    return found + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in compared.not_compared]
+
+
+def _finding(code: str, text: str, row: int | None, fix: str | None) -> dict[str, Any]:
+    place = {"row": row, "zone": None, "rally_point": None, "obstacle": None, "step": None}
+    return {"code": code, "severity": "warning", "text": text, "place": place, "fix": fix, "limit": None}
+
+
+# --- the other vehicles -----------------------------------------------------------------------------------
+
+
+def _others(station: Station, vehicle: Vehicle) -> tuple[list[PredictedPath], list[str]]:
+    """The predicted paths of the other vehicles that fly, and sentences about those without one."""
+    paths: list[PredictedPath] = []
+    not_compared: list[str] = []
+    for other in station.fleet.all():
+        if other.id == vehicle.id or other.identity.replayed:
+            continue
+        path = _path_of(station, other)
+        if path is not None:
+            paths.append(path)
+        elif vehicle_reading(other).in_air:
+            not_compared.append(
+                f"Vehicle {other.id} is flying, and its path is not known, so it is not compared."
+            )
+    return paths, not_compared
+
+
+def _path_of(station: Station, other: Vehicle) -> PredictedPath | None:
+    """What the vehicle flies now: a waypoint plan, an offboard mission, or nothing that moves it."""
+    for path in (_path_of_mission(station, other), station.waypoint_flights.predicted(other.id)):
+        if path is not None:
+            return path
+    return _hovering(other)
+
+
+def _path_of_mission(station: Station, other: Vehicle) -> PredictedPath | None:
+    flight, origin = station.missions.newest(other.id), VehicleEstimates(other).origin()
+    here = vehicle_reading(other).position_ned_m
+    if flight is None or not flight.runner.in_charge or origin is None or here is None:
+        return None
+    return predict_mission(other.id, origin, flight.runner.flight, here)
+
+
+def _hovering(other: Vehicle) -> PredictedPath | None:
+    reading, origin = vehicle_reading(other), VehicleEstimates(other).origin()
+    position, velocity = reading.position_ned_m, reading.velocity_ned_m_s
+    if not reading.in_air or origin is None or position is None or velocity is None:
+        return None
+    if math.hypot(*velocity) > HOVERS_BELOW_M_S:
+        return None
+    return standing(other.id, origin, position, "hovering")
+
+
+# --- the vehicle's own path -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """Where and how the vehicle starts the plan."""
+
+    vehicle: str
+    model: VehicleModel
+    origin: LocalOrigin
+    home: HomePosition
+    here: Vector3
+    in_air: bool
+    item: int
+    """Index of the item at which it starts."""
+
+
+def _own_path(
+    vehicle: Vehicle, plan: Plan, item: int | None, dry_run: DryRunPath | None
+) -> Callable[[], PredictedPath | None] | None:
+    """A function that predicts the path, to be called in a thread; None: the vehicle's position is not
+    known."""
+    estimates, reading = VehicleEstimates(vehicle), vehicle_reading(vehicle)
+    here, origin = reading.position_ned_m, estimates.origin()
+    if here is None or origin is None:
+        return None
+    lat_deg, lon_deg, alt_amsl_m = origin.to_geodetic(here)
+    home = estimates.home()
+    if reading.in_air and home is not None:
+        lat_deg, lon_deg, alt_amsl_m = home.lat_deg, home.lon_deg, home.alt_amsl_m
+    at = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
+    start = _Start(
+        vehicle.id, vehicle_model(vehicle), origin, at, here, reading.in_air,
+        _current(vehicle) if item is None else item,
+    )  # fmt: skip
+    planned = None if dry_run is None else dry_run.planned
+    return lambda: _predicted(start, plan, planned)
+
+
+def _predicted(start: _Start, plan: Plan, by_dry_run: PlannedPasses | None) -> PredictedPath | None:
+    item, flown = start.item, plan
+    if not start.in_air and item > 0:
+        if isinstance(resume_point(plan, item), str):
+            item = 0  # PX4 begins again at the first item
+        else:
+            flown, by_dry_run = rest_of(plan, item, start.home), None
+    planned = by_dry_run or planned_by_plan(flown, start.model, start.home, start.origin)
+    if planned is None:
+        return None
+    index = 0
+    if start.in_air:
+        index = next((at for at, each in enumerate(planned.passes) if max(each.items) >= item), 0)
+    return predict_plan(
+        start.vehicle, start.origin, planned, ends_in_air=not lands(flown), index=index,
+        way_from=start.here if start.in_air else None, speed_m_s=start.model.cruise_m_s,
+    )  # fmt: skip
+
+
+def _current(vehicle: Vehicle) -> int:
+    sample = vehicle.topic("mission")
+    current = sample.value.current if sample is not None and isinstance(sample.value, Mission) else None
+    return current or 0

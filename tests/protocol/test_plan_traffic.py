@@ -1,0 +1,195 @@
+"""The start of a waypoint plan is compared with what the other vehicles fly, on simulated time."""
+
+import asyncio
+import functools
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gcs_server.api import (
+    mission_models,
+    mission_routes,
+    offboard_mission_models,
+    offboard_mission_routes,
+    plan_models,
+    plan_routes,
+)
+from gcs_server.errors import PlanFindings
+from missions.geodesy import LocalOrigin
+from missions.offboard import document
+from missions.offboard.reader import read
+from tests.protocol.api_calls import ANNA, WorkHere, station_of, view
+from tests.protocol.offboard_world import seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.support.snapshot import snapshot
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.fleet import VehicleSim
+
+ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
+APART_M = 40.0
+"""Vehicle 2 stands this far east of vehicle 1."""
+
+
+def at_place(kind, east_m, alt_m, **more):
+    lat, lon, _ = ORIGIN.to_geodetic((0.0, east_m, 0.0))
+    altitude = {"value_m": alt_m, "reference": "home"}
+    return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **more}
+
+
+HOP = {"items": [at_place("takeoff", 0, 2.5), at_place("land", 0, 0)]}
+"""Vehicle 1 above its own position."""
+OVER = [at_place("takeoff", APART_M, 6), at_place("waypoint", -APART_M, 6), at_place("land", -APART_M, 0)]
+ZONE = {
+    "shape": "circle",
+    "inclusion": False,
+    "center": {key: at_place("waypoint", 20, 0)[key] for key in ("lat_deg", "lon_deg")},
+    "radius_m": 5,
+}
+ACROSS = {"items": OVER, "fence": [ZONE]}
+"""Vehicle 2 over the position of vehicle 1, through an area that it must not fly in."""
+
+
+@functools.cache
+def ready():
+    """Two vehicles that can be armed."""
+    places = np.array([[0.0, 0.0, 0.0], [0.0, APART_M, 0.0]])
+    sim = VehicleSim(2, links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
+    while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
+        assert sim.time_s < 40
+        sim.step(0.5)
+    for row in range(2):
+        sim.drain(row, "gcs")
+    return sim
+
+
+def stage(jump, story):
+    """Runs a test with the vehicles and the server's routes."""
+
+    async def run():
+        world = SimulatedWorld(2, sim=snapshot(ready()))
+        try:
+            vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
+            station = station_of(world)
+            station.plan_work = WorkHere()
+            station.waypoint_flights.start()
+            station.missions.start()
+            await story(SimpleNamespace(world=world, station=station, one=vehicles[0], two=vehicles[1]))
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+async def upload(at, vehicle_id, plan):
+    body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
+    await mission_routes.upload(vehicle_id, body, at.station, ANNA)
+    await seconds(1.2)
+
+
+async def start(at, vehicle_id, *despite, item=0):
+    body = mission_models.StartRequest.model_validate({"item": item, "despite": list(despite)})
+    await mission_routes.start(vehicle_id, at.station, ANNA, body)
+
+
+async def refused(at, *despite):
+    """The refusal of the start of vehicle 2."""
+    with pytest.raises(PlanFindings) as caught:
+        await start(at, "2", *despite)
+    assert not at.two.status.armed
+    assert at.two.status.mode != "mission"
+    return caught.value
+
+
+async def warnings_of_check(at, plan=ACROSS):
+    body = plan_models.PlanToCheck.model_validate({"plan": plan, "vehicle": "2"})
+    answer = view(await plan_routes.check_plan(body, at.station))
+    plan_models.PlanCheck.model_validate(answer)
+    found = [each for each in answer["findings"] if each["code"].startswith("separation")]
+    assert {each["severity"] for each in found} <= {"warning"}
+    return [(each["code"], each["place"]["row"]) for each in found]
+
+
+def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(jump):
+    async def story(at):
+        await upload(at, "1", HOP)
+        await upload(at, "2", ACROSS)
+        assert await warnings_of_check(at) == []
+        await start(at, "1")
+        both = await refused(at)
+        assert both.codes == ("fence_crossed", "separation")
+        assert "The plan on vehicle 2 has errors: " in str(both)
+        assert "Vehicle 2 may come too near to another vehicle: " in str(both)
+        near = await refused(at, "fence_crossed")
+        (text,) = near.reasons
+        assert "at item 2, " in text
+        assert "m along its path" in text
+        assert "of vehicle 1 (item " in text
+        assert "Required: 5 m plus 1.9 m of margin." in text
+        assert await warnings_of_check(at) == [("separation", 1)]
+        await until(lambda: not at.one.status.armed, 60)
+        await start(at, "2", "fence_crossed")
+        assert at.two.status.armed
+
+    stage(jump, story)
+
+
+def test_of_two_starts_at_the_same_time_the_second_is_compared_with_the_first_and_can_be_accepted(jump):
+    async def story(at):
+        await upload(at, "1", HOP)
+        await upload(at, "2", {"items": OVER})
+        answers = await asyncio.gather(start(at, "1"), start(at, "2"), return_exceptions=True)
+        assert answers[0] is None
+        assert answers[1].codes == ("separation",)
+        assert not at.two.status.armed
+        await start(at, "2", "separation")
+        assert (at.two.status.armed, at.two.status.mode) == (True, "mission")
+
+    stage(jump, story)
+
+
+def test_a_failed_start_is_not_expected_to_fly(jump):
+    async def story(at):
+        await upload(at, "1", HOP)
+        await upload(at, "2", {"items": OVER})
+        at.one.command.start_mission = None  # fails
+        with pytest.raises(TypeError):
+            await start(at, "1")
+        await start(at, "2")
+        assert at.two.status.armed
+
+    stage(jump, story)
+
+
+def test_a_vehicle_that_hovers_in_the_way_or_moves_without_a_known_path(jump):
+    async def story(at):
+        await upload(at, "2", {"items": OVER})
+        await at.one.command.takeoff(6.0)
+        await seconds(4)
+        assert await warnings_of_check(at, {"items": OVER}) == [("separation_unknown", None)]
+        await until(lambda: at.one.status.mode == "hold", 40)
+        await seconds(2)
+        found = await refused(at)
+        assert "of vehicle 1 (hovering)" in found.reasons[0]
+        assert "The time at which vehicle 1 is there is not known." in found.reasons[0]
+
+    stage(jump, story)
+
+
+def test_an_offboard_mission_in_flight_is_compared_along_its_steps(jump):
+    async def story(at):
+        mission = read(
+            "name: Up\nsteps:\n- {step: take_off, height_m: 6}\n"
+            "- {step: hold, duration_s: 30}\n- {step: land}\n"
+        )
+        wanted = json.loads(document.write(mission))
+        body = offboard_mission_models.StartMission.model_validate({"mission": wanted})
+        await upload(at, "2", {"items": OVER})
+        at.station.missions.attach(at.one)
+        await offboard_mission_routes.start("1", body, at.station, ANNA)
+        found = await refused(at)
+        assert found.codes == ("separation",)
+        assert "of vehicle 1 (step " in found.reasons[0]
+
+    stage(jump, story)
