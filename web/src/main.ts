@@ -1,6 +1,8 @@
 import { mount } from 'svelte';
 import './ui/tokens.css';
 import './ui/base.css';
+import './ui/fields.css';
+import './ui/panels.css';
 import Frame from './app/frame/Frame.svelte';
 import { page } from './app/page.svelte';
 
