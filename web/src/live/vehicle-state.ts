@@ -144,7 +144,7 @@ export function severityNumber(severity: string | number | null): number {
 }
 
 /** Reads the known fields of an identity; other versions of the server may send more or fewer. */
-export function toIdentity(value: unknown): Identity {
+function toIdentity(value: unknown): Identity {
   if (typeof value !== 'object' || value === null) return UNKNOWN_IDENTITY;
   const raw = value as Record<string, unknown>;
   const number = (name: string): number | null => (typeof raw[name] === 'number' ? raw[name] : null);

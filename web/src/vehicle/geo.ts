@@ -16,11 +16,11 @@ export interface Pixel {
 }
 
 /** Earth radius of PX4's local frame projection, so that distances here agree with PX4's [m]. */
-export const EARTH_RADIUS_M = 6_371_000;
+const EARTH_RADIUS_M = 6_371_000;
 const RAD = Math.PI / 180;
 
 /** Wraps a longitude, or a difference of two, to −180…180 [deg]. */
-export function wrapLongitude(lon_deg: number): number {
+function wrapLongitude(lon_deg: number): number {
   return ((((lon_deg + 180) % 360) + 360) % 360) - 180;
 }
 
@@ -64,7 +64,7 @@ export function mercator(position: GeoPosition): Mercator {
   };
 }
 
-export function fromMercator(at: Mercator): GeoPosition {
+function fromMercator(at: Mercator): GeoPosition {
   return { lon_deg: wrapLongitude(at.x * 360 - 180), lat_deg: Math.atan(Math.sinh((180 - at.y * 360) * RAD)) / RAD };
 }
 

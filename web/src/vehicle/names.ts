@@ -26,7 +26,7 @@ export function vehicleName(id: string, identity: Identity): string {
 }
 
 /** Identity colours: the first vehicle is cyan, then three more, then they repeat. */
-export const IDENTITY_COLOURS = ['--actual', '--id-2', '--id-3', '--id-4'] as const;
+const IDENTITY_COLOURS = ['--actual', '--id-2', '--id-3', '--id-4'] as const;
 
 export function identityColour(index: number): string {
   return IDENTITY_COLOURS[((index % 4) + 4) % 4] ?? '--actual';

@@ -53,7 +53,7 @@ export interface StreamStart {
 }
 
 /** Default validity [s]; without renewal the vehicle then switches to Hold. */
-export const VALID_FOR_S = 10;
+const VALID_FOR_S = 10;
 export const ON_EXPIRY = { action: 'hold', hold_for_s: 5 } as const;
 export const DEFAULT_VALIDITY: Validity = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };
 

@@ -12,7 +12,7 @@ export const KNOB_STEPS = 10;
  * Longest interval between two calls of `tick` that counts as holding [s]: during a longer pause the key may have been
  * released.
  */
-export const MAX_TICK_S = 0.25;
+const MAX_TICK_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 

@@ -14,7 +14,7 @@ import { clamp } from './pad';
  */
 const SETTLE_MS = 400;
 /** Rate of the camera while an arrow is held [deg/s]. */
-export const RATE_DEG_S = 20;
+const RATE_DEG_S = 20;
 
 export type Roi = components['schemas']['Roi'];
 

@@ -11,8 +11,8 @@ export type VehicleMarks = RecordingIndex['vehicles'][number];
 type MessageMark = VehicleMarks['messages'][number];
 
 export const SPEEDS: readonly number[] = [0.25, 0.5, 1, 2, 4, 8, 16, 50];
-export const STEP_S = 5;
-export const LONG_STEP_S = 30;
+const STEP_S = 5;
+const LONG_STEP_S = 30;
 /** Messages up to this MAV_SEVERITY (warning) are marked on the bar and can be jumped to. */
 const SERIOUS = 4;
 
@@ -142,7 +142,7 @@ export function size(bytes: number): string {
   return `${value.toFixed(value < 9.95 ? 1 : 0)} ${units[0]}`;
 }
 
-export function vehicleText(vehicles: readonly number[]): string {
+function vehicleText(vehicles: readonly number[]): string {
   if (vehicles.length === 0) return 'no vehicle in the first minute of the recording';
   return `${vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${vehicles.join(', ')}`;
 }

@@ -69,10 +69,6 @@ export class LayerGesture {
 
   constructor(private readonly editor: LayerEditor) {}
 
-  get isHeld(): boolean {
-    return this.held !== null;
-  }
-
   /** Whether the point has moved. */
   get isMoving(): boolean {
     return this.held?.moving != null;

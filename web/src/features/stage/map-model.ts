@@ -53,11 +53,6 @@ export function referencePosition(facts: VehicleFacts): GeoPosition | null {
   return facts.home?.value ?? facts.global?.value ?? null;
 }
 
-/** Whether the reference is a home and not only the vehicle's position. */
-export function homeKnown(facts: VehicleFacts): boolean {
-  return facts.home !== null;
-}
-
 /** The streamed setpoint on the earth, by the difference between the vehicle's global and local position. */
 function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   const stream = facts.offboard;

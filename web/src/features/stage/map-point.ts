@@ -17,7 +17,7 @@ export interface MapPoint extends GeoPosition {
 /** The API's limits [m above home]. */
 export const ALTITUDE_RANGE_M = { min: -100, max: 1000 } as const;
 /** Largest distance [m] that the API accepts by default. */
-export const MAX_GO_DISTANCE_M = 1000;
+const MAX_GO_DISTANCE_M = 1000;
 
 const IS_REPLAY = 'A recording takes no commands.';
 const NO_CONNECTION = 'No connection to the vehicle.';

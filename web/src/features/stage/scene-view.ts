@@ -29,7 +29,7 @@ export interface SceneCamera {
 /** Positions nearer to the camera are not drawn [m]. */
 export const NEAR_M = 0.1;
 /** A pointer moves nothing farther away than this [m], because there one pixel covers a large distance. */
-export const REACH_M = 5000;
+const REACH_M = 5000;
 /** Length of the line from a point to its handle [px]. */
 const HANDLE_PX = 40;
 /** Below this angle between the line of sight and a level plane, a point is dragged only across the view. */

@@ -16,7 +16,7 @@ const STATES: Readonly<Record<string, string>> = {
 };
 
 /** A number of bytes as text. */
-export function bytesText(bytes: number): string {
+function bytesText(bytes: number): string {
   if (bytes < 1000) return `${bytes} B`;
   if (bytes < 999_500) return `${(bytes / 1000).toFixed(0)} kB`;
   return `${(bytes / 1e6).toFixed(1)} MB`;

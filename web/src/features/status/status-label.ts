@@ -66,7 +66,7 @@ function seconds(age_s: number): string {
 }
 
 /** Whether a failsafe changed the mode that was requested. */
-export function isFailsafe(status: Status): boolean {
+function isFailsafe(status: Status): boolean {
   return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
 }
 

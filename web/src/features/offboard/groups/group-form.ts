@@ -37,7 +37,7 @@ export const NEW_DRAFT: Draft = {
 };
 
 export const AXES = ['North', 'East', 'Up'] as const;
-export const MAX_MEMBERS = 10;
+const MAX_MEMBERS = 10;
 
 /** The API's limits, except that the validity of setpoints sent over HTTP is at least half a second. */
 const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, 's'] } as const;

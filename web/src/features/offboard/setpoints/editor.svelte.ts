@@ -22,7 +22,7 @@ const POSITION_KINDS: readonly SetpointKind[] = ['position', 'position_global', 
 const POSITION_VALIDITY_S = 10;
 const MOTION_VALIDITY_S = 2;
 /** Validity of setpoints from a gamepad or a held handle [s]. */
-export const DIRECT_VALIDITY_S = 0.5;
+const DIRECT_VALIDITY_S = 0.5;
 export const DIRECT_VALIDITY: Validity = { valid_for_s: DIRECT_VALIDITY_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
 const CLOSE_TIMEOUT_MS = 500;
@@ -234,10 +234,6 @@ class SetpointEditor {
     this.socket?.stream.close();
     this.socket = null;
     this.waiting.clear();
-  }
-
-  get streamOpen(): boolean {
-    return this.socket?.stream.state === 'open';
   }
 
   /** Sends one setpoint of gamepad or drag. */

@@ -7,7 +7,7 @@ import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { SetpointJson } from './form';
 
 /** A velocity is previewed as the position reached after this time [s]. */
-export const PREDICTION_S = 3;
+const PREDICTION_S = 3;
 
 export interface Preview {
   position_ned_m: Vector3;

@@ -106,7 +106,7 @@ function parse(data: unknown): Record<string, unknown> | null {
 }
 
 /** Reads an answer of the stream or of a POST. */
-export function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
+function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
   if (raw['error'] !== undefined && raw['error'] !== null) {
     const error = typeof raw['error'] === 'string' ? { detail: raw['error'] } : raw['error'];
     return { applied: null, limited: [], problem: parseProblem(409, error), superseded: false };

@@ -100,11 +100,9 @@ export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
 }
 
 /**
- * Ids of everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a corner of
- * an obstacle, a rally point, home.
+ * Everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a corner of an
+ * obstacle, a rally point, home.
  */
-export type PointId = `item:${number}` | `corner:${number}:${number}` | `circle:${number}` | `obstacle:${number}:${number}` | `rally:${number}` | 'home';
-
 export type PointRef =
   | { readonly of: 'item'; readonly row: number }
   | { readonly of: 'corner'; readonly zone: number; readonly corner: number }
@@ -113,6 +111,7 @@ export type PointRef =
   | { readonly of: 'rally'; readonly index: number }
   | { readonly of: 'home' };
 
+/** The part with this id, for example `item:3`, `corner:0:2` or `home`; null if it is none of these. */
 export function refOf(id: string): PointRef | null {
   const [of, first, second] = id.split(':');
   const [a, b] = [Number(first), Number(second)];

@@ -7,7 +7,7 @@ import { acceptedErrorsText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
 
 /** The vehicle's index of the first item of a row. A pattern is one row with several items. */
-export function itemOfRow(plan: Plan, row: number): number {
+function itemOfRow(plan: Plan, row: number): number {
   return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
 }
 

@@ -79,7 +79,7 @@ export function numberField<T extends object>(target: T, name: string, label: st
   };
 }
 
-export function choiceField<T extends object>(target: T, name: string, label: string, options: Readonly<Record<string, string>>): Field<T> {
+function choiceField<T extends object>(target: T, name: string, label: string, options: Readonly<Record<string, string>>): Field<T> {
   return {
     name,
     label,

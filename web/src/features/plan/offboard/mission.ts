@@ -49,7 +49,7 @@ export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fenc
     readonly missions: Readonly<Record<string, readonly Step[]>>;
   };
 
-export const FORMAT = 'offboard-gcs-mission';
+const FORMAT = 'offboard-gcs-mission';
 
 export function isMission(document: { readonly format: string }): document is Mission {
   return document.format === FORMAT;

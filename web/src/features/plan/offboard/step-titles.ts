@@ -56,7 +56,7 @@ export function stepTitle(step: Step): string {
 const number = (value: unknown): number | null => (typeof value === 'number' ? value : null);
 const deg = (value: unknown): string => `${fixed(((number(value) ?? 0) * 180) / Math.PI, 0)}°`;
 
-export function conditionText(condition: unknown): string {
+function conditionText(condition: unknown): string {
   const { value, above, below, for_s } = (condition ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
   const [words, unit] = VALUES[value ?? ''] ?? [value ?? 'a value', ''];
   const bound = above ?? below ?? 0;
