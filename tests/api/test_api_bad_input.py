@@ -5,23 +5,17 @@ import asyncio
 import json
 
 import pytest
-from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from gcs_server.api import responses
 from gcs_server.api.schema import description
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
 from gcs_server.streamer.groups.status import GroupStatus
+from tests.support.api_client import api_client
 
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    data = tmp_path_factory.mktemp("data")
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
-    with TestClient(
-        create_app(settings, static=data / "none"), base_url="http://localhost", raise_server_exceptions=False
-    ) as client:
+    with api_client(tmp_path_factory.mktemp("data"), raises=False) as client:
         yield client
 
 

@@ -15,8 +15,8 @@ from gcs_server.control.commands import ALL, BY_CALL, BY_NAME, table
 from gcs_server.control.principal import Principal
 from gcs_server.scene.gizmo import MovedMessage, ReleasedMessage
 from gcs_server.scene.proxy import CameraMessage
-from gcs_server.settings import Settings
 from gcs_server.telemetry.wire import Subscribe
+from tests.support.api_client import settings_for
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "authority.md"
 STREAM = "/api/v1/vehicles/{v}/offboard/stream"
@@ -38,8 +38,7 @@ NOBODY = Principal("nobody", "0" * 12, permissions=frozenset())
 def app(tmp_path, request):
     if request.param == "page built":
         (tmp_path / "index.html").write_text("<!doctype html><title>page</title>")
-    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=True, record=False)
-    return create_app(settings, static=tmp_path)
+    return create_app(settings_for(tmp_path, scene=True), static=tmp_path)
 
 
 def path_of(call):

@@ -6,13 +6,11 @@ import json
 import sys
 
 import pytest
-from fastapi.testclient import TestClient
 
 from gcs_server.api.dry_run_aircraft import merged_assumptions
-from gcs_server.app import create_app
 from gcs_server.errors import GcsError
 from gcs_server.plans import dry_runs
-from gcs_server.settings import Settings
+from tests.support.api_client import api_client
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 HOME = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488}
@@ -55,8 +53,7 @@ print(json.dumps({"result": result}), flush=True)
 @pytest.fixture
 def client(tmp_path, monkeypatch):
     monkeypatch.setattr(dry_runs, "COMMAND", (sys.executable, "-c", WORKER))
-    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
-    with TestClient(create_app(settings), base_url="http://localhost/api/v1/") as client:
+    with api_client(tmp_path, path="/api/v1/") as client:
         yield client
 
 

@@ -1,10 +1,8 @@
 """Elevation files over HTTP: the list, checks of plans, and plans at altitudes above terrain."""
 
 import pytest
-from fastapi.testclient import TestClient
 
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
+from tests.support.api_client import api_client
 from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
 
 HOME = {"lat_deg": LAT_DEG - 0.01, "lon_deg": LON_DEG, "alt_amsl_m": 500}
@@ -23,8 +21,7 @@ def plan(*items):
 def client(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     (data / "elevation").mkdir()
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
-    with TestClient(create_app(settings), base_url="http://localhost/api/v1/") as client:
+    with api_client(data, path="/api/v1/") as client:
         write(data / "elevation" / "hill.tif", hill(500.0, 80.0))
         (data / "elevation" / "broken.tif").write_bytes(b"II*\x00 no more")
         yield client

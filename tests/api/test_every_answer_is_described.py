@@ -11,11 +11,11 @@ from gcs_server.api.schema import description
 from gcs_server.app import create_app
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
-from gcs_server.settings import Settings
 from tests.api.generated_requests import Maker
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import FakeAutopilot
+from tests.support.api_client import settings_for
 from tests.unit.gcs_server.replay.made_logs import flight, record
 
 COUNT = int(os.environ.get("GENERATED_REQUESTS", "2"))
@@ -60,8 +60,7 @@ async def with_a_vehicle(data, scenario):
     (data / "recordings").mkdir()
     (data / "recordings" / "flight.tlog").write_bytes(b"".join(record(*each) for each in flight()))
     clock = LoopClock(asyncio.get_running_loop())
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
-    app = create_app(settings, clock, static=data / "none")
+    app = create_app(settings_for(data), clock, static=data / "none")
     server = app.state.server
     server.router.start()
     server.fleet.start()

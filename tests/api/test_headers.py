@@ -7,15 +7,14 @@ from fastapi.testclient import TestClient
 from starlette.routing import Route
 
 from gcs_server.app import create_app
-from gcs_server.settings import Settings
+from tests.support.api_client import settings_for
 
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     (data / "index.html").write_text("<!doctype html><title>page</title>")
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=True, record=False)
-    app = create_app(settings, static=data)
+    app = create_app(settings_for(data, scene=True), static=data)
 
     async def broken(_):
         raise RuntimeError("boom")

@@ -5,10 +5,8 @@ from itertools import product
 from urllib.parse import quote
 
 import pytest
-from fastapi.testclient import TestClient
 
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
+from tests.support.api_client import api_client
 
 HOSTILE = {
     "nul": "a\0b",
@@ -41,10 +39,7 @@ def client(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     for folder in ("maps", "recordings"):
         (data / folder).mkdir()
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=True)
-    with TestClient(
-        create_app(settings, static=data / "none"), base_url="http://localhost", raise_server_exceptions=False
-    ) as client:
+    with api_client(data, record=True, raises=False) as client:
         yield client
 
 

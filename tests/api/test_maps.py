@@ -7,10 +7,8 @@ import struct
 from contextlib import closing
 
 import pytest
-from fastapi.testclient import TestClient
 
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
+from tests.support.api_client import api_client
 
 PICTURE = b"\x89PNG\r\n\x1a\n not really"
 
@@ -42,8 +40,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def client(tmp_path, folder):
-    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
-    with TestClient(create_app(settings), base_url="http://localhost") as client:
+    with api_client(tmp_path) as client:
         yield client
 
 

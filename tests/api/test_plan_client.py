@@ -9,9 +9,9 @@ from gcs_server.app import create_app
 from gcs_server.client import Gcs, Refused, Unknown
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
-from gcs_server.settings import Settings
 from tests.jump_time import in_jumps
 from tests.protocol.mission_world import MissionAutopilot
+from tests.support.api_client import settings_for
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
@@ -22,8 +22,7 @@ PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {
 def run(tmp_path, story):
     async def work():
         clock = LoopClock(asyncio.get_running_loop())
-        settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
-        app = create_app(settings, clock, static=tmp_path / "none")
+        app = create_app(settings_for(tmp_path), clock, static=tmp_path / "none")
         server = app.state.server
         server.router.start()
         server.fleet.start()

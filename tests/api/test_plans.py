@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from fastapi.testclient import TestClient
 
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
+from tests.support.api_client import api_client
+from tests.support.survey_camera import CAMERA
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 PLAN = {
@@ -39,8 +38,7 @@ ANNA, BOB = {"X-Client": "anna"}, {"X-Client": "bob"}
 
 @pytest.fixture
 def client(tmp_path):
-    settings = Settings(port=0, links=(), sim=0, data=tmp_path, scene=False, record=False)
-    with TestClient(create_app(settings), base_url="http://localhost/api/v1/") as client:
+    with api_client(tmp_path, path="/api/v1/") as client:
         yield client
 
 
@@ -202,17 +200,10 @@ def test_a_file_without_altitudes_needs_an_altitude_and_returns_its_areas(client
 
 
 def test_patterns_become_items(client):
-    camera = {
-        "sensor_width_mm": 13.2,
-        "sensor_height_mm": 8.8,
-        "focal_length_mm": 8.8,
-        "image_width_px": 5472,
-        "image_height_px": 3648,
-    }
     survey = {
         "kind": "survey",
         "outer": SQUARE,
-        "coverage": {"camera": camera, "distance_m": 40},
+        "coverage": {"camera": CAMERA, "distance_m": 40},
         "altitude": {"value_m": 40, "reference": "home"},
     }
     made = client.post("plans/pattern", json=survey)

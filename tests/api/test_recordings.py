@@ -6,10 +6,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from fastapi.testclient import TestClient
 
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
+from tests.support.api_client import api_client
 from tests.unit.gcs_server.replay.made_logs import BEGIN_US, flight, log_bytes
 
 BEGIN_S = BEGIN_US / 1e6
@@ -29,8 +27,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def server(folder):
-    settings = Settings(port=0, links=(), sim=0, data=folder.parent, scene=False, record=False)
-    with TestClient(create_app(settings, static=folder), base_url="http://localhost") as client:
+    with api_client(folder.parent, static=folder) as client:
         yield client
 
 

@@ -6,14 +6,12 @@ import sys
 
 import pytest
 from fastapi.routing import APIRoute
-from fastapi.testclient import TestClient
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
 from missions.values import Model
+from tests.support.api_client import api_client
 
 WRONG = {
     "true": True,
@@ -152,10 +150,7 @@ def example_number(example, path):
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    data = tmp_path_factory.mktemp("data")
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
-    app = create_app(settings, static=data / "none")
-    with TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:
+    with api_client(tmp_path_factory.mktemp("data"), raises=False) as client:
         yield client
 
 

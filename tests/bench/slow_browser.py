@@ -17,24 +17,13 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from tests.station import free_port, running, server
+from tests.support.viser_camera import CAMERA
 
 from .process import cpu_share, load_average, resident_mb
 
 VEHICLES = 10
 WARM_UP_S = 4.0
 WINDOW_S = 20.0
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (-3.0, 0.0, 1.0),
-    "fov": 0.8,
-    "near": 0.1,
-    "far": 100.0,
-    "image_height": 100,
-    "image_width": 100,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
 CASES = (("nobody", 0, 0), ("one that reads", 1, 0), ("one that reads, one that does not", 1, 1))
 
 

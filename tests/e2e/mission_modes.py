@@ -15,6 +15,7 @@ from typing import Any
 import httpx
 
 from tests import station
+from tests.support.line_mission import MISSION, NAME
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
 DOMAIN = 58
@@ -24,16 +25,6 @@ SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2
 PATIENT = ["--param", "COM_DISARM_PRFLT=60"]
 """Time after arming until PX4 disarms a vehicle that does not take off [s]: on a busy computer the mission is
 compiled in more than the ten seconds of the default."""
-NAME = "Short line"
-MISSION: dict[str, Any] = {
-    "format": "offboard-gcs-mission",
-    "version": 1,
-    "name": "Line",
-    "steps": [
-        {"step": "fly", "points": [{"offset_ned_m": [8, 0, 0]}], "speed_m_s": 3},
-        {"step": "hold", "duration_s": 2},
-    ],
-}
 TAKES_OFF: dict[str, Any] = {
     **MISSION,
     "steps": [

@@ -31,21 +31,10 @@ from gcs_server.client import NotAllowed, SyncGcs
 from tests.bench.process import family
 from tests.e2e.fast_station import FAST
 from tests.station import end, free_port, running, server_command, vehicle, wait_for_start, wait_until
+from tests.support.viser_camera import CAMERA
 
 VEHICLE = "101"
 VISER = Subprotocol(f"viser-v{viser.__version__}")
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (-3.0, 0.0, 1.0),
-    "fov": 0.8,
-    "near": 0.1,
-    "far": 100.0,
-    "image_height": 100,
-    "image_width": 100,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
 POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
 COMMANDS: list[tuple[str, str, dict[str, Any] | None]] = [
     ("POST", f"/api/v1/vehicles/{VEHICLE}/arm", None),

@@ -1,6 +1,7 @@
 """The server's links and vehicles without a network, on simulated time."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from gcs_server.clock import LoopClock
@@ -67,3 +68,30 @@ class World:
         await self.fleet.close()
         await self.router.close()
         await self.supervisor.close()
+
+
+def run_test(
+    jump: Any, scenario: Callable[[Any], Awaitable[None]], world_of: Callable[[], World] = World
+) -> Any:
+    """Runs a scenario in a new world on simulated time."""
+
+    async def run() -> None:
+        world = world_of()
+        try:
+            await scenario(world)
+        finally:
+            await world.close()
+
+    return jump(run)
+
+
+def run_with_vehicle(
+    jump: Any, scenario: Callable[..., Awaitable[None]], world_of: Callable[[], World] = World
+) -> Any:
+    """The same with a vehicle: the scenario gets the world, the autopilot, and the server's vehicle."""
+
+    async def connected(world: World) -> None:
+        autopilot = world.autopilot(world.link())
+        await scenario(world, autopilot, await world.ready())
+
+    return run_test(jump, connected, world_of)

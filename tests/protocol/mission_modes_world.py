@@ -8,25 +8,12 @@ from typing import Any
 from gcs_server.api import mission_mode_models, mission_mode_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
-from gcs_server.ros2.external_mode import CHECK_REPLY, COMPLETED, CONTROLLERS
 from tests.protocol.api_calls import ANNA, WorkHere, station_of, view
 from tests.protocol.offboard_world import seconds
 from tests.protocol.ros2_world import Ros2World
 from tests.protocol.simulated_world import until
+from tests.support.line_mission import MISSION, NAME
 from vehicle_sim.mavlink import generated_dialect as sim
-
-NAME = "Short line"
-MISSION: dict[str, Any] = {
-    "format": "offboard-gcs-mission",
-    "version": 1,
-    "name": "Line",
-    "steps": [
-        {"step": "fly", "points": [{"offset_ned_m": [8, 0, 0]}], "speed_m_s": 3},
-        {"step": "hold", "duration_s": 2},
-    ],
-}
-OF_MODES = (CHECK_REPLY, CONTROLLERS, COMPLETED, "/fmu/in/trajectory_setpoint")
-
 
 DEFERRAL_S = 6
 LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60}]}

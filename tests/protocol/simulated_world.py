@@ -8,13 +8,31 @@ from typing import Any
 
 from gcs_server.links.memory import MemoryLink
 from gcs_server.vehicle.vehicle import Vehicle
+from tests.protocol.memory_world import World
 from tests.protocol.offboard_world import OffboardWorld
 from vehicle_sim.fleet import VehicleSim
 
 TICK_S = 0.02
 
 
-class SimulatedWorld(OffboardWorld):
+class SimulatedVehicles(World):
+    """A world whose vehicles fly."""
+
+    async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
+        """The vehicle, once it can be armed."""
+        vehicle = await self.ready(vehicle_id, timeout_s=40)
+        await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
+        return vehicle
+
+    async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
+        """The vehicle after take-off, in Hold."""
+        vehicle = await self.ready_to_arm(vehicle_id)
+        await vehicle.command.takeoff(height_m)
+        await until(lambda: vehicle.status.mode == "hold", 40)
+        return vehicle
+
+
+class SimulatedWorld(OffboardWorld, SimulatedVehicles):
     """Vehicles "1", "2", … in a row to the east, 3 m apart.
 
     Args:
@@ -68,19 +86,6 @@ class SimulatedWorld(OffboardWorld):
                 if frames := [frame for frame in self.sim.frames(row, "gcs") if self._arrives()]:
                     link.inject(b"".join(frames), "vehicle")
             await self.clock.sleep(TICK_S)
-
-    async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
-        """The vehicle, once it can be armed."""
-        vehicle = await self.ready(vehicle_id, timeout_s=40)
-        await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
-        return vehicle
-
-    async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
-        """The vehicle after take-off, in Hold."""
-        vehicle = await self.ready_to_arm(vehicle_id)
-        await vehicle.command.takeoff(height_m)
-        await until(lambda: vehicle.status.mode == "hold", 40)
-        return vehicle
 
 
 async def until(condition: Any, timeout_s: float) -> None:

@@ -8,24 +8,12 @@ from gcs_server.api import camera_routes, gimbal_routes, models, vehicle_routes
 from gcs_server.errors import InvalidRequest, NoReply
 from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
 from tests.protocol.api_calls import ANNA, lines, station_of, view
-from tests.protocol.memory_world import World
+from tests.protocol.memory_world import World, run_with_vehicle
 from tests.protocol.offboard_world import OffboardWorld
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL, DOWN, HALF = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0], [0.9238795, 0.0, -0.3826834, 0.0]
 DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
-
-
-def run_test(jump, scenario, world_of=World):
-    async def run():
-        world = world_of()
-        try:
-            autopilot = world.autopilot(world.link())
-            await scenario(world, autopilot, await world.ready())
-        finally:
-            await world.close()
-
-    return jump(run)
 
 
 class OtherComponent:
@@ -120,7 +108,7 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
             "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
         }  # fmt: skip
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_components_are_bounded(jump):
@@ -133,7 +121,7 @@ def test_components_are_bounded(jump):
         assert kinds(vehicle)[0] == (1, "autopilot", False)
         assert not vehicle.status.link_lost
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(jump):
@@ -173,7 +161,7 @@ def test_batteries_and_distances_of_another_component_do_not_replace_the_autopil
         sensors = vehicle.topic("distance_sensors").value.sensors
         assert [(s.sensor_id, s.distance_m) for s in sensors] == [(0, 3.0), (1, 4.0)]
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
@@ -222,7 +210,7 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbals) == (171, ()), "the first has been silent for 3 s"
 
-    run_test(jump, scenario, OffboardWorld)
+    run_with_vehicle(jump, scenario, OffboardWorld)
 
 
 def test_two_devices_of_one_manager_are_distinguished(jump):
@@ -246,7 +234,7 @@ def test_two_devices_of_one_manager_are_distinguished(jump):
         assert [(m.param3, m.param7) for m in autopilot.commands(1000)] == [(1, 2), (3, 1)]
         assert [g.gimbal_device_id for g in vehicle.topic("gimbal").value.gimbals] == [1, 2]
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
@@ -272,7 +260,7 @@ def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
         assert autopilot.control == (255, 190)
         assert liar.commands(1001) == []
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_a_picture_is_taken_by_the_connected_camera(jump):
@@ -288,7 +276,7 @@ def test_a_picture_is_taken_by_the_connected_camera(jump):
         await vehicle.camera.take_picture()
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 2)
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_a_request_chooses_the_camera_by_its_component(jump):
@@ -307,7 +295,7 @@ def test_a_request_chooses_the_camera_by_its_component(jump):
             await camera_routes.picture("1", station, ANNA, 102)
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
 
-    run_test(jump, scenario, OffboardWorld)
+    run_with_vehicle(jump, scenario, OffboardWorld)
 
 
 def test_the_error_about_a_missing_camera_names_the_requested_component(jump):
@@ -316,4 +304,4 @@ def test_the_error_about_a_missing_camera_names_the_requested_component(jump):
             await vehicle.camera.take_picture()
         assert "component 100" in refused.value.remedy
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)

@@ -6,19 +6,9 @@ import math
 import pytest
 
 from gcs_server.telemetry.hub import Encoded
+from tests.protocol.memory_world import run_test
 
 INFORMATION, VERSION = 280, 148
-
-
-def run_test(world, scenario):
-    async def run():
-        w = world()
-        try:
-            await scenario(w)
-        finally:
-            await w.close()
-
-    return run
 
 
 def requests_for(autopilot, msg_id):
@@ -66,7 +56,7 @@ def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(
         await asyncio.sleep(3)
         assert requests_for(autopilot, INFORMATION) == 4
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 @pytest.mark.parametrize(("autopilot_type", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
@@ -80,7 +70,7 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_hav
         await asyncio.sleep(30)
         assert requests_for(autopilot, INFORMATION) == times
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_its_first_heartbeat(kit, jump):
@@ -106,7 +96,7 @@ def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_it
         (again_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
         assert b'"simulated":true' in again_json
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 @pytest.mark.parametrize(("autopilot_type", "simulated"), [(12, False), (3, None)])
@@ -123,4 +113,4 @@ def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, au
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.simulated is simulated
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)

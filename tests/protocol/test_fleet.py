@@ -5,19 +5,9 @@ import asyncio
 import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
+from tests.protocol.memory_world import run_test
 
 HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
-
-
-def run_test(world, scenario):
-    async def run():
-        w = world()
-        try:
-            await scenario(w)
-        finally:
-            await w.close()
-
-    return run
 
 
 def ids(world):
@@ -35,7 +25,7 @@ def test_a_simulator_is_identified_by_its_uid(kit, jump):
         with pytest.raises(UnknownVehicle):
             world.fleet.get("9")
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_several_vehicles_share_a_link(kit, jump):
@@ -48,7 +38,7 @@ def test_several_vehicles_share_a_link(kit, jump):
         assert [p.armed for p in autopilots] == [False, True, False]
         assert world.fleet.warnings() == []
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +62,7 @@ def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second)
         assert "system id 1" in vehicle.identity.warnings[0]
         assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
@@ -89,7 +79,7 @@ def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
         assert second.armed
         assert not vehicle.status.link_lost
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
@@ -101,7 +91,7 @@ def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump,
         await asyncio.sleep(6)
         assert ids(world) == expected
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit, jump):
@@ -118,7 +108,7 @@ def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit
         assert world.fleet.get("1").identity.warnings == ()
         assert any(e.kind == "vehicle_removed" for e in world.fleet.events.since())
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump):
@@ -135,7 +125,7 @@ def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump)
         await world.fleet.get("1").command.arm()
         assert back.armed
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_other_stations_and_companions_are_not_vehicles(kit, jump):
@@ -150,7 +140,7 @@ def test_other_stations_and_companions_are_not_vehicles(kit, jump):
         assert ids(world) == ["1"]
         assert vehicle.status.custom_mode == autopilot.mode
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(kit, jump):
@@ -174,7 +164,7 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(ki
         await world.router.remove_link("tape")
         assert ids(world) == ["1"]
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
@@ -197,7 +187,7 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
             seqs = [m.get_seq() for m in autopilot.received]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
-    jump(run_test(lambda: kit.World(system_id=42), scenario))
+    run_test(jump, scenario, lambda: kit.World(system_id=42))
 
 
 def test_stream_rates_are_not_changed(kit, jump):
@@ -208,7 +198,7 @@ def test_stream_rates_are_not_changed(kit, jump):
         assert autopilot.commands(511) == []
         assert not [m for m in autopilot.received if m.get_type() == "REQUEST_DATA_STREAM"]
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
@@ -236,7 +226,7 @@ def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
         assert not [m for p in autopilots for m in p.received if m.get_type() == "PING"]
         assert ids(world) == ["1", "2"]
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def codec_system(data):
@@ -253,7 +243,7 @@ def test_links_are_added_and_removed_by_name(kit, jump):
         await world.router.remove_link("one")
         assert world.router.links() == []
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_texts_events_and_modes_become_one_line_each(kit, jump):
@@ -282,7 +272,7 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
         ]
         assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jump):
@@ -298,7 +288,7 @@ def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jum
         oldest = vehicle.history(("global_position", "status"), 0)[0]
         assert world.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)
 
 
 def test_a_topic_is_decoded_once_for_each_message(kit, jump):
@@ -310,4 +300,4 @@ def test_a_topic_is_decoded_once_for_each_message(kit, jump):
         with pytest.raises(KeyError):
             vehicle.topic("nothing")
 
-    jump(run_test(kit.World, scenario))
+    run_test(jump, scenario, kit.World)

@@ -13,20 +13,10 @@ from gcs_server.api.responses import answer, history_pieces, history_view, vehic
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
+from tests.protocol.memory_world import run_test
 from tests.protocol.offboard_world import OffboardWorld, stream_request
 
 BAD = [math.inf, -math.inf, math.nan, 1e38]
-
-
-def run_test(jump, scenario):
-    async def run():
-        world = OffboardWorld()
-        try:
-            await scenario(world)
-        finally:
-            await world.close()
-
-    return jump(run)
 
 
 async def two(world) -> tuple[Any, Any]:
@@ -90,7 +80,7 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
         assert seen(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
         assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_an_invalid_home_keeps_the_last_valid_one(jump):
@@ -102,7 +92,7 @@ def test_an_invalid_home_keeps_the_last_valid_one(jump):
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
         assert any("home" in w.text for w in world.fleet.warnings())
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 @pytest.mark.parametrize("value", BAD)
@@ -126,7 +116,7 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
         assert vehicles[1].status.mode == "offboard"
         assert vehicles[0].status.mode == "land", "connected, and without an estimate for a position hold"
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(jump):
@@ -153,7 +143,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         )
         assert good.setpoints[-1][0] > world.loop.time() - 0.05
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 class Socket:
@@ -200,4 +190,4 @@ def test_a_lost_and_recovered_link_is_reported(jump):
             assert run_test == sorted(run_test), "each is newer than the one before"
             serving.cancel()
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)

@@ -5,20 +5,8 @@ import asyncio
 import pytest
 
 from gcs_server.vehicle.samples import TOPICS
-from tests.protocol.memory_world import World
+from tests.protocol.memory_world import run_with_vehicle
 from vehicle_sim.mavlink import generated_dialect as sim
-
-
-def run_test(jump, scenario):
-    async def run():
-        world = World()
-        try:
-            autopilot = world.autopilot(world.link())
-            await scenario(world, autopilot, await world.ready())
-        finally:
-            await world.close()
-
-    return jump(run)
 
 
 def battery(autopilot, battery_id, percent, millivolts):
@@ -45,7 +33,7 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
         value = vehicle.topic("battery").value
         assert (value.battery_id, value.batteries) == (0, ()), "the other has sent nothing for 10 s"
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_the_number_of_batteries_is_limited(jump):
@@ -56,7 +44,7 @@ def test_the_number_of_batteries_is_limited(jump):
         await asyncio.sleep(0.1)
         assert len(vehicle.topic("battery").value.batteries) == 8
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_two_groups_of_outputs_are_stored_separately(jump):
@@ -71,7 +59,7 @@ def test_two_groups_of_outputs_are_stored_separately(jump):
         assert value.pwm_us == (1500,) * 4
         assert [(g.port, g.pwm_us) for g in value.groups] == [(0, (1500,) * 4), (1, (1501,) * 4)]
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def gimbal(autopilot, component, pitch_q):
@@ -96,7 +84,7 @@ def test_of_two_gimbals_the_first_is_shown_until_it_stops_sending(jump):
             await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(-1.5708, abs=1e-2)
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
@@ -119,7 +107,7 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
         assert vehicle.identity.component_id == 1
         assert vehicle.endpoints[0].boot_at_s == pytest.approx(boot_at_s, abs=0.5)
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)
 
 
 def test_a_topics_time_is_that_of_its_newest_sample(jump):
@@ -139,4 +127,4 @@ def test_a_topics_time_is_that_of_its_newest_sample(jump):
         assert vehicle.status.link_lost
         assert before_s < changed_s < agree(), "the lost connection is a new sample of the status"
 
-    run_test(jump, scenario)
+    run_with_vehicle(jump, scenario)

@@ -3,17 +3,7 @@
 import asyncio
 
 from gcs_server.mavlink import tlog_writer
-
-
-def run_test(kit, jump, scenario, **settings):
-    async def run():
-        world = kit.World(**settings)
-        try:
-            await scenario(world)
-        finally:
-            await world.close()
-
-    jump(run)
+from tests.protocol.memory_world import run_test
 
 
 def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
@@ -40,7 +30,7 @@ def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
         assert world.router.links()[0].frames_received > before.frames_received
         assert not world.fleet.get("1").status.link_lost
 
-    run_test(kit, jump, scenario)
+    run_test(jump, scenario)
 
 
 def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, jump, tmp_path, monkeypatch):
@@ -67,7 +57,7 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
         assert world.router.connection(replay.name).info().recording is None
 
     monkeypatch.setattr(tlog_writer.TlogRecorder, "start", lambda self: None)
-    run_test(kit, jump, scenario, recording_dir=tmp_path, recording_keep_free_bytes=0)
+    run_test(jump, scenario, lambda: kit.World(recording_dir=tmp_path, recording_keep_free_bytes=0))
 
 
 def test_without_recording_it_is_null(kit, jump):
@@ -75,4 +65,4 @@ def test_without_recording_it_is_null(kit, jump):
         world.link()
         assert world.router.links()[0].recording is None
 
-    run_test(kit, jump, scenario)
+    run_test(jump, scenario)

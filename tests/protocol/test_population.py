@@ -14,20 +14,10 @@ from gcs_server.vehicle.population import (
     MAX_ON_LINK,
     MAX_VEHICLES,
 )
+from tests.protocol.memory_world import run_test
 from tests.protocol.offboard_world import OffboardWorld, stream_request
 
 HEARTBEAT = encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
-
-
-def run_test(jump, scenario):
-    async def run():
-        world = OffboardWorld()
-        try:
-            await scenario(world)
-        finally:
-            await world.close()
-
-    return jump(run)
 
 
 def send_heartbeat(link, system, peer):
@@ -52,7 +42,7 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
         await asyncio.sleep(70.0)
         assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "the warning has ended"
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump):
@@ -73,7 +63,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
         await asyncio.sleep(4.0)
         assert not real.status.link_lost
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 @pytest.mark.story
@@ -91,7 +81,7 @@ def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_ON_LINK
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
@@ -120,7 +110,7 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
         await again.offboard.start(stream_request(valid_for_s=60.0))
         assert again.status.mode == "offboard"
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)
 
 
 def test_equal_system_ids_give_one_warning(jump):
@@ -133,4 +123,4 @@ def test_equal_system_ids_give_one_warning(jump):
             await asyncio.sleep(1.0)
         assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_OF_ONE_ID
 
-    run_test(jump, scenario)
+    run_test(jump, scenario, OffboardWorld)

@@ -117,10 +117,6 @@ class FlownMission:
         """Flies until the mission is in one of these states."""
         return self.until(lambda: self.status.state in states)
 
-    def at_step(self, place: str) -> FlownMission:
-        """Flies until it flies this step."""
-        return self.until(lambda: self.status.place == place)
-
     def step(self) -> None:
         """One setpoint and one update of the runner."""
         self.now_s += STEP_S

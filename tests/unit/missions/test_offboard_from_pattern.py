@@ -21,19 +21,13 @@ from missions.plan import Plan
 from missions.setpoints import Trajectory
 from missions.vehicle import VehicleModel
 from tests.support.offboard_missions import HOME, codes
+from tests.support.survey_camera import CAMERA
 
 M = 1.0 / 111_194.9
 EAST = M / math.cos(math.radians(47.0))
 CORNERS = [
     {"lat_deg": 47.0 + n * M, "lon_deg": 8.0 + e * EAST} for n, e in ((20, 0), (20, 80), (70, 80), (70, 0))
 ]
-CAMERA = {
-    "sensor_width_mm": 13.2,
-    "sensor_height_mm": 8.8,
-    "focal_length_mm": 8.8,
-    "image_width_px": 5472,
-    "image_height_px": 3648,
-}
 COVERAGE = {"camera": CAMERA, "distance_m": 30}
 UP = {"value_m": 30, "reference": "home"}
 PATTERNS: dict[str, dict[str, Any]] = {

@@ -6,18 +6,12 @@ import pytest
 
 from missions.errors import PlanError
 from missions.patterns import document
+from tests.support.survey_camera import CAMERA
 
 CORNERS = [
     {"lat_deg": lat, "lon_deg": lon}
     for lat, lon in ((47.4, 8.5), (47.401, 8.5), (47.401, 8.502), (47.4, 8.502))
 ]
-CAMERA = {
-    "sensor_width_mm": 13.2,
-    "sensor_height_mm": 8.8,
-    "focal_length_mm": 8.8,
-    "image_width_px": 5472,
-    "image_height_px": 3648,
-}
 COVERAGE = {"camera": CAMERA, "distance_m": 40}
 ALTITUDE = {"value_m": 40, "reference": "home"}
 PATTERNS = {

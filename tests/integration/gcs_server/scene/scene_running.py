@@ -107,18 +107,6 @@ async def eventually(condition, seconds: float = 20.0):
 
 
 PROTOCOL = f"viser-v{viser.__version__}"
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (-3.0, 0.0, 1.0),
-    "fov": 0.8,
-    "near": 0.1,
-    "far": 100.0,
-    "image_height": 100,
-    "image_width": 100,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
 
 DOWN_NORTH = {"eye_enu_m": [0, 0, 10], "ray_enu": [0, 1, -1], "view_x": 0.5, "view_y": 0.6}
 MOVED = {

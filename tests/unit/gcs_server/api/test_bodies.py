@@ -4,15 +4,13 @@ import asyncio
 import json
 
 import pytest
-from fastapi.testclient import TestClient
 
 from gcs_server.api.bodies import MAX_DEPTH, MAX_KEYS, Bodies, json_fault
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
 from gcs_server.api.request_queue import RequestQueue
-from gcs_server.app import create_app
-from gcs_server.settings import Settings
 from tests.jump_time import in_jumps
+from tests.support.api_client import api_client
 
 LONGEST_PATH = {
     "setpoint": {
@@ -31,11 +29,7 @@ LONGEST_PATH = {
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    data = tmp_path_factory.mktemp("data")
-    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
-    with TestClient(
-        create_app(settings, static=data / "none"), base_url="http://localhost", raise_server_exceptions=False
-    ) as client:
+    with api_client(tmp_path_factory.mktemp("data"), raises=False) as client:
         yield client
 
 

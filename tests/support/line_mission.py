@@ -1,0 +1,17 @@
+"""A short offboard mission for tests of missions as flight modes: a line north, then a hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+NAME = "Short line"
+"""Name of its flight mode."""
+MISSION: dict[str, Any] = {
+    "format": "offboard-gcs-mission",
+    "version": 1,
+    "name": "Line",
+    "steps": [
+        {"step": "fly", "points": [{"offset_ned_m": [8, 0, 0]}], "speed_m_s": 3},
+        {"step": "hold", "duration_s": 2},
+    ],
+}

@@ -1,0 +1,9 @@
+"""A camera for survey patterns, as a plan document has it."""
+
+CAMERA = {
+    "sensor_width_mm": 13.2,
+    "sensor_height_mm": 8.8,
+    "focal_length_mm": 8.8,
+    "image_width_px": 5472,
+    "image_height_px": 3648,
+}
