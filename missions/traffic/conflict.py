@@ -95,13 +95,19 @@ def _separation(
     """For each row, the smallest distance to the other vehicle, and the other's sample; infinite: it is not
     near."""
     separation_m, partner = np.full(len(rows), math.inf), np.zeros(len(rows), dtype=np.int64)
-    mine = own.position_ned_m[rows]
-    columns = _near_columns(own, rows, other, theirs, least_m)
+    mine, braking_m = own.position_ned_m[rows], _braking_m(own.velocity_ned_m_s[rows])
+    near_m = least_m + _braking_m(other.velocity_ned_m_s)
+    low, high = (mine - braking_m).min(axis=0), (mine + braking_m).max(axis=0)
+    inside = np.all((theirs >= low - near_m) & (theirs <= high + near_m), axis=1)
+    columns = np.flatnonzero(inside)
     if not len(columns):
         return separation_m, partner
     together = (own.earliest_s[rows][:, None] <= other.latest_s[columns]) & (
         other.earliest_s[columns] <= own.latest_s[rows][:, None]
     )
+    for axis in range(3):
+        apart_m = np.abs(mine[:, axis][:, None] - theirs[columns, axis])
+        together &= apart_m < near_m[columns, axis] + braking_m[:, axis][:, None]
     first, second = np.nonzero(together)
     if not len(first):
         return separation_m, partner
@@ -117,20 +123,10 @@ def _separation(
     return distances_m[np.arange(len(rows)), nearest], columns[nearest]
 
 
-def _near_columns(
-    own: PredictedPath, rows: NDArray[np.int64], other: PredictedPath, theirs: Array, least_m: float
-) -> NDArray[np.int64]:
-    """Samples of the other vehicle that can be near one of these rows, in place and time."""
-    mine = own.position_ned_m[rows]
-    reach_m = least_m + _longest_stop_m(own.velocity_ned_m_s[rows]) + _longest_stop_m(other.velocity_ned_m_s)
-    inside = np.all((theirs >= mine.min(axis=0) - reach_m) & (theirs <= mine.max(axis=0) + reach_m), axis=1)
-    inside &= other.latest_s >= own.earliest_s[rows].min()
-    inside &= other.earliest_s <= own.latest_s[rows].max()
-    return np.flatnonzero(inside)
-
-
-def _longest_stop_m(velocity: Array) -> float:
-    return float(stopping_m(np.linalg.norm(velocity, axis=1).max()))
+def _braking_m(velocity: Array) -> Array:
+    """Length of the braking path along each axis, which is enough to exclude most pairs of samples."""
+    speed = np.linalg.norm(velocity, axis=1)[:, None]
+    return stopping_m(speed) / np.maximum(speed, 1e-9) * np.abs(velocity)
 
 
 def _conflict(

@@ -3,6 +3,7 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 from missions import plan as plan_document
@@ -11,7 +12,7 @@ from missions.offboard.compiler import compile_mission
 from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.runner.flight import Flight
-from missions.separation import planned_margin_m
+from missions.separation import closest_m, planned_margin_m
 from missions.traffic.conflict import conflicts, first_conflict
 from missions.traffic.offboard import predict_mission
 from missions.traffic.path import standing
@@ -95,6 +96,30 @@ def test_a_vehicle_that_hovers_in_the_way_is_a_conflict_at_any_time():
     assert (found.other_place, found.earlier_or_later_s) == ("Hold", None)
     assert "is there is not known" in found.text
     assert first_conflict(flown(line(), "2"), standing("1", ORIGIN, (0, 100, -60), "Hold")) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pairs_that_are_excluded_early_are_never_near(seed):
+    random = np.random.default_rng(seed)
+
+    def somewhere():
+        points = [(*random.uniform(-60, 60, 2).tolist(), float(random.uniform(10, 50))) for _ in range(4)]
+        return [at("takeoff", *points[0]), *(at("waypoint", *each) for each in points[1:])]
+
+    own, other = flown(somewhere(), "2"), flown(somewhere())
+    first, second = np.nonzero(
+        (own.earliest_s[:, None] <= other.latest_s) & (other.earliest_s <= own.latest_s[:, None])
+    )
+    apart_m = closest_m(
+        own.position_ned_m[first], own.velocity_ned_m_s[first],
+        other.position_ned_m[second], other.velocity_ned_m_s[second],
+    )  # fmt: skip
+    found = first_conflict(own, other)
+    assert (found is not None) == bool(apart_m.min() < LEAST_M)
+    if found is not None:
+        near = first[apart_m < LEAST_M]
+        assert own.t_s[near.min()] <= found.after_s
+        assert found.distance_m >= apart_m.min() - 1e-6
 
 
 def test_each_vehicle_has_its_own_local_frame():
