@@ -31,8 +31,9 @@ ALWAYS = frozenset({"all_nan", "hold_goto_30hz"})
 EXPLAINED = {
     "loss_ocm_only": "Which setpoints PX4's mode overwrites depends on the delays of their delivery: 3.6 m "
     "down here, 4.2 m there.",
-    "nav_takeoff_7m_relative_wrong": "PX4's vehicle left the ground, although the altitude was below "
-    "it; the simulated one stays there and is disarmed.",
+    "nav_takeoff_7m_relative_wrong": "The altitude was below the vehicle, so PX4 used the vehicle's own. "
+    "PX4's estimate then descended by 0.3 m on the ground, more than the 0.2 m that start a take-off; the "
+    "simulated estimate drifts less, so the vehicle stays there and is disarmed.",
     "att_thrust_positive_z": "PX4's vehicle was still flying back, from 1.1 m north, when the flight began.",
 }
 WHOLE = os.environ.get("ALL_DIALOGUES") == "1"

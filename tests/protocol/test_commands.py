@@ -305,6 +305,22 @@ def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
     flight(kit, jump, scenario)
 
 
+def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_and_the_fix(kit, jump):
+    async def scenario(world, vehicle, autopilot):
+        autopilot.home = (*autopilot.home[:2], autopilot.position[2] - 30.4)
+        await asyncio.sleep(3)
+        with pytest.raises(InvalidRequest, match=r"is 30\.4 m above home") as caught:
+            await vehicle.command.takeoff(10)
+        assert caught.value.field == "alt_home_m"
+        assert "Use at least 32 m" in caught.value.remedy
+        assert not autopilot.commands(22)
+        assert not vehicle.status.armed
+        await vehicle.command.takeoff(32)
+        assert vehicle.status.mode == "takeoff"
+
+    flight(kit, jump, scenario)
+
+
 @pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
 def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, autopilot_type, kind):
     async def scenario(world, vehicle, autopilot):

@@ -9,16 +9,18 @@ from typing import Any
 
 import pytest
 
-from gcs_server.errors import NotTogether, Refused
+from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 from tests.protocol import group_world
 from tests.protocol.api_calls import station_of
 from tests.protocol.mission_flights import Missions, event_codes
+from tests.protocol.mission_modes_world import OtherStation
 from tests.protocol.ros2_world import Ros2World, request_of, value_of
 from tests.protocol.simulated_world import until
 from tests.support.offboard_missions import mission
+from vehicle_sim.mavlink import generated_dialect as sim
 
 MISSION = """
 - {step: take_off, height_m: 4}
@@ -103,3 +105,21 @@ async def fly_apart(vehicle: Vehicle) -> None:
 
 def distance_m(vehicle: Vehicle, position_ned_m: Vector3) -> float:
     return math.dist(value_of(vehicle, "local_position").position_ned_m, position_ned_m)
+
+
+def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World(mavlink=True)
+        world.mavlink_on = False
+        vehicle = await world.ready_to_arm()
+        here = value_of(vehicle, "global_position")
+        home = (here.lat_deg, here.lon_deg, here.alt_amsl_m - 30.0)
+        OtherStation(world).command(sim.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *home)
+        await until(lambda: value_of(vehicle, "home").alt_amsl_m < here.alt_amsl_m - 29, 5)
+        with pytest.raises(InvalidRequest, match="is not above vehicle 1") as caught:
+            await vehicle.command.takeoff(10)
+        assert caught.value.field == "alt_home_m"
+        assert not vehicle.status.armed
+        await world.close()
+
+    jump(run)

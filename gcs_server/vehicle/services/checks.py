@@ -10,6 +10,8 @@ from gcs_server.vehicle.services.port import VehiclePort
 
 FRESH_S = 3.0
 """A position older than this is not used."""
+MIN_CLIMB_M = 0.2
+"""A smaller height above the vehicle does not start a take-off of PX4."""
 
 
 def number(field: str, value: float, low: float, high: float) -> float:
@@ -56,3 +58,30 @@ def home_of(vehicle: VehiclePort) -> Home:
         )
     assert isinstance(sample.value, Home)
     return sample.value
+
+
+def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: float) -> float:
+    """The altitude of a take-off above sea level.
+
+    PX4 accepts an altitude below the vehicle ("Already higher than takeoff altitude"), and then arms without
+    climbing: it disarms after some seconds, or hovers just above the ground.
+
+    Args:
+        vehicle: the vehicle, on the ground.
+        alt_home_m: the altitude above home.
+        home_alt_amsl_m: altitude of home.
+
+    Raises:
+        InvalidRequest: the vehicle would not climb.
+        Refused: the vehicle has no global position estimate.
+    """
+    above_home_m = position_of(vehicle).alt_amsl_m - home_alt_amsl_m
+    if alt_home_m < above_home_m + MIN_CLIMB_M:
+        lowest_m = math.ceil(above_home_m + 1.0)
+        raise InvalidRequest(
+            "alt_home_m",
+            f"alt_home_m {alt_home_m:g} is not above vehicle {vehicle.id}, which is {above_home_m:.1f} m "
+            "above home: PX4 would arm without climbing.",
+            remedy=f"Use at least {lowest_m} m, or arm first: PX4 then sets home to the vehicle's position.",
+        )
+    return home_alt_amsl_m + alt_home_m

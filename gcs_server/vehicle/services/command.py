@@ -18,7 +18,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
-from gcs_server.vehicle.services.checks import home_of, number, position_of
+from gcs_server.vehicle.services.checks import home_of, number, position_of, require_climb
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
@@ -129,7 +129,7 @@ class CommandService:
             )
         position_of(vehicle)
         token = self._begin("take off", BY_NAME["takeoff"], by)
-        alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
+        alt_amsl_m = require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(token))
         request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
         await self._takeoff_mode(token, request, progress)
         if not vehicle.flight_state.armed:
