@@ -38,6 +38,16 @@ class Supervisor:
         """
         return self._own(self._supervised(name, work), name)
 
+    def repeat(self, name: str, update: Callable[[], None], period_s: float) -> asyncio.Task[None]:
+        """Calls `update()` at once, and again after each period [s]; a failure is handled as by `start`."""
+
+        async def run() -> None:
+            while True:
+                update()
+                await self._clock.sleep(period_s)
+
+        return self.start(name, run)
+
     def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         """Runs `work` once; a failure is logged, not raised."""
         task = self._own(self._once(name, work), name)

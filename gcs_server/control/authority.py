@@ -117,7 +117,7 @@ class Authority:
 
     def start(self) -> None:
         """Starts the periodic expiry of leases."""
-        self._supervisor.start("control", self._expiry_loop)
+        self._supervisor.repeat("control", self._expire_due, EXPIRY_PERIOD_S)
 
     # --- clients --------------------------------------------------------------------------------
 
@@ -287,8 +287,6 @@ class Authority:
             "server", action, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
         )
 
-    async def _expiry_loop(self) -> None:
-        while True:
-            for lease in self._leases():
-                lease.expire_due()
-            await self._clock.sleep(EXPIRY_PERIOD_S)
+    def _expire_due(self) -> None:
+        for lease in self._leases():
+            lease.expire_due()

@@ -76,7 +76,7 @@ class Fleet(FrameSink):
 
     def start(self) -> None:
         """Starts the periodic work: heartbeat ages, history, identity requests."""
-        self._supervisor.start("fleet", self._run)
+        self._supervisor.repeat("fleet", self.tick, TICK_S)
 
     def get(self, vehicle_id: str) -> Vehicle:
         """The vehicle with this id; raises UnknownVehicle."""
@@ -388,11 +388,6 @@ class Fleet(FrameSink):
         severity = d.MAV_SEVERITY_WARNING if info.state == "waiting" else d.MAV_SEVERITY_INFO
         data: dict[str, object] = {"link": info.name, "state": info.state}
         self.events.add("link", self._clock.unix_s(), text, severity=severity, data=data)
-
-    async def _run(self) -> None:
-        while True:
-            self.tick()
-            await self._clock.sleep(TICK_S)
 
 
 def _order(vehicle_id: str) -> tuple[int, int]:

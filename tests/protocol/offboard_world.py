@@ -10,7 +10,7 @@ import asyncio
 import itertools
 from typing import Any
 
-from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 from tests.loop_streams import LoopStreams
@@ -111,7 +111,7 @@ class OffboardWorld(World):
         super().__init__(**settings)
         self.streamer = Streamer(self.clock, LoopStreams(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.supervisor.start("offboard-beat", self.streamer._update_loop)
+        self.supervisor.repeat("offboard-beat", self.streamer.update_once, SNAPSHOT_PERIOD_S)
         self.supervisor.start("stream", self._run_scheduler)
 
     async def _run_scheduler(self) -> None:
@@ -140,11 +140,6 @@ def stream_request(
 
 async def seconds(duration_s: float) -> None:
     await asyncio.sleep(duration_s)
-
-
-def sent_by_us(link: Any) -> int:
-    """Datagrams that were sent on a link so far."""
-    return len(link.sent)
 
 
 def flight(jump, scenario, *, flying=True, loss=0.0, seed=0):

@@ -10,15 +10,14 @@ from gcs_server.links.base import DdsAddress, Peer
 from gcs_server.links.memory import MemoryLink
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
-from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.schedule.external_modes import READ_TYPES
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
 from tests.loop_streams import LoopStreams
-from tests.protocol.memory_world import World
-from tests.protocol.simulated_world import TICK_S, until
+from tests.protocol.simulated_world import TICK_S, SimulatedVehicles
 from vehicle_sim.fleet import VehicleSim
 
 PARAMETERS = {"UXRCE_DDS_SYNCT": 0}
@@ -103,7 +102,7 @@ class Ros2Streams(LoopStreams):
         super().attach(vehicle_id, sender, target, 0, topics)
 
 
-class Ros2World(World):
+class Ros2World(SimulatedVehicles):
     """Vehicles "1", "2", … in a row to the east, 3 m apart, on one `ros2://` link.
 
     Args:
@@ -130,7 +129,7 @@ class Ros2World(World):
         streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])
         self.streamer = Streamer(self.clock, streams)
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.supervisor.start("offboard-beat", self.streamer._update_loop)
+        self.supervisor.repeat("offboard-beat", self.streamer.update_once, SNAPSHOT_PERIOD_S)
         self.supervisor.start("simulator", self._simulate)
 
     def _command(self, data: bytes, peer: Peer) -> None:
@@ -149,19 +148,6 @@ class Ros2World(World):
                 self.mavlink.inject(data, "vehicle")
             self.streamer._streams.step()
             await self.clock.sleep(TICK_S)
-
-    async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
-        """The vehicle, once it can be armed."""
-        vehicle = await self.ready(vehicle_id, timeout_s=40)
-        await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
-        return vehicle
-
-    async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
-        """The vehicle after take-off, in Hold."""
-        vehicle = await self.ready_to_arm(vehicle_id)
-        await vehicle.command.takeoff(height_m)
-        await until(lambda: vehicle.status.mode == "hold", 40)
-        return vehicle
 
 
 def request_of(setpoint: Setpoint) -> StreamRequest:

@@ -53,7 +53,7 @@ class OffboardMissions:
 
     def start(self) -> None:
         """Starts the periodic update."""
-        self._supervisor.start("offboard-missions", self._update_periodically)
+        self._supervisor.repeat("offboard-missions", self.update, CHECK_PERIOD_S)
 
     def begin(self, vehicle_id: str, start: Start) -> MissionFlight:
         """Starts a mission.
@@ -162,11 +162,6 @@ class OffboardMissions:
     def _on_finding(self, name: str, finding: Finding) -> None:
         if name in self._joint:
             self._joint[name].stop_on_finding(finding)
-
-    async def _update_periodically(self) -> None:
-        while True:
-            self.update()
-            await self._clock.sleep(CHECK_PERIOD_S)
 
 
 def low_battery_share(vehicle: Vehicle) -> float:

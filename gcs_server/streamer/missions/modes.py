@@ -103,7 +103,7 @@ class MissionModes:
 
     def start(self) -> None:
         """Starts the periodic update."""
-        self._supervisor.start("mission-modes", self._update_periodically)
+        self._supervisor.repeat("mission-modes", self.update, CHECK_PERIOD_S)
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops the modes of a removed vehicle."""
@@ -193,11 +193,6 @@ class MissionModes:
         for vehicle_id, known in list(self._vehicles.items()):
             vehicle = self._vehicle(vehicle_id)
             vehicle.isolation.run("its mission modes", self._update_vehicle, vehicle, known)
-
-    async def _update_periodically(self) -> None:
-        while True:
-            self.update()
-            await self._clock.sleep(CHECK_PERIOD_S)
 
     def _update_vehicle(self, vehicle: Vehicle, known: _Vehicle) -> None:
         by_mode: dict[str, _ModeEntry] = {}

@@ -74,7 +74,7 @@ class Streamer:
     def start(self, supervisor: Supervisor) -> None:
         """Starts the streams and their periodic update."""
         self._streams.start()
-        supervisor.start("offboard-update_snapshots", self._update_loop)
+        supervisor.repeat("offboard-update_snapshots", self.update_once, SNAPSHOT_PERIOD_S)
 
     def close(self) -> None:
         """Stops all streams; the vehicles' failsafes take over."""
@@ -145,11 +145,6 @@ class Streamer:
                 vehicle_id, f"The vehicle could not be put into Hold when the server shut down: {error}", 4
             )
         return StopResult(vehicle_id, error, self._clock.monotonic_s() - began_s)
-
-    async def _update_loop(self) -> None:
-        while True:
-            self.update_once()
-            await self._clock.sleep(SNAPSHOT_PERIOD_S)
 
     def update_once(self) -> None:
         """Signals that the event loop runs, updates the snapshots, restores limits and publishes reports."""

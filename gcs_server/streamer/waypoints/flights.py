@@ -69,7 +69,7 @@ class WaypointFlights:
 
     def start(self) -> None:
         """Starts the periodic update."""
-        self._supervisor.start("waypoint-flights", self._update_periodically)
+        self._supervisor.repeat("waypoint-flights", self.update, PERIOD_S)
 
     @contextmanager
     def announced(self, vehicle_id: str, announcement: Announcement) -> Generator[None]:
@@ -177,11 +177,6 @@ class WaypointFlights:
         if estimates.home() is not None and estimates.origin() is not None:
             return False
         return now_s - self._found_s.setdefault(vehicle.id, now_s) < HOME_WAIT_S
-
-    async def _update_periodically(self) -> None:
-        while True:
-            self.update()
-            await self._clock.sleep(PERIOD_S)
 
 
 @dataclass(frozen=True, slots=True)

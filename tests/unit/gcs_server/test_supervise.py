@@ -39,6 +39,26 @@ def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
     asyncio.run(scenario())
 
 
+def test_an_update_is_repeated_with_its_period_and_again_after_a_failure():
+    async def scenario():
+        clock = CountingClock()
+        supervisor, calls, done = Supervisor(clock), [], asyncio.Event()
+
+        def update():
+            calls.append(1)
+            if len(calls) == 2:
+                raise ValueError("broken")
+            if len(calls) == 4:
+                done.set()
+
+        supervisor.repeat("update", update, 0.7)
+        await done.wait()
+        await supervisor.close()
+        assert clock.slept[:3] == [0.7, 0.2, 0.7]
+
+    asyncio.run(scenario())
+
+
 def test_close_ends_all_tasks_and_a_failed_single_task_is_logged(caplog):
     async def scenario():
         supervisor = Supervisor(SystemClock())
