@@ -7,10 +7,11 @@ import errno
 import socket
 from dataclasses import replace
 
-from gcs_server.links.base import MAX_RETRY_S, Link, LinkInfo, Peer
+from gcs_server.links.base import MAX_RETRY_S, LinkInfo, Peer
 from gcs_server.links.first_bytes import ClosedConnections, FirstBytes, ForeignProtocol
+from gcs_server.links.host import HostLink
 from gcs_server.links.pacing import AckPacer, bytes_in_driver, round_trip_s
-from gcs_server.links.resolve import Address, resolve
+from gcs_server.links.resolve import Address
 from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
@@ -20,31 +21,17 @@ OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.E
 ACCEPT_AGAIN_AFTER_S = 1.0
 
 
-class TcpLink(Link):
+class TcpLink(HostLink):
     """A client of one TCP server."""
 
     def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
-        super().__init__(name, url, forward=forward)
-        self._host = host
-        self._port = port
-        self._socket: socket.socket | None = None
+        super().__init__(name, url, host, port, forward=forward)
         self._connecting = False
         self._session: StreamSession | None = None
         self._peer = Peer(f"{host}:{port}")
         self._first_bytes = FirstBytes()
 
-    def _open(self) -> None:
-        resolve(
-            self._loop,
-            self._host,
-            self._port,
-            lambda a: self._run_opening_step(self._resolved, a),
-            self._lost,
-        )
-
     def _resolved(self, address: Address) -> None:
-        if not self._should_be_open or self._socket is not None:
-            return
         self._socket = sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -116,22 +103,14 @@ class TcpLink(Link):
             sock.close()
 
 
-class TcpServerLink(Link):
+class TcpServerLink(HostLink):
     """A listening link; every client is a peer."""
 
     def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
-        super().__init__(name, url, forward=forward)
-        self._host = host
-        self._port = port
-        self._socket: socket.socket | None = None
+        super().__init__(name, url, host, port, forward=forward)
         self._clients: dict[str, tuple[socket.socket, StreamSession]] = {}
         self._closed_connections = ClosedConnections(name)
         self._accept_again: asyncio.TimerHandle | None = None
-
-    @property
-    def local_port(self) -> int | None:
-        """The port in use, if the link is open."""
-        return self._socket.getsockname()[1] if self._socket else None
 
     def info(self) -> LinkInfo:
         info = super().info()
@@ -139,18 +118,7 @@ class TcpServerLink(Link):
             return info
         return replace(info, detail=self._closed_connections.text(self._loop.time()))
 
-    def _open(self) -> None:
-        resolve(
-            self._loop,
-            self._host,
-            self._port,
-            lambda a: self._run_opening_step(self._resolved, a),
-            self._lost,
-        )
-
     def _resolved(self, address: Address) -> None:
-        if not self._should_be_open or self._socket is not None:
-            return
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

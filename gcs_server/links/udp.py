@@ -6,9 +6,10 @@ import asyncio
 import errno
 import socket
 
-from gcs_server.links.base import Link, Peer
+from gcs_server.links.base import Peer
 from gcs_server.links.channel import MAX_READ_S, ThrottledReader
-from gcs_server.links.resolve import Address, resolve
+from gcs_server.links.host import HostLink
+from gcs_server.links.resolve import Address
 from gcs_server.links.writer import LinkWriter
 
 FORGET_AFTER_S = 30.0
@@ -26,7 +27,7 @@ SEND_BUFFER_BYTES = 32_768
 cannot expire."""
 
 
-class UdpLink(Link):
+class UdpLink(HostLink):
     """One socket for all peers.
 
     Args:
@@ -37,11 +38,8 @@ class UdpLink(Link):
     def __init__(
         self, name: str, url: str, host: str, port: int, *, outgoing: bool, forward: bool = False
     ) -> None:
-        super().__init__(name, url, forward=forward)
-        self._host = host
-        self._port = port
+        super().__init__(name, url, host, port, forward=forward)
         self._outgoing = outgoing
-        self._socket: socket.socket | None = None
         self._reader: ThrottledReader | None = None
         self._datagrams: LinkWriter | None = None
         self._by_address: dict[Address, Peer] = {}
@@ -51,26 +49,10 @@ class UdpLink(Link):
         self._full_until_s = float("-inf")
         self._sweep: asyncio.TimerHandle | None = None
 
-    @property
-    def local_port(self) -> int | None:
-        """The port in use, if the link is open."""
-        return self._socket.getsockname()[1] if self._socket else None
-
     def datagrams(self) -> socket.socket | None:
         return self._socket
 
-    def _open(self) -> None:
-        resolve(
-            self._loop,
-            self._host,
-            self._port,
-            lambda a: self._run_opening_step(self._resolved, a),
-            self._lost,
-        )
-
     def _resolved(self, address: Address) -> None:
-        if not self._should_be_open or self._socket is not None:
-            return
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             sock.setblocking(False)

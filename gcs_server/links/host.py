@@ -1,0 +1,39 @@
+"""Links to a host and port, or that listen on them."""
+
+from __future__ import annotations
+
+import socket
+from abc import abstractmethod
+
+from gcs_server.links.base import Link
+from gcs_server.links.resolve import Address, resolve
+
+
+class HostLink(Link):
+    """A link with one socket, which is opened once the host's name is resolved.
+
+    Args:
+        host: address to listen on, or to connect or send to.
+        port: its port.
+    """
+
+    def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
+        super().__init__(name, url, forward=forward)
+        self._host, self._port = host, port
+        self._socket: socket.socket | None = None
+
+    @property
+    def local_port(self) -> int | None:
+        """The port in use, if the link is open."""
+        return self._socket.getsockname()[1] if self._socket else None
+
+    def _open(self) -> None:
+        def found(address: Address) -> None:
+            if self._should_be_open and self._socket is None:
+                self._run_opening_step(self._resolved, address)
+
+        resolve(self._loop, self._host, self._port, found, self._lost)
+
+    @abstractmethod
+    def _resolved(self, address: Address) -> None:
+        """Opens the socket; may raise OSError."""
