@@ -5,7 +5,6 @@ Names contain units and frames: NED relative to the vehicle's local origin, metr
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 from collections.abc import AsyncGenerator, Mapping, Sequence
@@ -19,13 +18,13 @@ from websockets.exceptions import InvalidStatus
 
 from gcs_server.client.address import address_and_token
 from gcs_server.client.dry_runs import DryRuns
-from gcs_server.client.errors import ApiError, Unreachable, raise_for
+from gcs_server.client.errors import Unreachable, raise_for
 from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.offboard_mission import start_body
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan, Plans
 from gcs_server.client.setpoints import Body, Expiry, validity_fields
-from gcs_server.client.vehicle import Vehicle, until_found
+from gcs_server.client.vehicle import Vehicle, held_at_end, until_found
 
 LEAVE_TIMEOUT_S = 2.0
 """Maximum wait for the server at the end of the block [s]."""
@@ -197,15 +196,8 @@ class Gcs:
         more: Body = {name: value for name, value in given.items() if value is not None}
         body: Body = {"members": members_of(setpoints), "others_go_on": others_go_on, **more, **validity}
         group = Group(self, await self.request("POST", "/groups", body), validity)
-        try:
+        async with held_at_end(f"Group {group.id}", group.hold):
             yield group
-        except BaseException as error:
-            try:
-                await asyncio.shield(group.hold())
-            except (ApiError, Unreachable) as problem:  # the exception of the block is raised
-                error.add_note(f"Group {group.id} could not be put into Hold: {problem}")
-            raise
-        await group.hold()
 
     async def start_together(
         self,

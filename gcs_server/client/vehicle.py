@@ -205,15 +205,23 @@ class Vehicle:
         rate: Body = {} if rate_hz is None else {"rate_hz": rate_hz}
         started = await self.request("POST", "/offboard/start", {"setpoint": setpoint, **rate, **validity})
         stream = Offboard(self, started, validity)
-        try:
+        async with held_at_end(f"Vehicle {self.id}", stream.stop):
             yield stream
-        except BaseException as error:
-            try:
-                await asyncio.shield(stream.stop())
-            except (ApiError, Unreachable) as problem:  # the exception of the block is raised
-                error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
-            raise
-        await stream.stop()
+
+
+@asynccontextmanager
+async def held_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> AsyncGenerator[None]:
+    """Calls `hold` at the end of a block, also after an exception: that one is raised, with a note if `hold`
+    fails, too."""
+    try:
+        yield
+    except BaseException as error:
+        try:
+            await asyncio.shield(hold())
+        except (ApiError, Unreachable) as problem:
+            error.add_note(f"{name} could not be put into Hold: {problem}")
+        raise
+    await hold()
 
 
 async def until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:

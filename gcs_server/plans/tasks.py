@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 Values = dict[str, Any]
 """A JSON object."""
+PLACES = ("row", "zone", "rally_point", "obstacle", "step")
+"""Where a finding is; a waypoint plan has no `step`, an offboard mission only `obstacle` and `step`."""
 
 
 def run(task: str, arguments: Mapping[str, Any]) -> Values:
@@ -77,18 +79,15 @@ def _check(arguments: Mapping[str, Any]) -> Values:
     }
 
 
-def _finding(finding: Finding) -> Values:
+def _finding(finding: Finding | MissionFinding) -> Values:
     return {
         "code": finding.code,
         "severity": finding.severity,
         "text": finding.message,
-        "place": {
-            "row": finding.row, "zone": finding.zone, "rally_point": finding.rally_point,
-            "obstacle": finding.obstacle, "step": None,
-        },
+        "place": {name: getattr(finding, name, None) for name in PLACES},
         "fix": finding.fix,
         "limit": finding.limit,
-    }  # fmt: skip
+    }
 
 
 def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limits: CheckLimits) -> Values:
@@ -121,7 +120,7 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
     )  # fmt: skip
     return {
         "kind": "offboard_mission",
-        "findings": [_mission_finding(each) for each in (*timeline.findings, *ground_findings)],
+        "findings": [_finding(each) for each in (*timeline.findings, *ground_findings)],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
@@ -171,7 +170,7 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
     ground_findings, ground = _mission_ground(legs, origin, 0.0, elevation)
     return {
         "kind": "offboard_mission",
-        "findings": [_mission_finding(each) for each in (*compiled.findings, *ground_findings)],
+        "findings": [_finding(each) for each in (*compiled.findings, *ground_findings)],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(s) for each in timelines.values() for s in samples.step_times(each)],
@@ -183,19 +182,6 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
         "ground": list(ground.profile),
         "ground_not_known": list(ground.not_known),
     }
-
-
-def _mission_finding(finding: MissionFinding) -> Values:
-    return {
-        "code": finding.code,
-        "severity": finding.severity,
-        "text": finding.message,
-        "place": {
-            "row": None, "zone": None, "rally_point": None, "obstacle": finding.obstacle, "step": finding.step
-        },
-        "fix": finding.fix,
-        "limit": finding.limit,
-    }  # fmt: skip
 
 
 def _import(arguments: Mapping[str, Any]) -> Values:

@@ -60,7 +60,26 @@ class Part(ABC):
         vehicle."""
 
 
-class TakeOffPart(Part):
+class Px4Part(Part):
+    """A part that PX4 flies in its own mode."""
+
+    def __init__(self, flight: Flight, segment: WaitSegment) -> None:
+        super().__init__(flight)
+        self._segment = segment
+        self._initial_mode: str | None = None
+        self._mode_reached = False
+        self._began_s = 0.0
+
+    def begin(self, now_s: float, reading: Reading) -> list[Request]:
+        self._initial_mode, self._began_s = reading.mode, now_s
+        return [self._request()]
+
+    @abstractmethod
+    def _request(self) -> Request:
+        """What starts the mode."""
+
+
+class TakeOffPart(Px4Part):
     """PX4's own take-off; done when the vehicle holds at the take-off height.
 
     PX4 switches to Hold by itself, except under an executor, to which it reports the end of the take-off.
@@ -69,16 +88,11 @@ class TakeOffPart(Part):
     state = "taking_off"
 
     def __init__(self, flight: Flight, segment: WaitSegment) -> None:
-        super().__init__(flight)
-        self._segment = segment
-        self._initial_mode: str | None = None
-        self._mode_reached = False
-        self._began_s = 0.0
+        super().__init__(flight, segment)
         self._near_height_since_s: float | None = None
 
-    def begin(self, now_s: float, reading: Reading) -> list[Request]:
-        self._initial_mode, self._began_s = reading.mode, now_s
-        return [TakeOff(self._segment.height_m or 0.0)]
+    def _request(self) -> Request:
+        return TakeOff(self._segment.height_m or 0.0)
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         self._mode_reached |= reading.mode == "takeoff"
@@ -112,23 +126,18 @@ class TakeOffPart(Part):
         return here is not None and abs(here[2] - self._segment.end_ned_m[2]) < NEAR_HEIGHT_M
 
 
-class LandPart(Part):
+class LandPart(Px4Part):
     """PX4's own landing; done when the motors have stopped."""
 
     state = "landing"
 
     def __init__(self, flight: Flight, segment: WaitSegment) -> None:
-        super().__init__(flight)
-        self._segment = segment
-        self._initial_mode: str | None = None
-        self._mode_reached = False
-        self._began_s = 0.0
+        super().__init__(flight, segment)
         self._on_ground_since_s: float | None = None
         self._late_reported = False
 
-    def begin(self, now_s: float, reading: Reading) -> list[Request]:
-        self._initial_mode, self._began_s = reading.mode, now_s
-        return [SetMode("land")]
+    def _request(self) -> Request:
+        return SetMode("land")
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         self._mode_reached |= reading.mode == "land"
