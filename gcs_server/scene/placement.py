@@ -22,7 +22,7 @@ STANDING_HEIGHT_M = 0.225
 LANDED_WITHIN_M = 3.0
 """A landed vehicle is drawn on the ground if its estimated height is below this [m], because estimates drift
 by a metre in a flight. If it is higher, the vehicle has landed on a hill or a roof."""
-RELATCH_M = 5.0
+ORIGIN_MOVED_M = 5.0
 """Difference between global and local position above which the local origin has moved, by an estimator reset
 [m]."""
 
@@ -154,13 +154,11 @@ class Placement:
     ) -> Vector3 | None:
         if local_enu_m is None:
             return None
-        by_home = _home_origin(home, home_enu_m)
-        latched = self._local_origins_enu_m.get(vehicle_id)
-        for origin in (by_home, latched):
+        for origin in (_home_origin(home, home_enu_m), self._local_origins_enu_m.get(vehicle_id)):
             # The home contains both frames for the same time, so that the height above home equals that of
             # the vehicle. An old home would give a different height after an estimator reset.
             if origin is not None and (
-                global_enu_m is None or math.dist(_add(origin, local_enu_m), global_enu_m) < RELATCH_M
+                global_enu_m is None or math.dist(_add(origin, local_enu_m), global_enu_m) < ORIGIN_MOVED_M
             ):
                 return origin
         if global_enu_m is not None:

@@ -52,9 +52,9 @@ class Finding:
     component: str | None
     """The affected part of the vehicle."""
     cause: str
-    """Text of the problem."""
+    """What is wrong, as a sentence."""
     remedy: str | None
-    """The remedy."""
+    """How to correct it, as a sentence."""
     arguments: bytes = b""
     """Raw arguments, for a later description."""
 
@@ -189,7 +189,7 @@ class Cause:
     cause: str
     """What is wrong, as a sentence."""
     remedy: str | None
-    """The remedy."""
+    """How to correct it, as a sentence."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ def compile_roles(
     blocks = {role: _blocks(timeline) for role, timeline in timelines.items()}
     block_starts_s, duration_s = _planned_times(blocks)
     each = (finding for timeline in timelines.values() for finding in timeline.findings)
-    findings = list(dict.fromkeys(each))  # what concerns the whole mission is the same for all roles
+    findings = list(dict.fromkeys(each))  # each role has the findings of the whole mission
     offsets = _common_frame_offsets(mission, starts)
     if offsets is None:
         message = "The positions of the vehicles are unknown, so their separation is not checked."

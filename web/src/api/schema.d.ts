@@ -10726,7 +10726,7 @@ export interface components {
             readonly cause: string;
             /**
              * Remedy
-             * @description The remedy.
+             * @description How to correct it, as a sentence.
              */
             readonly remedy: string | null;
         };
