@@ -111,17 +111,3 @@ class OffboardView(OffboardModel):  # type: ignore[misc,valid-type]
     failsafe: FailsafeModel | None = Field(  # type: ignore[valid-type]
         description="The vehicle's own action when the stream stops; null if unknown."
     )
-
-
-class SetpointAck(AnswerBody):
-    """Answer to one setpoint over the WebSocket."""
-
-    seq: int | None = Field(default=None, description="Number from the client.")
-    applied: StreamedSetpoint | None = Field(
-        default=None, description="The setpoint sent, within all limits."
-    )
-    limited: tuple[str, ...] | None = Field(default=None, description="What the limits changed; sentences.")
-    superseded: bool | None = Field(
-        default=None, description="True: a newer setpoint arrived before this one was sent."
-    )
-    error: dict[str, object] | None = Field(default=None, description="As problem+json, with code and field.")

@@ -40,7 +40,6 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._connections = context.connections
         self._clock = clock = context.clock
         self._stall = Stall(clock)
-        self._opened_s = clock.monotonic_s()
         self._unparsed: deque[bytes] = deque()
         self._parsing = False
         self._second_s, self._frames_in_second = clock.monotonic_s(), 0

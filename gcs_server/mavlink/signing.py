@@ -14,11 +14,9 @@ import struct
 import threading
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 KEY_BYTES = 32
-SIGNATURE_BYTES = 13
-"""Link id, timestamp, signature."""
 EPOCH_UNIX_S = 1_420_070_400.0
 """2015-01-01 00:00 UTC."""
 TICKS_PER_S = 100_000
@@ -188,9 +186,6 @@ class KeyVerifier:
         self._newest[stream] = timestamp
         self._clock.adopt(timestamp)
         return None
-
-
-SigningMode = Literal["required", "allowed"]
 
 
 def is_signed(raw: bytes) -> bool:

@@ -52,10 +52,6 @@ NOT_DEFERRED, WOULD_FAILSAFE = 0, 2
 """VehicleStatus.failsafe_defer_state: PX4 may not defer a failsafe; it defers one now."""
 FAILED: Final = 100
 """ModeCompleted.RESULT_FAILURE_OTHER."""
-REQUIREMENTS: Final = frozenset(
-    {"angular_velocity", "attitude", "local_alt", "local_position", "global_position", "home_position"}
-)
-"""Requirements that a mode may have: fields `mode_req_*` of ArmingCheckReply."""
 RegistrationState = Literal["registering", "registered", "refused", "lost"]
 
 
@@ -66,8 +62,8 @@ class ModeDeclaration:
     name: str
     """ASCII, at most `NAME_BYTES`."""
     requires: frozenset[str]
-    """Some of `REQUIREMENTS`. PX4 checks them when the mode is selected, and executes a failsafe if one is
-    missing."""
+    """Names of fields `mode_req_*` of ArmingCheckReply. PX4 checks them when the mode is selected, and
+    executes a failsafe if one is missing."""
     defer_failsafes_s: int = 0
     """How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its
     reaction to a lost ground station connection, lost manual control or a low battery, but never to a missing

@@ -30,11 +30,6 @@ PREARM, AHRS, RC = (
     d.MAV_SYS_STATUS_AHRS,
     d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
 )
-LATCHED: Final = {
-    d.MAVLINK_MSG_ID_HOME_POSITION: "/fmu/out/home_position",
-    d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: "/fmu/out/position_setpoint_triplet",
-}
-"""Messages from topics that PX4 publishes only when they change: the newest one is still valid."""
 Messages = Iterator[MAVLink_message]
 
 

@@ -18,7 +18,6 @@ from missions.runner.player import Player
 from missions.runner.reading import Reading, StreamPhase
 from missions.runner.requests import (
     ChangeScript,
-    Notify,
     Play,
     PointGimbal,
     ReleaseGimbal,
@@ -70,7 +69,6 @@ class OffboardPilot:
         self._ticks = 0
         self._segment: Segment | None = None
         self._settled_s: float | None = None
-        self._last_notification = ""
         self.started_s: float | None = None
         self.done = self.finished = False
         self.step: Step | None = None
@@ -227,8 +225,6 @@ class OffboardPilot:
             autopilot.gimbal.set_pitch_yaw(int(flags), request.pitch_rad, request.yaw_ned_rad)
         elif isinstance(request, ReleaseGimbal):
             autopilot.gimbal.set_pitch_yaw(int(Flag.NEUTRAL), 0.0, 0.0)
-        elif isinstance(request, Notify) and request.warning:
-            self._last_notification = request.text
         return None
 
     # --- the stream --------------------------------------------------------------------------------

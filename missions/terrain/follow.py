@@ -18,8 +18,6 @@ from missions.route import is_flown_to
 from missions.terrain.ground import Ground, between
 from missions.values import Altitude, RallyPoint
 
-DEFAULT_TOLERANCE_M = 5.0
-
 
 @dataclass(frozen=True, slots=True)
 class GroundFollowing:

@@ -8,7 +8,7 @@ from gcs_server.mavlink.codec import encode_frame
 FTP_ID = 110
 HEAD = struct.Struct("<HBBBBBBI")
 OPEN, READ, BURST, LIST, ACK, NAK = 4, 5, 15, 3, 128, 129
-CRC, RESET, TERMINATE = 14, 2, 1
+RESET, TERMINATE = 2, 1
 Answer = Callable[[int, int], list[tuple[int, bytes]]]
 """(offset, requested size) → the answers, each (offset, data)."""
 

@@ -12,7 +12,6 @@ from vehicle_sim.autopilot.modes import NavState
 pytestmark = pytest.mark.flight
 
 SUSPENDED = dict.fromkeys(STEPS, "suspended")
-WHILE_ASKED = ("landing", "done")
 
 
 @pytest.mark.broad

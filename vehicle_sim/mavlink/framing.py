@@ -31,13 +31,12 @@ class ParserCounts:
 
     frames: int = 0
     bad_crc: int = 0
-    skipped_bytes: int = 0
     unknown: int = 0
     lost: int = 0
 
 
 class FrameParser:
-    """Finds messages in a byte stream; invalid bytes are skipped and counted."""
+    """Finds messages in a byte stream; invalid bytes are skipped."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -53,7 +52,6 @@ class FrameParser:
             start = buffer[at]
             if start not in (STX_V2, STX_V1):
                 at += 1
-                self.counts.skipped_bytes += 1
                 continue
             total = self._length(at)
             if total is None or at + total > end:
@@ -61,7 +59,6 @@ class FrameParser:
             message = self._read(bytes(buffer[at : at + total]))
             if message is None:
                 at += 1
-                self.counts.skipped_bytes += 1
                 continue
             at += total
             if message is not _UNKNOWN:

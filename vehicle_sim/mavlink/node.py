@@ -60,7 +60,7 @@ class Node:
         self.failures = FailureCommands(self.context)
         ModesMonitor(self.context)
         self._shell = ShellService(self.context)
-        self._own_commands = OwnCommandService(self.context, gimbal.commands)
+        OwnCommandService(self.context, gimbal.commands)
         groups = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
         self.commands = {number: do for each in groups for number, do in each.commands.items()}
         """Handlers of commands from any source."""

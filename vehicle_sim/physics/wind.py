@@ -39,11 +39,6 @@ class Wind:
         self._sigma_m_s = np.zeros((count, 3))
         self._gusty = False
 
-    @property
-    def gusty(self) -> bool:
-        """Whether there are gusts."""
-        return self._gusty
-
     def set_gusts(self, sigma_m_s: float, i: int | None = None) -> None:
         """Sets the standard deviation of gusts in each horizontal axis, for vehicle `i` or all; 0 ends the
         gusts.

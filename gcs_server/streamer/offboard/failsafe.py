@@ -9,7 +9,6 @@ DEFAULT_COM_OF_LOSS_T_S = 1.0
 
 ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "terminate", "disarm")
 """The mode for each value of COM_OBL_RC_ACT, from 0."""
-MAX_LOSS_T_S = 60.0
 
 # By COM_OBL_RC_ACT: action with an RC transmitter, and without one. The action 0 without a transmitter was
 # observed with PX4 v1.16.

@@ -43,7 +43,6 @@ def code(access, request):
     return verdict.code if isinstance(verdict, Refusal) else verdict
 
 
-NAVIGATION = {"sec_fetch_mode": "navigate", "sec_fetch_dest": "document"}
 ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
 
 

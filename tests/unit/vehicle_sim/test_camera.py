@@ -156,10 +156,6 @@ def test_pictures_have_the_attitude_of_the_gimbal():
     assert reported.relative_alt == pytest.approx(15_000, abs=1500)
 
 
-def brightness(pixels, rows):
-    return float(pixels[rows].mean())
-
-
 def test_horizon_and_boxes_are_at_their_positions_in_a_level_picture():
     plain = Painter(World()).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
     assert plain.shape == (HEIGHT, WIDTH, 3)
