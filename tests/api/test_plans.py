@@ -219,7 +219,7 @@ def test_patterns_become_items(client):
     tower = {
         "kind": "structure",
         "outline": SQUARE,
-        "coverage": {"camera": camera, "distance_m": 8},
+        "coverage": {"camera": CAMERA, "distance_m": 8},
         "base": {"value_m": 500, "reference": "amsl"},
         "height_m": 20,
     }
