@@ -46,7 +46,7 @@ export interface Services {
     showPlan: (positions: readonly GeoPosition[]) => void;
     /** The shown plan is known completely now: the 3D view shows it again, unless a person has moved its camera. */
     growPlan: () => void;
-    /** The middle of the part of the map that no panel covers, and the distance to its edge; null: no map is shown. */
+    /** The middle of the part of the large view that no panel covers, and the distance to its edge; null: no ground is there. */
     visibleMiddle: () => { readonly at: GeoPosition; readonly reach_m: number } | null;
   };
 }

@@ -109,13 +109,15 @@ export class ScenePainter {
   }
 
   /** @returns false: nothing of it is in front of the camera. */
-  private trace(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
-    const clips = positions.map((at) => {
-      const enu = view.enuOf(at);
-      return view.clipOf(onGround ? [enu[0], enu[1], view.ground_m] : enu);
-    });
-    const parts = visibleParts(clips);
+  private tracePath(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
     this.ctx.beginPath();
+    const enu = positions.map((at) => view.enuOf(at));
+    return this.trace(view, onGround ? enu.map(([east, north]): Vector => [east, north, view.ground_m]) : enu);
+  }
+
+  /** Adds a line to the current path. @returns false: nothing of it is in front of the camera. */
+  private trace(view: SceneView, line: readonly Vector[]): boolean {
+    const parts = visibleParts(line.map((enu) => view.clipOf(enu)));
     for (const part of parts)
       part.forEach((clip, i) => {
         const { x, y } = view.pixelOfClip(clip);
@@ -136,7 +138,7 @@ export class ScenePainter {
     ctx.setLineDash([]);
   }
 
-  /** Fills an area; its outline stays the current path. */
+  /** Fills an area. */
   private fill(view: SceneView, ring: readonly Vector[], colour: string, opacity: number): void {
     const { ctx } = this;
     ctx.beginPath();
@@ -144,7 +146,6 @@ export class ScenePainter {
       const { x, y } = view.pixelOfClip(clip);
       ctx.lineTo(x, y);
     }
-    ctx.closePath();
     ctx.fillStyle = colour;
     ctx.globalAlpha = opacity;
     ctx.fill();
@@ -152,19 +153,21 @@ export class ScenePainter {
   }
 
   /** One side or the top of a solid. The edges behind it stay visible, but weaker. */
-  private face(view: SceneView, { ring, tone, inFront, shade }: Face): void {
+  private face(view: SceneView, { ring, edges, tone, inFront, shade }: Face): void {
     const colour = this.colour(tone);
     this.fill(view, ring, colour, inFront ? shade : 0.06);
+    this.ctx.beginPath();
+    for (const edge of edges) this.trace(view, edge);
     this.stroke(colour, inFront && !this.inset ? 1.6 : 1, inFront ? 0.9 : 0.3);
   }
 
   /** A path above the ground has a thin line below it, so that its position can be seen from any side. */
   private shadow(view: SceneView, { positions }: LayerLine): void {
-    if (positions.some((at) => at.alt_amsl_m !== undefined) && this.trace(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
+    if (positions.some((at) => at.alt_amsl_m !== undefined) && this.tracePath(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
   }
 
   private line(view: SceneView, { positions, tone, style }: LayerLine): void {
-    if (!this.trace(view, positions)) return;
+    if (!this.tracePath(view, positions)) return;
     const { palette } = this;
     const width = this.inset ? 1.6 : palette.stroke;
     // A band in the colour of the ground separates the path from the grid and from other lines.
@@ -178,7 +181,7 @@ export class ScenePainter {
     for (const point of above.slice(0, MAX_POINTS)) {
       const ground = { lat_deg: point.lat_deg, lon_deg: point.lon_deg };
       const colour = point.selected ? this.palette.accent : this.palette.text2;
-      if (this.trace(view, [point, ground])) this.stroke(colour, point.selected ? 1.6 : 1, point.selected ? 1 : 0.6);
+      if (this.tracePath(view, [point, ground])) this.stroke(colour, point.selected ? 1.6 : 1, point.selected ? 1 : 0.6);
       const foot = view.pixelOf(ground);
       if (foot === null) continue;
       this.ctx.beginPath();

@@ -22,7 +22,7 @@ export function extentOf(pictures: readonly LayerPicture[]): LayerPosition[] {
 }
 
 /** A camera pose to set; `show`: the one that shows everything. */
-export type CameraMove = CameraPose | 'show' | null;
+type CameraMove = CameraPose | 'show' | null;
 
 export class SceneOverview {
   /** The camera mode at the request; null: nothing is requested. */

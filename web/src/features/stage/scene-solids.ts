@@ -6,6 +6,8 @@ import type { SceneView, Vector } from './scene-view';
 export interface Face {
   /** Corners in the world's ENU [m]. */
   readonly ring: readonly Vector[];
+  /** Drawn edges: a round body, such as a mast, has no edge between two sides that are both in front or both behind. */
+  readonly edges: readonly (readonly [Vector, Vector])[];
   readonly tone: Tone;
   /** Whether its outer side is towards the camera. */
   readonly inFront: boolean;
@@ -16,6 +18,8 @@ export interface Face {
 /** Lower bodies are drawn only as the area on the ground [m]. */
 const LEAST_HEIGHT_M = 0.05;
 const TOP_SHADE = 0.34;
+/** Sides that differ less in direction have no edge between them (cosine of 40°). */
+const ROUND_COS = 0.77;
 /** Opacity of the side towards south-west, and what a side towards north-east has more. */
 const [SIDE_SHADE, SIDE_CONTRAST] = [0.16, 0.14];
 
@@ -31,19 +35,26 @@ export function facesOf(view: SceneView, solids: readonly LayerSolid[]): Face[] 
 
 function faces(base: readonly Vector[], top_m: number, tone: Tone, eye: Vector): Face[] {
   const turn = Math.sign(area(base));
-  const sides = base.map((a, i): Face => {
-    const b = base[(i + 1) % base.length] ?? a;
+  const roof = base.map(([east, north]): Vector => [east, north, top_m]);
+  const walls = base.map((a, i) => {
+    const next = (i + 1) % base.length;
+    const [b, c, d] = [base[next] ?? a, roof[next] ?? a, roof[i] ?? a];
     // Horizontal direction out of the body.
     const [east, north] = [turn * (b[1] - a[1]), -turn * (b[0] - a[0])];
     const length = Math.hypot(east, north) || 1;
-    return {
-      ring: [a, b, [b[0], b[1], top_m], [a[0], a[1], top_m]],
-      tone,
-      inFront: east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0,
-      shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (east + north) / length / Math.SQRT2)) / 2,
-    };
+    const inFront = east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0;
+    return { ring: [a, b, c, d] as const, out: [east / length, north / length] as const, inFront };
   });
-  const top: Face = { ring: base.map(([east, north]): Vector => [east, north, top_m]), tone, inFront: eye[2] > top_m, shade: TOP_SHADE };
+  const sides = walls.map(({ ring, out, inFront }, i): Face => {
+    const [a, b, c, d] = ring;
+    const hasEdge = (other: (typeof walls)[number] | undefined): boolean =>
+      other === undefined || other.inFront !== inFront || out[0] * other.out[0] + out[1] * other.out[1] < ROUND_COS;
+    const edges = [[a, b] as const, [c, d] as const];
+    if (hasEdge(walls[(i + walls.length - 1) % walls.length])) edges.push([d, a]);
+    if (hasEdge(walls[(i + 1) % walls.length])) edges.push([b, c]);
+    return { ring, edges, tone, inFront, shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (out[0] + out[1]) / Math.SQRT2)) / 2 };
+  });
+  const top: Face = { ring: roof, edges: [], tone, inFront: eye[2] > top_m, shade: TOP_SHADE };
   return [...sides, top].sort((a, b) => Number(a.inFront) - Number(b.inFront));
 }
 

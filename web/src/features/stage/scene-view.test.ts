@@ -185,6 +185,12 @@ describe('the drawing', () => {
       [front(0, 12), top],
     ]);
     expect(rounded[4]).toEqual(front(100, 60));
+    expect(found.slice(5).flatMap(({ edges, inFront }) => (inFront ? edges : []))).toHaveLength(4);
+    const round = Array.from({ length: 24 }, (_, i) => at(5 * Math.cos((i * Math.PI) / 12), 5 * Math.sin((i * Math.PI) / 12)));
+    const upright = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: round, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, inFront }) =>
+      inFront ? edges.filter(([a, b]) => a[2] !== b[2]) : [],
+    );
+    expect(upright).toHaveLength(2);
     const clockwise = { ...box(0, 12), ring: box(0, 12).ring.reverse() };
     expect(facesOf(viewFrom([0, -60, 40], 0.5), [clockwise]).filter(({ inFront }) => inFront)).toHaveLength(2);
   });

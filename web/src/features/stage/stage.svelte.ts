@@ -53,6 +53,8 @@ class StageState {
   scenePositions: ((positions: readonly LayerPosition[]) => void) | null = null;
   /** The 3D view's camera while a plan is open. */
   readonly overview = new SceneOverview();
+  /** The middle of the 3D view's uncovered ground; null: it shows no layer. */
+  sceneMiddle: MapCommands['middle'] | null = null;
   private pendingView: SceneRequest | null = null;
   private mapChosen = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.mapChosen ? 'scene' : 'map');
@@ -87,7 +89,7 @@ class StageState {
   }
 
   visibleMiddle(): { at: GeoPosition; reach_m: number } | null {
-    return this.map?.middle() ?? null;
+    return this.main === 'scene' ? (this.sceneMiddle?.() ?? null) : (this.map?.middle() ?? null);
   }
 
   /** Assigns only a changed value, because each assignment makes a new menu layout. */
