@@ -8,7 +8,7 @@ The trajectory starts and ends at rest.
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,10 @@ from missions.frames import wrap_pi
 from missions.setpoints import Trajectory
 
 Array = NDArray[np.float64]
+Piece = tuple[float, float, tuple[tuple[float, ...], ...]]
+"""Begin and span of one piece, and the coefficients for each axis."""
+Phase = tuple[float, float, float, float, float]
+"""Start time of one phase; path parameter, its speed and acceleration at that time, and its jerk."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +61,9 @@ class TimedCurve:
     point_times_s: tuple[float, ...]
     """Time at which each given point is passed, or the middle of the bend at the point."""
     has_yaw: bool
+    _pieces: dict[int, Piece] = field(default_factory=dict[int, Piece], init=False, repr=False)
+    _phases: dict[int, Phase] = field(default_factory=dict[int, Phase], init=False, repr=False)
+    """Pieces and phases that `at` has read, as plain numbers: access to elements of arrays takes longer."""
 
     def at(self, t_s: float) -> Trajectory:
         """The setpoint `t_s` after the start; before the start and after the end: the first or last point, at
@@ -67,18 +74,18 @@ class TimedCurve:
             u, v, a = (float(self.begins[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
         else:
             k = bisect_right(self.phase_start_s.data, t_s) - 1
-            dt = t_s - self.phase_start_s.item(k)
-            v0, a0, j = self.phase_speed.item(k), self.phase_acceleration.item(k), self.phase_jerk.item(k)
-            u = self.phase_parameter.item(k) + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
+            start_s, u0, v0, a0, j = self._phases.get(k) or self._read_phase(k)
+            dt = t_s - start_s
+            u = u0 + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
             v = v0 + dt * (a0 + dt * j / 2.0)
             a = a0 + dt * j
         n = max(0, bisect_right(self.begins.data, u) - 1)
-        span = self.spans.item(n)
-        x = min(1.0, (u - self.begins.item(n)) / span)
+        begin, span, axes = self._pieces.get(n) or self._read_piece(n)
+        x = min(1.0, (u - begin) / span)
         position: list[float] = []
         first: list[float] = []
         second: list[float] = []
-        for c0, c1, c2, c3, c4, c5 in self.coefficients[n].T.tolist():
+        for c0, c1, c2, c3, c4, c5 in axes:
             position.append(c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))))
             first.append((c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span)
             second.append((2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2)
@@ -91,6 +98,18 @@ class TimedCurve:
             wrap_pi(yaw) if self.has_yaw else None,
             first[3] * v if self.has_yaw else None,
         )
+
+    def _read_phase(self, k: int) -> Phase:
+        phase = self._phases[k] = (
+            self.phase_start_s.item(k), self.phase_parameter.item(k), self.phase_speed.item(k),
+            self.phase_acceleration.item(k), self.phase_jerk.item(k),
+        )  # fmt: skip
+        return phase
+
+    def _read_piece(self, n: int) -> Piece:
+        axes = tuple(map(tuple, self.coefficients[n].T.tolist()))
+        piece = self._pieces[n] = (self.begins.item(n), self.spans.item(n), axes)
+        return piece
 
     def sample(self, times_s: Array) -> Samples:
         """The trajectory at many times; the same values as `at`."""
