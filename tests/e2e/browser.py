@@ -19,6 +19,7 @@ from playwright.sync_api import (
     Frame,
     Locator,
     Page,
+    TimeoutError,
     expect,
     sync_playwright,
 )
@@ -37,6 +38,9 @@ ARGUMENTS = [
 """WebGL is rendered in software; rendering the whole page in software would take another core."""
 TIMEOUT_MS = 60_000
 """Chromium renders in software, and the machine may be busy."""
+
+MEASURED_MS = 2_000
+"""Time for measuring what is visible; it may disappear meanwhile."""
 
 COARSE = 0.5
 """Device pixels per CSS pixel: the layout is the same, and rendering map and 3D view takes a quarter of the
@@ -217,7 +221,10 @@ def slide(page: Page, ask_again: Callable[[], object] = lambda: None) -> None:
         if attempt:
             ask_again()
         expect(knob).to_be_visible()
-        box = knob.bounding_box()
+        try:
+            box = knob.bounding_box(timeout=MEASURED_MS)
+        except TimeoutError:
+            continue
         if box is None:
             continue
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
