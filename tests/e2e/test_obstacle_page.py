@@ -24,6 +24,8 @@ NAMESPACE = f"box_{os.getpid()}"
 BOX_HEIGHT_M = 4.0
 """Height of the box in vehicle_sim/worlds/obstacle-box.yaml."""
 UP_M, GOAL_NORTH_M = 1.0, 10.0
+ARM_AT_S, TO_WAYPOINT_AT_S = 2.0, 8.0
+"""Schedule of the flight: setpoints of one metre, armed in Offboard after 2 s, to the waypoint after 8 s."""
 RETURNS = """
 () => {
   const nodes = window.__viserMutable.nodeRefFromName;
@@ -67,6 +69,17 @@ class Watch:
         wait_until(lambda: reached(*self.place()), what, deadline_s)
 
 
+class Schedule:
+    """Times since the start of the setpoints."""
+
+    def __init__(self) -> None:
+        self._began_s = time.monotonic()
+
+    def wait_until(self, at_s: float) -> None:
+        """Waits until this time; on a busy machine it may have passed."""
+        time.sleep(max(0.0, self._began_s + at_s - time.monotonic()))
+
+
 def fly_to(page: Page, room: Locator, north_m: float, button: str) -> None:
     """Sends a position by the form."""
     for field, value in (("North", north_m), ("East", 0.0), ("Up", UP_M)):
@@ -86,10 +99,17 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance
         fly_to(page, room, 0.0, "Start…")
         slide(page, room.get_by_role("button", name="Start…").click)
         drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
+        schedule = Schedule()
+        schedule.wait_until(ARM_AT_S)
+        assert at.place()[1] < 0.5 * UP_M, "setpoints alone do not take off"
         arm = page.get_by_role("button", name="Arm", exact=True)
         arm.click()
         slide(page, arm.click)
         at.until(lambda _, up_m: up_m > 0.7 * UP_M, "the take-off to one metre")
+        schedule.wait_until(TO_WAYPOINT_AT_S)
+        north_m, up_m = at.place()
+        assert north_m < 1.5
+        assert up_m > 0.5 * UP_M, "it hovers at one metre until the waypoint"
 
         fly_to(page, room, GOAL_NORTH_M, "Send")
         page.keyboard.press("p")
