@@ -39,8 +39,11 @@ ARGUMENTS = [
 TIMEOUT_MS = 60_000
 """Chromium renders in software, and the machine may be busy."""
 
-MEASURED_MS = 2_000
+MEASURED_MS = 5_000
 """Time for measuring what is visible; it may disappear meanwhile."""
+
+ATTEMPTS = 6
+"""Number of times that a confirmation is opened."""
 
 COARSE = 0.5
 """Device pixels per CSS pixel: the layout is the same, and rendering map and 3D view takes a quarter of the
@@ -217,7 +220,7 @@ def slide(page: Page, ask_again: Callable[[], object] = lambda: None) -> None:
         ask_again: opens the confirmation if it has expired, which takes 5 s: a busy machine may be slower.
     """
     knob = page.get_by_role("alertdialog").get_by_role("slider")
-    for attempt in range(3):
+    for attempt in range(ATTEMPTS):
         if attempt:
             ask_again()
         expect(knob).to_be_visible()
@@ -235,7 +238,7 @@ def slide(page: Page, ask_again: Callable[[], object] = lambda: None) -> None:
         page.mouse.up()
         if held:
             return
-    raise AssertionError("the confirmation expired three times before its slider was held")
+    raise AssertionError(f"the confirmation expired {ATTEMPTS} times before its slider was held")
 
 
 def hold_space(page: Page) -> None:

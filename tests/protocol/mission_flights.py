@@ -10,7 +10,7 @@ from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.missions.flight import MissionFlight
-from gcs_server.streamer.missions.missions import OffboardMissions
+from gcs_server.streamer.missions.missions import CHECK_PERIOD_S, OffboardMissions
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -44,7 +44,8 @@ class Missions:
             world.clock, world.fleet, journal, world.supervisor, LeaseTimes(lease_s=LEASE_S)
         )
         self.authority.start()
-        self.all.start()
+        # Looked up at each update, so that a test can replace it.
+        world.supervisor.repeat("offboard-missions", lambda: self.all.update(), CHECK_PERIOD_S)
         self.flight: Any = None
 
     def begin(

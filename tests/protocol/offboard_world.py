@@ -111,7 +111,7 @@ class OffboardWorld(World):
         super().__init__(**settings)
         self.streamer = Streamer(self.clock, LoopStreams(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.supervisor.repeat("offboard-beat", self.streamer.update_once, SNAPSHOT_PERIOD_S)
+        self.supervisor.repeat("offboard-beat", lambda: self.streamer.update_once(), SNAPSHOT_PERIOD_S)
         self.supervisor.start("stream", self._run_scheduler)
 
     async def _run_scheduler(self) -> None:

@@ -129,7 +129,7 @@ class Ros2World(SimulatedVehicles):
         streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])
         self.streamer = Streamer(self.clock, streams)
         self.fleet.on_vehicle_added(self.streamer.attach)
-        self.supervisor.repeat("offboard-beat", self.streamer.update_once, SNAPSHOT_PERIOD_S)
+        self.supervisor.repeat("offboard-beat", lambda: self.streamer.update_once(), SNAPSHOT_PERIOD_S)
         self.supervisor.start("simulator", self._simulate)
 
     def _command(self, data: bytes, peer: Peer) -> None:

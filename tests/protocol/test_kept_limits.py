@@ -16,7 +16,7 @@ from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.storage.records import MAX_BYTES, Records
 from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey
-from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.loop_streams import LoopStreams
@@ -43,8 +43,8 @@ def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
         world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
-        for name, work in (("beat", world.streamer._update_loop), ("rounds", world._run_scheduler)):
-            world.supervisor.start(name, work)
+        world.supervisor.repeat("beat", world.streamer.update_once, SNAPSHOT_PERIOD_S)
+        world.supervisor.start("rounds", world._run_scheduler)
         world.router.start()
         world.fleet.start()
         autopilot = world.offboard_autopilot(world.link(), uid=uid)

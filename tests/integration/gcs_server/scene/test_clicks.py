@@ -12,7 +12,8 @@ from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.tracks import Tracks
-from tests.integration.gcs_server.scene.scene_running import CAMERA, DOWN_NORTH, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import DOWN_NORTH, eventually, open_stream
+from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying
 
 

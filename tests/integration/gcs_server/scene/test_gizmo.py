@@ -14,7 +14,8 @@ from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, camera_for_handles
 from missions.frames import q_from_yaw
-from tests.integration.gcs_server.scene.scene_running import CAMERA, MOVED, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import MOVED, eventually, open_stream
+from tests.support.viser_camera import CAMERA
 
 pack = msgspec.msgpack.encode
 RELEASED = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "owner": "client:1"}

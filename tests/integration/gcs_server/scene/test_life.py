@@ -14,7 +14,8 @@ from gcs_server.scene.messages import SceneError
 from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
-from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import eventually, open_stream
+from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying
 
 

@@ -13,7 +13,8 @@ from viser import _messages
 from zstandard import ZstdDecompressor
 
 from gcs_server.scene.moving_node import MOVED_M, MovingNode
-from tests.integration.gcs_server.scene.scene_running import CAMERA, open_stream
+from tests.integration.gcs_server.scene.scene_running import open_stream
+from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import local
 
 POINTS = np.array([[[0, 0, 0], [1, 2, 3]], [[1, 2, 3], [4, 5, 6]]], np.float32)

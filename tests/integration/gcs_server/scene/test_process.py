@@ -24,13 +24,13 @@ from gcs_server.scene.messages import SceneError
 from gcs_server.scene.process import SceneProcess
 from gcs_server.supervise import Supervisor
 from tests.integration.gcs_server.scene.scene_running import (
-    CAMERA,
     DOWN_NORTH,
     MOVED,
     PROTOCOL,
     eventually,
     types_in,
 )
+from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying, local
 
 pack = msgspec.msgpack.encode

@@ -22,13 +22,13 @@ from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.view_request import MAX_VIEWS
 from tests.integration.gcs_server.scene.scene_running import (
-    CAMERA,
     PROTOCOL,
     SceneServer,
     eventually,
     open_stream,
     types_in,
 )
+from tests.support.viser_camera import CAMERA
 
 
 def listening_tcp_ports() -> set[int]:
