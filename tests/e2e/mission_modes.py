@@ -112,6 +112,17 @@ class ModesVehicle:
         self.call("takeoff", {"alt_home_m": 10})
         station.wait_until(lambda: self.status["mode"] == "hold", "the end of the climb", 40.0)
 
+    def arm(self) -> None:
+        """Another station arms the vehicle, repeatedly: PX4 refuses while the mission is compiled."""
+
+        def armed() -> bool:
+            if not self.status["armed"]:
+                self.other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+                time.sleep(1.0)
+            return self.status["armed"]
+
+        station.wait_until(armed, "arming")
+
     def register(self, mission: dict[str, Any]) -> str:
         """Registers the mission, once the vehicle is ready; returns its mode."""
         station.wait_until(self.ready, "readiness", 60.0)
@@ -138,7 +149,7 @@ class ModesVehicle:
         mode = self.register(mission)
         self.other.choose(mode)
         station.wait_until(lambda: self.status["mode"] == mode, "the mode", 5.0)
-        self.other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        self.arm()
         self.until_mission("taking_off")
         return mode
 

@@ -15,7 +15,6 @@ from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, 
 from tests.e2e.mission_modes import MISSION, NAME, TAKES_OFF, ModesVehicle, modes_vehicle
 from tests.e2e.plan_page import plan_room
 from tools import build_page
-from vehicle_sim.mavlink import generated_dialect as mavlink
 
 
 @pytest.fixture
@@ -57,7 +56,7 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
     station.wait_until(lambda: vehicle.status["mode"] == mode["mode"], "the mode", 5.0)
     assert (vehicle.status["armed"], vehicle.mission()) == (False, None)
     begun_m = vehicle.north_m()
-    vehicle.other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    vehicle.arm()
     vehicle.until_mission("taking_off")
     mission = vehicle.get("/vehicles/1/offboard_mission")["mission"]
     assert (mission["mode"], mission["executor_in_charge"]) == (mode["mode"], True)

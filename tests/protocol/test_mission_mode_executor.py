@@ -300,6 +300,7 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(jum
         await at.mode("hold")
         at.other.choose(OWN)
         await at.mode(OWN)
+        await mode_is_ready(at, True)  # PX4 moved its local origin when it armed
         await arm(at)
         await at.mode("takeoff")
         assert at.mission == "taking_off"
