@@ -249,6 +249,23 @@ def test_nothing_slow_stands_between_arming_and_take_off(jump: Any) -> None:
     fly(jump, story, in_air=False)
 
 
+def test_armed_before_px4_knows_that_the_mission_must_be_compiled_again_it_is_compiled_and_takes_off(
+    jump: Any,
+) -> None:
+    async def story(at: Modes) -> None:
+        await selected(at)
+        await mode_is_ready(at, True)
+        at.station.plan_work = SlowWork(2.0)
+        await change_settings(at)
+        await seconds(0.15)
+        assert not (await at.shown())["modes"][0]["ready"]
+        await arm(at)
+        await at.mode("takeoff", 5)
+        assert at.warnings() == []
+
+    fly(jump, story, in_air=False)
+
+
 def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await selected(at)

@@ -314,10 +314,15 @@ class MissionModes:
                 await vehicle.command.hold(by=by)
 
     async def _start_of(self, vehicle: Vehicle, entry: _ModeEntry) -> Start:
-        """The mission to begin now."""
-        if entry.preparation is None or vehicle.status.landed_state != "on_ground":
+        """The mission to begin now.
+
+        If the vehicle was armed within the second in which PX4 did not know yet that the mission must be
+        compiled again, it is compiled now.
+        """
+        on_ground = vehicle.status.landed_state == "on_ground"
+        start = None if entry.preparation is None or not on_ground else entry.preparation.start
+        if start is None:
             return await self._prepare(vehicle.id, entry.mode)
-        start = entry.preparation.start()
         if start.timeline.avoidance:
             await self._streamer.offboard(vehicle.id).avoidance.wait_for_sensor()
         return start

@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from gcs_server.errors import Refused
 from gcs_server.streamer.missions.start import Start
 from missions.frames import Vector3
 
@@ -96,15 +95,7 @@ class Preparation:
         self._start, self.problem, self.ready = None, problem, False
         self._compiling, self._next_s = False, now_s + RETRY_S
 
-    def start(self) -> Start:
-        """The mission to begin now.
-
-        Raises:
-            Refused: it was not ready when the vehicle was armed.
-        """
-        if not self.ready or self._start is None:
-            raise Refused(
-                f"The vehicle was armed before the mission was ready. {self.reason}",
-                remedy="Disarm, select the mode and arm when it is ready.",
-            )
-        return self._start
+    @property
+    def start(self) -> Start | None:
+        """The mission to begin when the vehicle is armed; None: it is not ready."""
+        return self._start if self.ready else None

@@ -8,7 +8,6 @@ from typing import Any, cast
 
 import pytest
 
-from gcs_server.errors import Refused
 from gcs_server.streamer.missions.preparation import COMPILING, EVERY_S, RETRY_S, Conditions, Preparation
 from gcs_server.streamer.missions.start import Start
 
@@ -53,7 +52,7 @@ def test_a_mission_is_compiled_once_at_a_time_and_not_continuously() -> None:
     assert prepared.update(10.0 + EVERY_S, HERE)
     prepared.succeeded(SECOND, HERE, 12.0)
     assert not prepared.update(20.0, HERE)
-    assert prepared.start() is SECOND
+    assert prepared.start is SECOND
 
 
 def test_a_mission_that_cannot_be_compiled_does_not_begin_and_is_tried_again() -> None:
@@ -62,6 +61,6 @@ def test_a_mission_that_cannot_be_compiled_does_not_begin_and_is_tried_again() -
     prepared.failed("The path leaves the geofence.", 6.0)
     assert not prepared.update(6.1, HERE)
     assert not prepared.ready
-    with pytest.raises(Refused, match="The path leaves the geofence"):
-        prepared.start()
+    assert prepared.start is None
+    assert prepared.reason == "The path leaves the geofence."
     assert prepared.update(6.0 + RETRY_S, HERE)
