@@ -7,7 +7,7 @@ import gzip
 import itertools
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,13 @@ BEFORE_S, OFFBOARD_AT_S = 6.0, -5.0
 """A flight that began in Offboard is replayed from this long before its first event, and enters Offboard."""
 STEP_S = 0.004
 COMPARED_EVERY_S = 0.5
+RETURNING_M = 2.0
+"""A vehicle that is recorded further than this from its setpoint, in Offboard, was still flying there."""
+RETURNS_FROM = 2.05
+"""Where the replay of its return begins, in recorded distances from the setpoint. PX4 switches its
+controllers at 2 Hz since the change of mode; from here the simulated one switches at the recorded times."""
+NOISY_BOOT_S = 12.0
+CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
 Place = tuple[float, float, float]
 Track = list[tuple[float, Place]]
 States = list[tuple[float, int, int]]
@@ -62,8 +69,23 @@ class Flight:
         return self.in_air and self.states[0][1] == OFFBOARD
 
     @property
+    def setpoint_ned_m(self) -> Place:
+        """The first position setpoint; the first recorded position if there is none."""
+        sent = [each.get("fields") or {} for each in self.stimulus if each["topic"] == TRAJECTORY]
+        positions = [each["position"] for each in sent if None not in each.get("position", [None])]
+        return positions[0] if positions else self.track[0][1]
+
+    @property
+    def returns(self) -> bool:
+        """Whether it began while the vehicle was flying to its setpoint from far away."""
+        away_m = math.dist(self.track[0][1][:2], self.setpoint_ned_m[:2])
+        return self.in_offboard and away_m > RETURNING_M
+
+    @property
     def begins_s(self) -> float:
         """When the replay begins."""
+        if self.returns:
+            return self.track[0][0]
         return -BEFORE_S if self.in_offboard else -1.0
 
     def sends(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
@@ -91,13 +113,27 @@ class _Vehicle(Ros2Vehicle):
             super().publish(topic, data)
 
 
-def fly(flight: Flight) -> tuple[Track, States]:
-    """Replays a flight; returns what the simulated vehicle published."""
-    vehicle = _Vehicle(parameters=AT_ONCE | flight.header["parameters"])
+def fly(flight: Flight, *, noise: int | None = None) -> tuple[Track, States]:
+    """Replays a flight.
+
+    Args:
+        flight: what was recorded.
+        noise: seed of the sensor noise; None: no noise.
+
+    Returns:
+        What the simulated vehicle published.
+    """
+    parameters = AT_ONCE | flight.header["parameters"]
+    if noise is None:
+        vehicle = _Vehicle(parameters=parameters)
+    else:
+        vehicle = _Vehicle(parameters=parameters, boot_s=NOISY_BOOT_S, sensor_noise=True, seed=noise)
     if flight.in_air:
         _take_off(vehicle, -flight.track[0][1][2])
     sends = sorted(flight.sends(), key=lambda sent: sent[0])
-    if flight.in_offboard:
+    if flight.returns:
+        _return(vehicle, flight)
+    elif flight.in_offboard:
         fields = ADDRESSES | {"command": SET_MODE, "param1": 1.0, "param2": 6.0}
         bisect.insort(sends, (OFFBOARD_AT_S, COMMAND, fields), key=lambda sent: sent[0])
     # the recorded vehicle's clock was slower than the recorder's, which the times are of
@@ -128,6 +164,34 @@ def _take_off(vehicle: Ros2Vehicle, height_m: float) -> None:
     vehicle.run(2.0)
 
 
+def _return(vehicle: Ros2Vehicle, flight: Flight) -> None:
+    """Flies in Offboard to a point far away, and back until the first recorded distance from the setpoint."""
+    setpoint, recorded = flight.setpoint_ned_m, flight.track[0][1]
+    north_m, east_m = (
+        there + RETURNS_FROM * (here - there) for here, there in zip(recorded[:2], setpoint[:2], strict=True)
+    )
+    fields = next(fields for _, topic, fields in flight.sends() if topic == TRAJECTORY)
+
+    def stream(position_ned_m: Place, seconds: float) -> None:
+        messages = (CONTROL_MODE, {"position": True}), (TRAJECTORY, fields | {"position": position_ned_m})
+        vehicle.stream(seconds, 10.0, *messages)
+
+    far = (north_m, east_m, setpoint[2])
+    stream(far, 1.0)
+    vehicle.command(SET_MODE, 1.0, 6.0)
+    while math.dist(vehicle.position_ned_m, far) > 0.5:
+        stream(far, 0.1)
+    stream(far, 2.0)
+    distance_m = math.dist(recorded[:2], setpoint[:2])
+    for step in itertools.count():
+        if math.dist(vehicle.position_ned_m[:2], setpoint[:2]) <= distance_m:
+            return
+        if step % round(0.1 / STEP_S) == 0:
+            vehicle.send(CONTROL_MODE, position=True)
+            vehicle.send(TRAJECTORY, fields, position=setpoint)
+        vehicle.run(STEP_S)
+
+
 def changes(states: States) -> States:
     """The states from the first event on, without repetitions; that at the first event is at 0."""
     before = [each for each in states if each[0] <= 0.0]
@@ -153,6 +217,29 @@ def largest_errors(flown: Track, recorded: Track, until_s: float = math.inf) -> 
         horizontal_m = max(horizontal_m, math.dist(ours[:2], theirs[:2]))
         vertical_m = max(vertical_m, abs(ours[2] - theirs[2]))
     raise AssertionError
+
+
+def largest_excess(flown: Sequence[Track], recorded: Track) -> tuple[float, float]:
+    """How far a track since the first event leaves the range of several others [m].
+
+    Args:
+        flown: the others; their range is a box around all of them, at each time.
+        recorded: the track.
+
+    Returns:
+        The largest horizontal and vertical distance from that box.
+    """
+    horizontal_m = vertical_m = 0.0
+    ends_s = min(track[-1][0] for track in (*flown, recorded))
+    for number in range(int(ends_s / COMPARED_EVERY_S) + 1):
+        theirs, *ours = (_at(track, number * COMPARED_EVERY_S) for track in (recorded, *flown))
+        north_m, east_m, down_m = (
+            max(0.0, min(range_m) - here_m, here_m - max(range_m))
+            for here_m, range_m in zip(theirs, zip(*ours, strict=True), strict=True)
+        )
+        horizontal_m = max(horizontal_m, math.hypot(north_m, east_m))
+        vertical_m = max(vertical_m, down_m)
+    return horizontal_m, vertical_m
 
 
 def _at(track: Track, at_s: float) -> Place:

@@ -25,8 +25,8 @@ class Ros2Vehicle:
     def __init__(
         self, *, boot_s: float = READY_S, parameters: Mapping[str, float] = AT_ONCE, **options: Any
     ) -> None:
-        links = options.pop("links", ())
-        self.sim = VehicleSim(1, sensor_noise=False, links=links, parameters=parameters, **options)
+        options = {"sensor_noise": False, "links": ()} | options
+        self.sim = VehicleSim(1, parameters=parameters, **options)
         self.received: list[tuple[float, str, dict[str, Any]]] = []
         self.reports: list[str] = []
         self._inbox: list[tuple[str, bytes]] = []
