@@ -7,7 +7,7 @@ import errno
 import socket
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
@@ -222,6 +222,10 @@ class Link(ABC):
         with self._counts.lock:
             self._counts.frames_sent += 1
             self._counts.bytes_sent += size_bytes
+
+    def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
+        """ROS 2 topics of a peer that this server cannot use, and why; empty over MAVLink."""
+        return {}
 
     def peers(self) -> tuple[Peer, ...]:
         """Current peers."""

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final
 
 from gcs_server.links.base import DdsAddress, Link, Peer
@@ -100,6 +100,10 @@ class Ros2Link(Link):
         vehicle.sent(data, time.time_ns() // 1000)
         return len(data)
 
+    def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
+        """Topics of another version of PX4."""
+        return {} if self._run is None else self._run.unusable.get(peer.name, {})
+
     # --- in the event loop, called by the thread --------------------------------------------------------
 
     def ready(self, run: _Run) -> None:
@@ -150,6 +154,8 @@ class _Run:
         self._unreadable: dict[str, str] = {}
         """Reason by topic why a vehicle cannot be read."""
         self._versions = TopicVersions()
+        self.unusable: dict[str, dict[str, str]] = {}
+        """Topics in unknown versions by peer name; replaced by the thread, never changed."""
         self._began_s = loop.time()
         self._discover_s = self._report_s = 0.0
         self.thread = threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)
@@ -174,6 +180,8 @@ class _Run:
                 self._versions.announced(each.topic, publishes=each.publishes)
                 if each.publishes:
                     self._found(port, each, now_s)
+            vehicles = [vehicle.namespace for vehicle in self.vehicles.values()]
+            self.unusable = {peer_name(each): self._versions.unusable(each) for each in vehicles}
         batch: list[tuple[str, bytes]] = []
         for name, vehicle_port in self._ports.items():
             try:  # a fault affects this vehicle only

@@ -108,16 +108,16 @@ class TopicVersions:
         Args:
             only: the only namespace; None: all.
         """
-        problems: list[str] = []
-        for namespace, topics in self._seen.items():
-            texts = [
-                _text(namespace, base, max(versions), known)
-                for base, versions in topics.items()
-                if (known := _split(_KNOWN[base])[1]) not in versions
-            ]
-            if texts and only in (None, namespace):
-                problems.append(_problem(texts))
-        return problems
+        found = {namespace: list(self.unusable(namespace).values()) for namespace in self._seen}
+        return [_problem(texts) for namespace, texts in found.items() if texts and only in (None, namespace)]
+
+    def unusable(self, namespace: str) -> dict[str, str]:
+        """The topics that a vehicle has only in unknown versions: a text for each, by the known name."""
+        return {
+            _KNOWN[base]: _text(namespace, base, max(versions), known)
+            for base, versions in self._seen.get(namespace, {}).items()
+            if (known := _split(_KNOWN[base])[1]) not in versions
+        }
 
 
 def _text(namespace: str, base: str, version: int, known: int) -> str:

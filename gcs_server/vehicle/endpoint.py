@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -127,9 +127,13 @@ def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint
     """The connected endpoints of this protocol; all endpoints if there are none.
 
     A vehicle that is connected over both protocols is commanded over MAVLink, and its state is that of
-    MAVLink. Its setpoints are sent over ROS 2, which has all kinds of them.
+    MAVLink. Its setpoints are sent over ROS 2, which has all kinds of them; but over MAVLink if the server
+    does not know the versions of its ROS 2 topics for commands and setpoints.
     """
-    matching = [endpoint for endpoint in endpoints if endpoint.connection.protocol == protocol]
+    able = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
+    matching = [e for e in able if e.connection.protocol == protocol]
+    if not matching and len(able) < len(endpoints):
+        matching = able
     if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
@@ -139,8 +143,24 @@ def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint
 def protocol_in_use(endpoints: Sequence[Endpoint], wanted: str) -> str:
     """Protocol over which data are sent now if `wanted` is preferred: `MAVLINK` for telemetry and commands,
     `ROS2` for setpoints. MAVLink for a vehicle without endpoints."""
-    newest = max(preferred(endpoints, wanted), key=lambda endpoint: endpoint.received_s, default=None)
+    newest = _newest(preferred(endpoints, wanted))
     return MAVLINK if newest is None else newest.connection.protocol
+
+
+def unusable_topics(endpoints: Sequence[Endpoint]) -> Mapping[str, str]:
+    """ROS 2 topics of the vehicle that this server cannot use, and why; empty if setpoints are sent over
+    MAVLink."""
+    newest = _newest(preferred(endpoints, ROS2))
+    return {} if newest is None else newest.connection.link.unusable_topics(newest.peer)
+
+
+def _has_unusable_inputs(endpoint: Endpoint) -> bool:
+    unusable = endpoint.connection.link.unusable_topics(endpoint.peer)
+    return any(topic.startswith("/fmu/in/") for topic in unusable)
+
+
+def _newest(endpoints: Sequence[Endpoint]) -> Endpoint | None:
+    return max(endpoints, key=lambda endpoint: endpoint.received_s, default=None)
 
 
 def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:

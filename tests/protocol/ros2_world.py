@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from gcs_server.links.base import DdsAddress, Peer
 from gcs_server.links.memory import MemoryLink
+from gcs_server.ros2.external_mode import Message
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
@@ -64,6 +65,17 @@ class Topics:
         return read
 
 
+class SetpointTopics:
+    """A `TopicSender`."""
+
+    def __init__(self, topics: Topics) -> None:
+        self._topics = topics
+
+    def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
+        for topic, data in messages:
+            self._topics.send(topic, data)
+
+
 class ModeTopics:
     """A `ModePort`; `working` False: the process that answers PX4 has ended."""
 
@@ -95,11 +107,26 @@ class Ros2Streams(LoopStreams):
         return self.mode_ports[-1]
 
     def attach(self, vehicle_id: str, sender: Any, target: tuple[int, int], *_: Any) -> None:
-        def topics() -> Topics | None:
+        def topics() -> SetpointTopics | None:
             path = sender.send_path()
-            return None if path is None or path.peer.dds is None else self._topics_at(path.peer.dds)
+            dds = None if path is None else path.peer.dds
+            return None if dds is None else SetpointTopics(self._topics_at(dds))
 
         super().attach(vehicle_id, sender, target, 0, topics)
+
+
+class MemoryRos2Link(MemoryLink):
+    """A `ros2://` link without DDS."""
+
+    protocol = ROS2
+
+    def __init__(self, outgoing: Callable[[bytes, Peer], None]) -> None:
+        super().__init__("ros2", outgoing=outgoing)
+        self.unusable: dict[str, dict[str, str]] = {}
+        """Topics in unknown versions, by peer name."""
+
+    def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
+        return self.unusable.get(peer.name, {})
 
 
 class Ros2World(SimulatedVehicles):
@@ -115,12 +142,11 @@ class Ros2World(SimulatedVehicles):
         links = (("gcs", "gcs"),) if mavlink else ()
         self.sim = VehicleSim(count, links=links, parameters=PARAMETERS, seed=3)
         self.topics = [Topics() for _ in range(count)]
-        self._ros2 = MemoryLink("ros2", outgoing=self._command)
-        self._ros2.protocol = ROS2
+        self.ros2 = MemoryRos2Link(self._command)
         self._vehicles = [VehicleLink(f"px4_{row}", topics, 255) for row, topics in enumerate(self.topics)]
         for row, topics in enumerate(self.topics):
             self.sim.open_ros2(row, topics, lambda _: None)
-        self.router.add(self._ros2)
+        self.router.add(self.ros2)
         self.mavlink = MemoryLink("mavlink", outgoing=lambda data, _: self.sim.feed(0, "gcs", data))
         self.mavlink_on = mavlink
         """Whether frames of the MAVLink link arrive."""
@@ -143,7 +169,7 @@ class Ros2World(SimulatedVehicles):
             now_s = self.clock.monotonic_s()
             for row, vehicle in enumerate(self._vehicles):
                 if data := vehicle.received(self.topics[row].received(now_s), now_s):
-                    self._ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
+                    self.ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
             if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
                 self.mavlink.inject(data, "vehicle")
             self.streamer._streams.step()

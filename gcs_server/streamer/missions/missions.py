@@ -104,7 +104,7 @@ class OffboardMissions:
                 f"Vehicle {vehicle_id} already has a setpoint stream.",
                 remedy="Stop the setpoint stream first.",
             )
-        control.check_segments(start.timeline.segments)
+        control.check_segments(start.timeline.segments, start.mode)
 
         def spawn(name: str, work: object) -> object:
             return self._supervisor.spawn(f"vehicle {vehicle_id}: {name}", work)  # type: ignore[arg-type]

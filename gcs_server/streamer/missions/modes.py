@@ -11,7 +11,7 @@ mission then begins on the ground. It is compiled before arming (`preparation.py
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -24,6 +24,7 @@ from gcs_server.ros2.external_mode import (
     Registration,
     RegistrationState,
 )
+from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
 from gcs_server.streamer.missions.mode_status import MissionMode, MissionModeStatus
@@ -31,8 +32,10 @@ from gcs_server.streamer.missions.preparation import Conditions, Preparation
 from gcs_server.streamer.missions.preparer import Preparer
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.schedule.external_modes import topics_for
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.endpoint import unusable_topics
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Estimate
 
@@ -134,6 +137,8 @@ class MissionModes:
             declaration = ModeDeclaration(
                 mode.name, ALWAYS_REQUIRED | needs, mode.defer_failsafes_s, mode.takes_off
             )
+            self._streamer.offboard(vehicle_id).require_topics(start.timeline.segments, in_offboard=False)
+            _require_topics(vehicle, topics_for(declaration))
             await self._streams.register_mode(vehicle_id, address, declaration)
         except ValueError as error:
             raise Refused(
@@ -367,6 +372,14 @@ class MissionModes:
             failsafe_deferred=registration.failsafe_deferred,
             takes_off=mode.takes_off,
         )
+
+
+def _require_topics(vehicle: Vehicle, topics: Iterable[str]) -> None:
+    """Raises Refused if the vehicle has one of these topics in an unknown version."""
+    unusable = unusable_topics(vehicle.endpoints)
+    found = next((unusable[topic] for topic in sorted(topics) if topic in unusable), None)
+    if found is not None:
+        raise Refused(f"{found}.", remedy=VERSION_REMEDY)
 
 
 def dds_address(vehicle: Vehicle) -> DdsAddress | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, Refused, Rejected
@@ -28,11 +28,11 @@ from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
-from gcs_server.vehicle.endpoint import ROS2, protocol_in_use
+from gcs_server.vehicle.endpoint import ROS2, protocol_in_use, unusable_topics
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
-from missions.setpoints import Follow
+from missions.setpoints import Follow, Position
 
 PRE_STREAM_S = 1.2
 """PX4 needs more than a second of setpoints before it accepts Offboard."""
@@ -70,7 +70,7 @@ class OffboardControl:
         self._streams = streams
         self._find = find
         self._estimates = VehicleEstimates(vehicle)
-        self._availability = Availability(self._estimates, self._protocol)
+        self._availability = Availability(self._estimates, self._protocol, self._unusable_topics)
         self._configuration = OffboardConfiguration(clock, vehicle, self._estimates)
         self.operator = limits
         self.avoidance = AvoidanceControl(clock, vehicle, self._estimates)
@@ -347,17 +347,21 @@ class OffboardControl:
     def _protocol(self) -> str:
         return protocol_in_use(self.vehicle.endpoints, ROS2)
 
+    def _unusable_topics(self) -> Mapping[str, str]:
+        return unusable_topics(self.vehicle.endpoints)
+
     def check(self, request: StreamRequest) -> None:
         """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         setpoint = request.setpoint
         if isinstance(setpoint, Script):
             self._availability.require_estimates(setpoint.type, setpoint.needs)
-            self.check_segments([s for s in (setpoint.approach, *setpoint.segments) if s is not None])
+            segments = [s for s in (setpoint.approach, *setpoint.segments) if s is not None]
+            self.check_segments(segments, request.mode)
             return
         problem = problem_of(setpoint)
         if problem is not None:
             raise InvalidRequest("setpoint", problem)
-        self._availability.require(setpoint)
+        self._availability.require(setpoint, in_offboard=request.mode == OFFBOARD)
         if isinstance(setpoint, Follow):
             self._check_leader(setpoint)
         check_target(
@@ -367,10 +371,18 @@ class OffboardControl:
             has_position_limits=self.operator.limits.needs_position,
         )
 
-    def check_segments(self, segments: Sequence[Segment]) -> None:
-        """Raises Refused if these segments of a mission leave the position limits."""
+    def check_segments(self, segments: Sequence[Segment], mode: str) -> None:
+        """Raises Refused if these segments of a mission leave the position limits, or if the vehicle has
+        their topics in unknown versions for this mode."""
+        self.require_topics(segments, in_offboard=mode == OFFBOARD)
         limited = self.operator.limits.needs_position
         check_segments(segments, self.snapshot(), has_position_limits=limited)
+
+    def require_topics(self, segments: Sequence[Segment], *, in_offboard: bool) -> None:
+        """Raises Refused if the vehicle has a topic of these segments' setpoints in an unknown version."""
+        holds = Position.type  # at a pause, and after the last segment
+        types = {holds, *(each.at(0.0).type for each in segments)}
+        self._availability.require_topics(types, in_offboard=in_offboard)
 
     def _check_leader(self, follow: Follow) -> None:
         if follow.vehicle == self.vehicle.id:

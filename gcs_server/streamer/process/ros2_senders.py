@@ -9,11 +9,11 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from gcs_server.links.base import DdsAddress
-from gcs_server.ros2.external_mode import SENT_TYPES
+from gcs_server.ros2.external_mode import SENT_TYPES, Message
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import Subscription
 from gcs_server.streamer.schedule.external_modes import READ_TYPES
@@ -37,16 +37,18 @@ class Ros2Sender:
         """Topics to which the vehicle subscribes."""
         threading.Thread(target=self._open, name=f"dds {address.namespace}", daemon=True).start()
 
-    def send(self, topic: str, data: bytes) -> None:
+    def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
         """See `TopicSender`."""
         writers = self._writers
         if writers is None:
             raise OSError("DDS is not open yet")
-        if topic not in self._connected:
-            if not writers.connected(topic):
-                raise OSError(f"no vehicle subscribes to {topic} yet")
-            self._connected.add(topic)
-        writers.send(topic, data)
+        for topic in (*needed, *(topic for topic, _ in messages)):
+            if topic not in self._connected:
+                if not writers.connected(topic):
+                    raise OSError(f"no vehicle subscribes to {topic} yet")
+                self._connected.add(topic)
+        for topic, data in messages:
+            writers.send(topic, data)
 
     def _open(self) -> None:
         try:

@@ -20,8 +20,13 @@ from typing import Final, Protocol
 from gcs_server.clock import Clock
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import (
+    CHECK_REPLY,
     CHECK_REQUEST,
+    COMPLETED,
+    OVERRIDES,
+    REGISTER,
     REPLY,
+    UNREGISTER,
     ExternalMode,
     ModeDeclaration,
     Registration,
@@ -29,6 +34,7 @@ from gcs_server.ros2.external_mode import (
 )
 from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, Values
 from gcs_server.ros2.mode_executor import ARMED, MODE_COMPLETED, ExecutorCommand, Message
+from gcs_server.ros2.mode_executor import COMMAND as EXECUTOR_COMMAND
 from gcs_server.ros2.topics import COMMAND_ACK, STATUS
 from gcs_server.streamer.transport.ros2 import encode, with_time
 from missions.setpoints import Velocity
@@ -49,7 +55,16 @@ READ_TYPES: Final = {
     COMMAND_ACK: "VehicleCommandAck",
     MODE_COMPLETED: "ModeCompleted",
 }
+ANSWERED: Final = frozenset({REGISTER, UNREGISTER, REPLY, CHECK_REQUEST, CHECK_REPLY, COMPLETED})
+"""Topics without which a mode cannot be registered, flown, or removed."""
 STOP: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
+
+
+def topics_for(declaration: ModeDeclaration) -> frozenset[str]:
+    """The topics that a mode needs, without those of its setpoints."""
+    deferring = {OVERRIDES} if declaration.defer_failsafes_s else set[str]()
+    executing = {EXECUTOR_COMMAND, MODE_COMPLETED} if declaration.executor else set[str]()
+    return ANSWERED | deferring | executing
 
 
 class ModePort(Protocol):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
 from gcs_server.ros2.external_mode import CONTROLLERS, SENT_TYPES, Message, controllers_message
@@ -67,8 +67,16 @@ Encoded = tuple[str, tuple[tuple[str, dict[str, Any]], ...]]
 class TopicSender(Protocol):
     """Sends to the ROS 2 topics of one vehicle."""
 
-    def send(self, topic: str, data: bytes) -> None:
-        """Raises OSError if the message cannot be sent now."""
+    def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
+        """Sends all messages or none: OffboardControlMode alone would keep Offboard active without setpoints.
+
+        Args:
+            messages: in this order.
+            needed: other topics to which the vehicle must subscribe.
+
+        Raises:
+            OSError: it does not subscribe to one of the topics, or a message cannot be sent now.
+        """
         ...
 
 
@@ -142,6 +150,13 @@ _ENCODERS: dict[type, Callable[[Any], Encoded]] = {
 }
 ROS2_KINDS = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
 """Setpoint types for which PX4 has a ROS 2 message."""
+_MESSAGES_OF: Final[Mapping[str, tuple[str, ...]]] = {
+    Attitude.type: ("VehicleAttitudeSetpoint",),
+    Rates.type: ("VehicleRatesSetpoint",),
+    ThrustTorque.type: ("VehicleThrustSetpoint", "VehicleTorqueSetpoint"),
+    Actuators.type: ("ActuatorMotors", "ActuatorServos"),
+}
+"""Message types of a setpoint type; TrajectorySetpoint for all others, also after their conversion."""
 
 
 def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
@@ -161,6 +176,18 @@ def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
 def level_of(setpoint: DirectSetpoint) -> str:
     """The level of the control cascade at which a setpoint enters: a flag of OffboardControlMode."""
     return _ENCODERS[type(setpoint)](setpoint)[0]
+
+
+def topics_of(setpoint_type: str, *, in_offboard: bool) -> tuple[str, ...]:
+    """The topics that a stream of this type uses.
+
+    Args:
+        setpoint_type: any type that ROS 2 carries.
+        in_offboard: False: in a mode that is registered with PX4.
+    """
+    selects = CONTROL_MODE if in_offboard else CONTROLLERS
+    messages = _MESSAGES_OF.get(setpoint_type, ("TrajectorySetpoint",))
+    return (COMMAND, selects, *(SETPOINT_TOPICS[each] for each in messages))
 
 
 def with_time(data: bytes, unix_us: int) -> bytes:
@@ -199,11 +226,12 @@ class Ros2Transport:
         now_us = self._unix_us()
         try:
             if isinstance(outgoing, ModeRequest):
-                sender.send(COMMAND, self._mode_command(outgoing, now_us))
+                sender.send([(COMMAND, self._mode_command(outgoing, now_us))])
                 return True
             mode = self._mode if outgoing.mode == OFFBOARD else self._controllers_in(outgoing.mode)
-            for topic, data in (mode, *(self._setpoint if outgoing.in_mode else ())):
-                sender.send(topic, with_time(data, now_us))
+            messages = (mode, *(self._setpoint if outgoing.in_mode else ()))
+            needed = [topic for topic, _ in self._setpoint]
+            sender.send([(topic, with_time(data, now_us)) for topic, data in messages], needed)
         except OSError:
             return False
         return True

@@ -3,14 +3,15 @@ others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 from gcs_server.errors import Refused
+from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
 from gcs_server.streamer.frames.resolve import LOCAL_KINDS, RESOLVED_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
-from gcs_server.streamer.transport.ros2 import ROS2_KINDS
+from gcs_server.streamer.transport.ros2 import ROS2_KINDS, topics_of
 from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 
 CARRIED_BY: dict[str, frozenset[str]] = {
@@ -70,10 +71,16 @@ class Availability:
     Args:
         estimates: the vehicle's newest samples.
         protocol: protocol of the vehicle's links.
+        unusable_topics: its ROS 2 topics that the server cannot use, and why.
     """
 
-    def __init__(self, estimates: EstimateSource, protocol: Callable[[], str]) -> None:
-        self._protocol = protocol
+    def __init__(
+        self,
+        estimates: EstimateSource,
+        protocol: Callable[[], str],
+        unusable_topics: Callable[[], Mapping[str, str]],
+    ) -> None:
+        self._protocol, self._unusable_topics = protocol, unusable_topics
         self._has: dict[str, Callable[[], bool]] = {
             "position": estimates.has_position,
             "velocity": estimates.has_velocity,
@@ -85,7 +92,11 @@ class Availability:
     def of(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
         """Availability of one type, or of one setpoint."""
         needs = KINDS[setpoint_type].needs if needs is None else needs
-        why_not = why_not_carried(setpoint_type, self._protocol()) or self._missing(setpoint_type, needs)
+        why_not = (
+            why_not_carried(setpoint_type, self._protocol())
+            or self._unusable({setpoint_type}, in_offboard=True)
+            or self._missing(setpoint_type, needs)
+        )
         return Available(why_not is None, why_not, needs)
 
     def require_estimates(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> None:
@@ -93,6 +104,25 @@ class Availability:
         why_not = self._missing(setpoint_type, needs)
         if why_not is not None:
             raise Refused(why_not, remedy=WAIT_REMEDY)
+
+    def require_topics(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> None:
+        """Raises Refused if the vehicle has a topic of these types in an unknown version.
+
+        Args:
+            setpoint_types: of the stream.
+            in_offboard: False: it is flown in a mode that is registered with PX4.
+        """
+        why_not = self._unusable(setpoint_types, in_offboard=in_offboard)
+        if why_not is not None:
+            raise Refused(why_not, remedy=VERSION_REMEDY)
+
+    def _unusable(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> str | None:
+        unusable = self._unusable_topics()
+        if not unusable:
+            return None
+        topics = (topic for each in setpoint_types for topic in topics_of(each, in_offboard=in_offboard))
+        found = next((unusable[topic] for topic in topics if topic in unusable), None)
+        return None if found is None else f"{found}."
 
     def _missing(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> str | None:
         missing = next((need for need in needs if not self._has[need]()), None)
@@ -102,11 +132,12 @@ class Availability:
         """Availability of every type."""
         return {setpoint_type: self.of(setpoint_type) for setpoint_type in KINDS}
 
-    def require(self, setpoint: Setpoint) -> None:
-        """Raises Refused if the setpoint cannot be flown now."""
+    def require(self, setpoint: Setpoint, *, in_offboard: bool) -> None:
+        """Raises Refused if the setpoint cannot be flown now; `in_offboard`: see `require_topics`."""
         unable = why_not_carried(setpoint.type, self._protocol())
         if unable is not None:
             raise Refused(unable, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
+        self.require_topics([setpoint.type], in_offboard=in_offboard)
         available = self.of(setpoint.type, needs_of(setpoint))
         if available.why_not is not None:
             raise Refused(available.why_not, remedy=WAIT_REMEDY)

@@ -6,6 +6,7 @@ import contextlib
 import gc
 import os
 import time
+from typing import Any
 
 import pytest
 
@@ -23,7 +24,7 @@ from gcs_server.ros2.external_mode import REGISTER, REPLY
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import wire_name
 from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
-from gcs_server.streamer.transport.ros2 import CONTROL_MODE
+from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from tests.support.dds_publisher import Publisher
 from tests.support.dds_samples import recorded
 
@@ -41,18 +42,33 @@ def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used
     assert senders.sender_for(address) is sender
     data = MESSAGES["OffboardControlMode"].encode({"position": True})
     with pytest.raises(OSError, match=r"not open yet|no vehicle subscribes"):
-        sender.send(CONTROL_MODE, data)
+        sender.send([(CONTROL_MODE, data)])
     reader = DataReader(participant, topic, qos=Qos(Policy.Reliability.BestEffort))
-    received: list[Sample] = []
-    end_s = time.monotonic() + 10.0
-    while not received:
-        assert time.monotonic() < end_s
-        try:
-            sender.send(CONTROL_MODE, data)
-        except OSError:
+
+    def received() -> dict[str, Any]:
+        """Sends until the vehicle has received a message."""
+        end_s = time.monotonic() + 10.0
+        while True:
+            with contextlib.suppress(OSError):
+                sender.send([(CONTROL_MODE, data)])
+            for sample in reader.take(1):
+                if isinstance(sample, Sample):
+                    return MESSAGES["OffboardControlMode"].decode(sample.cdr)
+            assert time.monotonic() < end_s
             time.sleep(0.02)
-        received += [sample for sample in reader.take(10) if isinstance(sample, Sample)]
-    assert MESSAGES["OffboardControlMode"].decode(received[0].cdr)["position"] is True
+
+    assert received()["position"] is True
+    # OffboardControlMode alone would keep Offboard active without a setpoint
+    reader.take(100)
+    trajectory = SETPOINT_TOPICS["TrajectorySetpoint"]
+    for messages, needed in (
+        ([(CONTROL_MODE, data), (trajectory, b"")], ()),
+        ([(CONTROL_MODE, data)], (trajectory,)),
+    ):
+        with pytest.raises(OSError, match=f"no vehicle subscribes to {trajectory}"):
+            sender.send(messages, needed)
+    data = MESSAGES["OffboardControlMode"].encode({"attitude": True})
+    assert received()["attitude"] is True
     senders.close_unused(())
     assert senders.sender_for(address) is not sender
     assert domain

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
 
+from gcs_server.ros2.external_mode import CONTROLLERS, Message
 from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.topics import COMMAND
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint
 from gcs_server.streamer.limits.limiter import apply_limits
-from gcs_server.streamer.transport.ros2 import TOPIC_TYPES, Ros2Transport, encode
+from gcs_server.streamer.transport.ros2 import CONTROL_MODE, TOPIC_TYPES, Ros2Transport, encode, topics_of
 from gcs_server.streamer.transport.sender import NoSender
 from gcs_server.streamer.transport.vehicle_transport import VehicleTransport
 from gcs_server.streamer.values.bounds import Bounds
@@ -88,11 +91,14 @@ class Topics:
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
         self.closed = False
+        self.needed: set[str] = set()
 
-    def send(self, topic: str, data: bytes) -> None:
+    def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
         if self.closed:
             raise OSError("closed")
-        self.sent.append((topic.rsplit("/", 1)[1], MESSAGES[TOPIC_TYPES[topic]].decode(data)))
+        self.needed = set(needed)
+        for topic, data in messages:
+            self.sent.append((topic.rsplit("/", 1)[1], MESSAGES[TOPIC_TYPES[topic]].decode(data)))
 
 
 def _transport() -> Ros2Transport:
@@ -122,11 +128,22 @@ def test_each_kind_has_its_control_mode_and_its_topics(
             assert _same(values[name], value), (topic, name, values[name])
 
 
+@pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
+def test_the_topics_of_a_kind_are_those_of_its_messages(
+    setpoint: DirectSetpoint, flag: str, expected: dict[str, Any]
+) -> None:
+    assert flag
+    sent = {f"/fmu/in/{topic}" for topic in expected}
+    assert set(topics_of(setpoint.type, in_offboard=True)) >= {COMMAND, CONTROL_MODE} | sent
+    assert set(topics_of(setpoint.type, in_offboard=False)) >= {COMMAND, CONTROLLERS} | sent
+
+
 def test_before_offboard_only_the_control_mode_is_sent() -> None:
     transport, topics = _transport(), Topics()
     transport.load(Position((1.0, 2.0, -3.0)))
     assert transport.send(SetpointDue(0.0, in_mode=False), topics)
     assert [topic for topic, _ in topics.sent] == ["offboard_control_mode"]
+    assert topics.needed == {"/fmu/in/trajectory_setpoint"}
 
 
 def test_a_mode_is_requested_as_the_streams_component() -> None:

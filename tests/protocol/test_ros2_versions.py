@@ -1,0 +1,113 @@
+"""A vehicle whose ROS 2 topics have other versions than the server knows: nothing is started that would need
+them, and other vehicles are not affected."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_server.errors import Refused
+from gcs_server.ros2.external_mode import REGISTER
+from gcs_server.ros2.topics import wire_name
+from gcs_server.ros2.versions import TopicVersions
+from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
+from missions.setpoints import Attitude, Position
+from tests.protocol.mission_flights import Missions
+from tests.protocol.mission_modes_world import Modes, fly
+from tests.protocol.ros2_world import Ros2World, request_of
+from tests.protocol.simulated_world import until
+from tests.support.offboard_missions import mission
+
+TRAJECTORY = SETPOINT_TOPICS["TrajectorySetpoint"]
+UP = Position((0.0, 0.0, -3.0))
+
+
+def other_version(world: Ros2World, topic: str, row: int = 0) -> None:
+    """The vehicle has version 7 of this topic only."""
+    namespace, versions = f"px4_{row}", TopicVersions()
+    versions.announced(wire_name(f"{topic}_v7", namespace), publishes=False)
+    world.ros2.unusable[namespace] = versions.unusable(namespace)
+
+
+@pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
+def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(jump: Any, topic: str) -> None:
+    async def run() -> None:
+        world = Ros2World(2)
+        vehicle, other = await world.ready_to_arm("1"), await world.ready_to_arm("2")
+        other_version(world, topic)
+        sent = len(world.topics[0].sent)
+        with pytest.raises(Refused, match=rf"{topic}_v7 is of another version.*version 7 instead") as refused:
+            await world.streamer.offboard("1").start(request_of(UP))
+        assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
+        assert len(world.topics[0].sent) == sent
+        available = world.streamer.offboard("1").available()
+        assert not available["position"].can
+        assert f"{topic}_v7" in (available["position_global"].why_not or "")
+        assert available["attitude"].can is (topic == TRAJECTORY)
+        await world.streamer.offboard("2").start(request_of(UP))
+        assert other.status.mode == "offboard"
+        if topic == TRAJECTORY:
+            await world.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
+            assert vehicle.status.mode == "offboard"
+            with pytest.raises(Refused, match="another version"):
+                await world.streamer.offboard("1").setpoint(request_of(UP))
+        await world.close()
+
+    jump(run)
+
+
+def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connected(jump: Any) -> None:
+    async def run() -> None:
+        world = Ros2World(mavlink=True)
+        vehicle = await world.ready_to_arm()
+        offboard = world.streamer.offboard(vehicle.id)
+        await until(lambda: vehicle.reach.setpoints == "ROS 2", 10.0)
+        other_version(world, TRAJECTORY)
+        assert vehicle.reach.setpoints == "MAVLink"
+        sent = len(world.topics[0].sent)
+        await offboard.start(request_of(UP))
+        assert vehicle.status.mode == "offboard"
+        assert len(world.topics[0].sent) == sent
+        await offboard.stop()
+        world.mavlink_on = False
+        await asyncio.sleep(2.0)
+        with pytest.raises(Refused, match="another version"):
+            await offboard.start(request_of(UP))
+        await world.close()
+
+    jump(run)
+
+
+def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None:
+    async def run() -> None:
+        world = Ros2World()
+        missions = Missions(world, tmp_path)
+        vehicle = await world.ready_to_arm()
+        other_version(world, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
+        attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
+        with pytest.raises(Refused, match="setpoints of attitude cannot be used"):
+            missions.begin(
+                vehicle, mission(f"- {{step: take_off, height_m: 4}}\n- {attitude}\n- {{step: land}}")
+            )
+        await asyncio.sleep(2.0)
+        assert not vehicle.status.armed
+        await world.close()
+
+    jump(run)
+
+
+@pytest.mark.parametrize("topic", [REGISTER, TRAJECTORY])
+def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
+    async def story(modes: Modes) -> None:
+        world = modes.world
+        other_version(world, topic)
+        began_s = world.loop.time()
+        with pytest.raises(Refused, match=f"{topic}_v7 is of another version"):
+            await modes.register()
+        assert world.loop.time() - began_s < 1.0
+        assert not modes.sent(REGISTER)
+
+    fly(jump, story)
