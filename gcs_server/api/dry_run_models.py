@@ -170,6 +170,9 @@ class DryRunPath(AnswerBody):
     )
     gimbal_rad: list[tuple[float, float]] = Field(description="Pitch (up is positive), yaw from north [rad].")
     battery_share: list[float] | None = Field(description="Battery charge, 0 to 1; null: not known.")
+    ground_m: list[float] | None = Field(
+        description="Height of the ground below the vehicle, above `origin` [m]; null: level ground."
+    )
     step: list[int] = Field(description="Index in `step_places`; -1: none.")
     step_places: list[str] = Field(description="Names of the flown steps.")
 

@@ -151,12 +151,16 @@ def unusable_topics(endpoints: Sequence[Endpoint]) -> Mapping[str, str]:
     """ROS 2 topics of the vehicle that this server cannot use, and why; empty if setpoints are sent over
     MAVLink."""
     newest = _newest(preferred(endpoints, ROS2))
-    return {} if newest is None else newest.connection.link.unusable_topics(newest.peer)
+    return {} if newest is None else _unusable(newest)
 
 
 def _has_unusable_inputs(endpoint: Endpoint) -> bool:
-    unusable = endpoint.connection.link.unusable_topics(endpoint.peer)
-    return any(topic.startswith("/fmu/in/") for topic in unusable)
+    return any(topic.startswith("/fmu/in/") for topic in _unusable(endpoint))
+
+
+def _unusable(endpoint: Endpoint) -> Mapping[str, str]:
+    connection = endpoint.connection
+    return connection.link.unusable_topics(endpoint.peer) if connection.protocol == ROS2 else {}
 
 
 def _newest(endpoints: Sequence[Endpoint]) -> Endpoint | None:

@@ -67,6 +67,8 @@ class DryRun:
     conditions: Conditions
     times_real_time: float
     """Simulation speed relative to real time."""
+    ground_m: Array | None = None
+    """Height of the ground below each sample of the track, above home; None: level ground."""
 
     def document(self, max_samples: int = MAX_SAMPLES) -> dict[str, Any]:
         """As JSON values, with a path of at most `max_samples` samples."""
@@ -86,7 +88,9 @@ class DryRun:
             "findings": [finding_document(each) for each in self.findings],
             "path": None
             if self.track is None
-            else _path(self.track, max_samples, knows_battery=self.battery_end_share is not None),
+            else _path(
+                self.track, self.ground_m, max_samples, knows_battery=self.battery_end_share is not None
+            ),
             "times_real_time": round(self.times_real_time, 1),
         }
 
@@ -135,10 +139,12 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, s
     fence_m = fence.of(track.position_ned_m)
     obstacle_m, which = obstacle_distance_m(site.obstacles, track.position_ned_m)
     steps = tuple(_steps(track, fence_m, obstacle_m))
+    north_m, east_m, _ = track.position_ned_m.T
+    ground_m = None if site.ground is None else site.ground.height_m(north_m, east_m)
     findings = [*flight.findings, *_fence(track, fence_m)]
     if not flight.collided:
         findings += _near(track, obstacle_m, which, site.obstacles)
-        findings += _ground(track, site)
+        findings += _touched(track, ground_m)
     end_share = float(track.battery_share[_last_armed(track)]) if aircraft.battery_is_known else None
     findings += _battery(track, aircraft, end_share)
     order = {"error": 0, "warning": 1}
@@ -147,7 +153,7 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, s
     return DryRun(
         flight.finished, flight.landed, duration_s, track.length_m, aircraft.battery_share, end_share,
         _least(fence_m), _least(obstacle_m), steps, tuple(findings[:MAX_FINDINGS]), track, aircraft,
-        flight.conditions, duration_s / max(spent_s, 1e-9),
+        flight.conditions, duration_s / max(spent_s, 1e-9), ground_m,
     )  # fmt: skip
 
 
@@ -219,13 +225,13 @@ def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
     return findings
 
 
-def _ground(track: Track, site: Site) -> list[DryRunFinding]:
+def _touched(track: Track, ground_m: Array | None) -> list[DryRunFinding]:
     """A finding where the vehicle flies forward at the height of the ground."""
-    if site.ground is None or len(track.t_s) < 2:
+    if ground_m is None or len(track.t_s) < 2:
         return []
     north_m, east_m, down_m = track.position_ned_m.T
     speed_m_s = np.hypot(np.gradient(north_m, EVERY_S), np.gradient(east_m, EVERY_S))
-    above_m = -down_m - site.ground.height_m(north_m, east_m)
+    above_m = -down_m - ground_m
     touching = np.flatnonzero((above_m < TOUCHING_M) & (speed_m_s > FORWARD_M_S))
     if not len(touching):
         return []
@@ -279,7 +285,7 @@ def finding_document(finding: DryRunFinding) -> dict[str, Any]:
     }
 
 
-def _path(track: Track, max_samples: int, *, knows_battery: bool) -> dict[str, Any]:
+def _path(track: Track, ground_m: Array | None, max_samples: int, *, knows_battery: bool) -> dict[str, Any]:
     count = len(track.t_s)
     kept = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
 
@@ -293,6 +299,7 @@ def _path(track: Track, max_samples: int, *, knows_battery: bool) -> dict[str, A
         "q_ned_frd": rows(track.q_ned_frd, 4),
         "gimbal_rad": rows(track.gimbal_rad, 3),
         "battery_share": rows(track.battery_share, 3) if knows_battery else None,
+        "ground_m": rows(ground_m, 1),
         "step": track.step[kept].tolist(),
         "step_places": [step.place for step in track.steps],
     }

@@ -79,6 +79,9 @@ def test_a_vehicle_lands_on_higher_ground_at_its_height():
     assert (run.finished, run.landed) == (True, True)
     assert run.track is not None
     assert run.track.position_ned_m[-1][2] == pytest.approx(-2.0, abs=0.1)
+    path = run.document()["path"]
+    assert len(path["ground_m"]) == len(path["t_s"])
+    assert (path["ground_m"][0], path["ground_m"][-1]) == (0.0, 2.0)
 
 
 @pytest.mark.flight

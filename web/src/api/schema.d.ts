@@ -4123,6 +4123,11 @@ export interface components {
              */
             readonly battery_share: readonly number[] | null;
             /**
+             * Ground M
+             * @description Height of the ground below the vehicle, above `origin` [m]; null: level ground.
+             */
+            readonly ground_m: readonly number[] | null;
+            /**
              * Step
              * @description Index in `step_places`; -1: none.
              */

@@ -13,6 +13,8 @@ export interface Trace {
   readonly points: readonly (readonly [number, number])[];
   /** Time [s], lower and upper bound of 90 % of the flights. */
   readonly band: readonly (readonly [number, number, number])[];
+  /** Time [s] and height of the ground below the vehicle; only of a height above known terrain. */
+  readonly ground: readonly (readonly [number, number])[];
   readonly top: number;
   readonly bottom: number;
 }
@@ -38,7 +40,8 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
   if (path === null || path.t_s.length === 0) return null;
   const { unit, decimals, round, value } = SPECS[quantity];
   const stride = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
-  const shown = path.t_s.flatMap((t_s, i) => (i % stride === 0 || i === path.t_s.length - 1 ? [[t_s, value(path, i)] as const] : []));
+  const indices = path.t_s.flatMap((_, i) => (i % stride === 0 || i === path.t_s.length - 1 ? [i] : []));
+  const shown = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
   const points = shown.filter((point): point is readonly [number, number] => point[1] !== null);
   if (points.length === 0) return null;
   const corridor = quantity === 'Height' ? (monte_carlo?.corridor ?? null) : null;
@@ -46,22 +49,25 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
     const up_m = 0 - (corridor?.position_ned_m[i]?.[2] ?? 0);
     return [t_s, up_m + (corridor?.vertical_m.p5[i] ?? 0), up_m + (corridor?.vertical_m.p95[i] ?? 0)];
   });
-  return scaledTrace({ unit, decimals, round, end_s: path.t_s.at(-1) ?? 0, points, band });
+  const { ground_m } = path;
+  const ground = quantity !== 'Height' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
+  return scaledTrace({ unit, decimals, round, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
 }
 
 interface Unscaled extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'points'> {
   /** The scale ends at multiples of this value. */
   readonly round: number;
   readonly band?: Trace['band'];
+  readonly ground?: Trace['ground'];
   /** Other points, which the scale also contains. */
   readonly others?: Trace['points'];
 }
 
 /** A trace with a scale that contains zero and all its values. */
-export function scaledTrace({ unit, decimals, round, end_s, points, band = [], others = [] }: Unscaled): Trace {
-  const values = [...points, ...others].map(([, one]) => one).concat(band.flatMap(([, low, high]) => [low, high]));
+export function scaledTrace({ unit, decimals, round, end_s, points, band = [], ground = [], others = [] }: Unscaled): Trace {
+  const values = [...points, ...ground, ...others].map(([, one]) => one).concat(band.flatMap(([, low, high]) => [low, high]));
   const bottom = Math.min(0, Math.floor(Math.min(...values) / round + 0.05) * round);
-  return { unit, decimals, end_s, points, band, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
+  return { unit, decimals, end_s, points, band, ground, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
 }
 
 /** The value at a time, interpolated. */
@@ -76,11 +82,13 @@ export interface Drawing {
   readonly line: string;
   /** The band of many flights; empty if there was only one. */
   readonly band: string;
+  /** The area below the ground; empty if the ground is level. */
+  readonly ground: string;
   readonly zero_y: number;
 }
 
 /** SVG paths in a box of this size, y downwards. */
-export function plotShape({ points, band, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
+export function plotShape({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
   const upper = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);
@@ -88,6 +96,7 @@ export function plotShape({ points, band, end_s, top, bottom }: Trace, width: nu
   return {
     line: `M${points.map(([t_s, value]) => `${x(t_s)} ${y(value)}`).join('L')}`,
     band: band.length < 2 ? '' : `M${[...upper, ...lower].join('L')}Z`,
+    ground: ground.length < 2 ? '' : `M0 ${height}L${ground.map(([t_s, up_m]) => `${x(t_s)} ${y(up_m)}`).join('L')}L${width} ${height}Z`,
     zero_y: (top / (top - bottom)) * height,
   };
 }

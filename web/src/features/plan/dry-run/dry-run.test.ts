@@ -41,6 +41,7 @@ const VIEW = {
         [-Math.PI / 2, 0],
       ],
       battery_share: [1, 0.9, 0.81],
+      ground_m: null,
       step: [0, 1, -1],
       step_places: ['step 1', 'step 2'],
     },
@@ -136,8 +137,16 @@ describe('a dry run', () => {
     expect(of('Height', MANY).band[2]).toEqual([20, 9, 12]);
     expect(of('Height', MANY).top).toBe(20);
     expect(of('Speed', MANY).band).toEqual([]);
-    expect(plotShape(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', zero_y: 50 });
+    expect(plotShape(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
     expect(plotShape(of('Height', MANY), 100, 50).band).toMatch(/^M.*Z$/);
+  });
+
+  it('shows the ground below the path, in a scale that contains it', () => {
+    const hilly = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
+    const height = traceOf(hilly, 'Height');
+    expect(height?.top).toBe(20);
+    expect(height && plotShape(height, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
+    expect(traceOf(hilly, 'Speed')?.ground).toEqual([]);
     const path = { ...VIEW.nominal.path, battery_share: null };
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
   });
