@@ -15,6 +15,7 @@ from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.group_routes import authorized_commands
 from gcs_server.api.plan_checks import plan_context_of, text_of
+from gcs_server.api.plan_traffic import mission_traffic
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
@@ -52,7 +53,8 @@ async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
 async def start(v: str, body: m.StartMission, station: StationDep, principal: PrincipalDep) -> Response:
     """Compiles the mission from the vehicle's position, checks it, and starts it.
 
-    Answers 409 `plan_findings` if the mission has error findings, unless `despite` lists their codes.
+    Answers 409 `plan_findings` if the mission has error findings, or comes too near to another vehicle
+    (`separation`), unless `despite` lists their codes.
     `if_stream_stops` is the vehicle's own action if the server fails.
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
@@ -60,9 +62,13 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         name, text = await chosen_mission(station, body)
-        prepared = await prepared_start(station, v, name, text, body.despite, principal.name)
+        prepared, findings = await _compiled_start(station, v, name, text, principal.name)
         corridor = corridor_for(station, vehicle, body.dry_run)
-        station.missions.begin(v, replace(prepared, corridor=corridor, dry_run=body.dry_run))
+        async with station.waypoint_flights.comparing:
+            findings += await mission_traffic(station, vehicle, prepared.timeline)
+            check_findings(name.name, findings, body.despite)
+            await _require_sensor(station, v, prepared)
+            station.missions.begin(v, replace(prepared, corridor=corridor, dry_run=body.dry_run))
         return _view(station, v)
 
 
@@ -168,8 +174,23 @@ async def prepared_start(
         PlanFindings: the mission has error findings whose codes are not in `despite`.
         Refused: the vehicle's position is unknown, or a needed sensor is missing.
     """
-    vehicle, offboard = station.fleet.get(vehicle_id), station.offboard(vehicle_id)
-    await offboard.ensure_parameters()
+    prepared, findings = await _compiled_start(station, vehicle_id, name, text, client, overrides)
+    check_findings(name.name, findings, despite)
+    await _require_sensor(station, vehicle_id, prepared)
+    return prepared
+
+
+async def _compiled_start(
+    station: Station,
+    vehicle_id: str,
+    name: MissionName,
+    text: str,
+    client: str,
+    overrides: Mapping[str, Any] | None = None,
+) -> tuple[Start, list[dict[str, Any]]]:
+    """Compiles a mission; returns it with its findings."""
+    vehicle = station.fleet.get(vehicle_id)
+    await station.offboard(vehicle_id).ensure_parameters()
     known = plan_context_of(station, vehicle)
     compiled = await station.plan_work.run(
         "compile",
@@ -183,11 +204,14 @@ async def prepared_start(
         small=False,
         field="mission",
     )
-    check_findings(name.name, compiled["findings"], despite)
     timeline, motion = pickle.loads(base64.b64decode(compiled["flown"]))
-    if timeline.avoidance:
-        await offboard.avoidance.wait_for_sensor()
-    return Start(name, timeline, motion, client, low_battery_share(vehicle))
+    return Start(name, timeline, motion, client, low_battery_share(vehicle)), list(compiled["findings"])
+
+
+async def _require_sensor(station: Station, vehicle_id: str, prepared: Start) -> None:
+    """Waits for the distance sensor that obstacle avoidance needs; raises Refused if there is none."""
+    if prepared.timeline.avoidance:
+        await station.offboard(vehicle_id).avoidance.wait_for_sensor()
 
 
 async def chosen_mission(station: Station, body: m.OneMission) -> tuple[MissionName, str]:

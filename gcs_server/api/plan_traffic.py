@@ -1,4 +1,5 @@
-"""Compares the flight of a waypoint plan with what the other vehicles of this station fly now."""
+"""Compares the flight of a waypoint plan or an offboard mission with what the other vehicles of this station
+fly now."""
 
 from __future__ import annotations
 
@@ -16,9 +17,10 @@ from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
+from missions.offboard.timeline import Timeline
 from missions.plan import Plan
 from missions.traffic.conflict import FIX, Conflict, conflicts
-from missions.traffic.offboard import predict_mission
+from missions.traffic.offboard import predict_mission, predict_timeline
 from missions.traffic.path import PredictedPath, standing
 from missions.traffic.waypoints import lands, predict_plan
 from missions.values import HomePosition
@@ -85,6 +87,23 @@ async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> li
         for each in compared.conflicts
     ]
     return found + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in compared.not_compared]
+
+
+async def mission_traffic(station: Station, vehicle: Vehicle, timeline: Timeline) -> list[dict[str, Any]]:
+    """The findings of the start of an offboard mission: where it comes too near to other vehicles."""
+    here, origin = vehicle_reading(vehicle).position_ned_m, VehicleEstimates(vehicle).origin()
+    if here is None or origin is None:
+        return []  # the mission is not started without a position
+    others, _ = _others(station, vehicle)
+
+    def compare() -> tuple[Conflict, ...]:
+        path = predict_timeline(vehicle.id, origin, timeline, here)
+        return () if path is None else conflicts(path, others)
+
+    found = await asyncio.to_thread(compare)
+    return [
+        {"code": SEPARATION, "severity": "error", "step": each.place, "text": each.text} for each in found
+    ]
 
 
 def _finding(code: str, text: str, row: int | None, fix: str | None) -> dict[str, Any]:

@@ -43,13 +43,13 @@ class Course:
         """Index of the first take-off or landing at or after `index`, or of the end of the segments."""
         if not self._px4_from <= index <= self._px4_at:  # a mission can have many segments
             rest = range(index, len(self.segments))
-            found = next((at for at in rest if _flown_by_px4(self.segments[at])), len(self.segments))
+            found = next((at for at in rest if flown_by_px4(self.segments[at])), len(self.segments))
             self._px4_from, self._px4_at = index, found
         return self._px4_at
 
     def flown_by_px4(self, index: int) -> bool:
         """Whether PX4 flies the segment in one of its own modes (take-off or landing)."""
-        return index < len(self.segments) and _flown_by_px4(self.segments[index])
+        return index < len(self.segments) and flown_by_px4(self.segments[index])
 
     def next_step(self, index: int) -> int:
         """Index of the first segment of the next step, or of the next round of a repeat."""
@@ -68,7 +68,8 @@ class Course:
         return left_s + self._node.duration_s - self._node.own_duration_s
 
 
-def _flown_by_px4(segment: Segment) -> bool:
+def flown_by_px4(segment: Segment) -> bool:
+    """Whether PX4 flies the segment in one of its own modes (take-off or landing)."""
     return isinstance(segment, WaitSegment) and segment.kind in ("take_off", "land")
 
 

@@ -8,6 +8,8 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.offboard import samples
 from missions.offboard.segments import WaitSegment
+from missions.offboard.timeline import Timeline
+from missions.runner.course import flown_by_px4
 from missions.runner.flight import Flight
 from missions.traffic.path import BY_MISSION, PredictedLeg, PredictedPath, along_legs
 
@@ -24,12 +26,28 @@ def predict_mission(vehicle: str, origin: LocalOrigin, flight: Flight, here: Vec
         flight: the mission in flight.
         here: the vehicle's position, where the current segment began or later.
     """
-    rest = flight.course.rest(flight.index)
+    path = predict_timeline(vehicle, origin, flight.course.rest(flight.index), here, flight.t_s)
+    # a paused mission continues at an unknown time
+    return path.at_any_time() if path is not None and flight.paused else path
+
+
+def predict_timeline(
+    vehicle: str, origin: LocalOrigin, rest: Timeline, here: Vector3, flown_s: float = 0.0
+) -> PredictedPath | None:
+    """The path of a timeline, with both continuations of each branch; None: it is empty.
+
+    Args:
+        vehicle: id of the vehicle.
+        origin: origin of its local frame.
+        rest: a compiled mission, or the rest of one.
+        here: where its first segment begins.
+        flown_s: time since the start of the first segment.
+    """
     segments = [each for part in samples.parts(rest, here) for each in part.timeline.segments]
-    accuracy, flown_s = BY_MISSION, flight.t_s
+    accuracy = BY_MISSION
     if segments:
         flown_s = min(flown_s, segments[0].duration_s)
-    if flight.course.flown_by_px4(flight.index):  # the progress of a take-off or landing is not known
+    if segments and flown_by_px4(segments[0]):  # the progress of a take-off or landing is not known
         accuracy = replace(accuracy, at_once_s=accuracy.at_once_s + segments[0].duration_s)
     legs = [
         PredictedLeg(
@@ -42,6 +60,5 @@ def predict_mission(vehicle: str, origin: LocalOrigin, flight: Flight, here: Vec
         return None
     lands = any(isinstance(each, WaitSegment) and each.kind == "land" for each in segments[-1:])
     path = along_legs(vehicle, origin, legs, accuracy, ends_in_air=not lands)
-    branches = rest.decision is not None
-    # a paused mission continues at an unknown time; a branch is decided when its values are known
-    return path.at_any_time() if path is not None and (flight.paused or branches) else path
+    # a branch is decided when its values are known
+    return path.at_any_time() if path is not None and rest.decision is not None else path

@@ -177,17 +177,52 @@ def test_a_vehicle_that_hovers_in_the_way_or_moves_without_a_known_path(jump):
     stage(jump, story)
 
 
+UP_THERE = "- {step: hold, duration_s: 30}\n"
+OVER_THERE = "- {step: fly, points: [{offset_ned_m: [0, -80, -6]}]}\n"
+
+
+async def start_mission(at, vehicle_id, flown, *despite):
+    mission = read(f"name: Up\nsteps:\n- {{step: take_off, height_m: 6}}\n{flown}- {{step: land}}\n")
+    wanted = {"mission": json.loads(document.write(mission)), "despite": list(despite)}
+    body = offboard_mission_models.StartMission.model_validate(wanted)
+    at.station.missions.attach(at.world.fleet.get(vehicle_id))
+    await offboard_mission_routes.start(vehicle_id, body, at.station, ANNA)
+
+
+def test_an_offboard_mission_is_refused_where_it_comes_too_near_and_can_be_accepted(jump):
+    async def story(at):
+        await upload(at, "1", HOP)
+        await start(at, "1")
+        with pytest.raises(PlanFindings) as caught:
+            await start_mission(at, "2", OVER_THERE)
+        assert caught.value.codes == ("separation",)
+        (text,) = caught.value.reasons
+        assert text.startswith("step 2: ")
+        assert "of vehicle 1 (item " in text
+        await seconds(1.0)
+        assert not at.two.status.armed
+        await start_mission(at, "2", OVER_THERE, "separation")
+        await until(lambda: at.two.status.armed, 10)
+
+    stage(jump, story)
+
+
+def test_of_two_offboard_missions_started_at_the_same_time_the_second_is_compared_with_the_first(jump):
+    async def story(at):
+        missions = (start_mission(at, "1", UP_THERE), start_mission(at, "2", OVER_THERE))
+        answers = await asyncio.gather(*missions, return_exceptions=True)
+        assert answers[0] is None
+        assert answers[1].codes == ("separation",)
+        await seconds(1.0)
+        assert not at.two.status.armed
+
+    stage(jump, story)
+
+
 def test_an_offboard_mission_in_flight_is_compared_along_its_steps(jump):
     async def story(at):
-        mission = read(
-            "name: Up\nsteps:\n- {step: take_off, height_m: 6}\n"
-            "- {step: hold, duration_s: 30}\n- {step: land}\n"
-        )
-        wanted = json.loads(document.write(mission))
-        body = offboard_mission_models.StartMission.model_validate({"mission": wanted})
         await upload(at, "2", {"items": OVER})
-        at.station.missions.attach(at.one)
-        await offboard_mission_routes.start("1", body, at.station, ANNA)
+        await start_mission(at, "1", UP_THERE)
         found = await refused(at)
         assert found.codes == ("separation",)
         assert "of vehicle 1 (step " in found.reasons[0]

@@ -2065,7 +2065,8 @@ export interface paths {
          * Start
          * @description Compiles the mission from the vehicle's position, checks it, and starts it.
          *
-         *     Answers 409 `plan_findings` if the mission has error findings, unless `despite` lists their codes.
+         *     Answers 409 `plan_findings` if the mission has error findings, or comes too near to another vehicle
+         *     (`separation`), unless `despite` lists their codes.
          *     `if_stream_stops` is the vehicle's own action if the server fails.
          */
         readonly post: operations["start_api_v1_vehicles__v__offboard_mission_start_post"];
