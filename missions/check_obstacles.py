@@ -11,7 +11,7 @@ from missions.items import Land, ReturnHome, Takeoff
 from missions.obstacles import Clearance, ObstacleShapes, is_valid, name_of
 from missions.route import FlownLine, GeoPlace, flown_lines
 
-AROUND = "Add a waypoint around it, or fly above it."
+ADD_WAYPOINT = "Add a waypoint around the obstacle, or fly above it."
 
 
 def _obstacles(context: Context) -> Iterator[Finding]:
@@ -55,9 +55,9 @@ def _finding(line: FlownLine, clearance: Clearance) -> Finding:
         what = f"The straight path home of {name(step.row, step.item).lower()}"
     if clearance.hits:
         message = f"{what} passes through {clearance.name}."
-        return Finding("obstacle_hit", message, step.row, obstacle=clearance.index, fix=AROUND)
+        return Finding("obstacle_hit", message, step.row, obstacle=clearance.index, fix=ADD_WAYPOINT)
     message = f"{what} comes within {clearance.distance_m:.1f} m of {clearance.name}."
-    return Finding("obstacle_near", message, step.row, obstacle=clearance.index, fix=AROUND)
+    return Finding("obstacle_near", message, step.row, obstacle=clearance.index, fix=ADD_WAYPOINT)
 
 
 RULES = (_obstacles,)

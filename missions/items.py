@@ -128,7 +128,8 @@ class LegacyRoi(PlacedItem):
 
 
 class Gate(PlacedItem):
-    """Wait until the vehicle has passed the line through this position at right angles to the path."""
+    """Delay the next item until the vehicle has crossed the line through this position, perpendicular to the
+    path."""
 
     COMMAND = 4501
     SLOTS = ("geometry", "use_altitude", 0.0, 0.0)
@@ -190,7 +191,7 @@ class SetHome(Item):
 
 
 class LandStart(Item):
-    """Marks the start of the landing; a return may continue the mission from here."""
+    """Marks the start of the landing. Return mode may continue the mission from here (RTL_TYPE)."""
 
     COMMAND = 189
     SLOTS = (0.0,) * 7

@@ -25,8 +25,8 @@ NorthEast = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
-    """Columns as seen along one line."""
+class ColumnsAlongLine:
+    """Positions of columns relative to one line."""
 
     along_m: NDArray[np.float64]
     """(N,) distance along the line from its start."""
@@ -90,14 +90,14 @@ class ObstacleMemory:
         return known[(known[:, 2] > height_m) & (now_s - known[:, 3] <= KEPT_S)][:, :3]
 
 
-def along(columns: NDArray[np.float64], here: NorthEast, there: NorthEast) -> Columns:
-    """Columns (N, 3) as seen along the line from `here` to `there`."""
+def along(columns: NDArray[np.float64], here: NorthEast, there: NorthEast) -> ColumnsAlongLine:
+    """Positions of columns (N, 3) relative to the line from `here` to `there`."""
     north, east = columns[:, 0] - here[0], columns[:, 1] - here[1]
     length_m = math.dist(here, there)
     un, ue = (
         (1.0, 0.0) if length_m < 1e-6 else ((there[0] - here[0]) / length_m, (there[1] - here[1]) / length_m)
     )
-    return Columns(
+    return ColumnsAlongLine(
         north * un + east * ue,
         np.abs(east * un - north * ue),
         np.hypot(north, east),

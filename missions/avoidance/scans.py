@@ -66,9 +66,9 @@ def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.
     """Maximum range of the sensors along a heading; None: no sensor measures there.
 
     Args:
-        scans: current ones.
+        scans: the current scans.
         heading_rad: clockwise from north.
-        turned_rad: an additional turn of the vehicle to assume.
+        turned_rad: yaw change to assume: the range after the vehicle has turned by it.
     """
     best: float | None = None
     for scan in scans:

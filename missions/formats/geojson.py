@@ -73,18 +73,18 @@ def _geometry(kind: Any, raw: Any, properties: dict[str, Any], name: str, place:
         case "Point":
             return Feature("point", ((_position(raw, place),),), properties, name)
         case "LineString":
-            return Feature("line", (_ring(raw, place),), properties, name)
+            return Feature("line", (_positions(raw, place),), properties, name)
         case "Polygon":
-            rings = tuple(_ring(each, place) for each in require_list(raw, place))
+            rings = tuple(_positions(each, place) for each in require_list(raw, place))
             if not rings:
-                raise PlanError(place, "the polygon has no corners", "Correct the area.")
+                raise PlanError(place, "the polygon has no corners", "Correct the polygon.")
             return Feature("area", tuple(open_ring(ring) for ring in rings), properties, name)
         case _:
             reason = f"{str(kind)[:30]!r} is not a GeoJSON geometry"
             raise PlanError(place, reason, "Choose a GeoJSON file.")
 
 
-def _ring(raw: Any, place: str) -> tuple[Coordinate, ...]:
+def _positions(raw: Any, place: str) -> tuple[Coordinate, ...]:
     return tuple(_position(each, place) for each in require_list(raw, place))
 
 

@@ -42,20 +42,21 @@ from missions.offboard.timeline import FlightActions, Timeline
 
 COMMON_START = "start"
 """Name of the meeting that all roles have before their first step."""
-START_WITHIN_S = 60.0
+COMMON_START_TIMEOUT_S = 60.0
+"""Time in which all roles must be at the common start [s]."""
 MAX_DECISIONS = 12
 """Maximum number of successive branches: each one doubles the number of paths through the mission."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
-    """A list of steps that is being compiled, and the list to compile afterwards."""
+class _StepCursor:
+    """The next step to compile in a list of steps, and where to continue after the list."""
 
     steps: tuple[MissionStep, ...]
     prefix: str
     index: int = 0
     times_left: int = 1
-    after: _Frame | None = None
+    after: _StepCursor | None = None
 
 
 def compile_mission(
@@ -89,8 +90,10 @@ def compile_mission(
     _skip(state, steps[:first_step])
     if role is not None:
         state.place, state.title = f"{role}, start", "Common start"
-        _meet(state, Meet(meeting=COMMON_START, timeout_s=START_WITHIN_S))
-    timeline = _continue(state, _Frame(steps, "step " if role is None else f"{role}, step ", first_step), 0)
+        _meet(state, Meet(meeting=COMMON_START, timeout_s=COMMON_START_TIMEOUT_S))
+    timeline = _continue(
+        state, _StepCursor(steps, "step " if role is None else f"{role}, step ", first_step), 0
+    )
     findings = (*work.findings, *mission_checks.check(timeline, work))
     energy_wh = mission_checks.energy_wh(timeline, work)
     fence = None if start.origin is None else fence_area(mission.fence, start.origin)
@@ -126,23 +129,23 @@ def _with_home(mission: OffboardMission, start: Start) -> Start:
     return replace(start, origin=origin, home_alt_amsl_m=home.alt_amsl_m)
 
 
-def _continue(state: State, frame: _Frame | None, decisions: int) -> Timeline:
-    """The timeline from one step to the end, or to a branch with both continuations."""
-    while (following := _next(frame)) is not None:
-        step, state.place, frame = following
+def _continue(state: State, cursor: _StepCursor | None, decisions: int) -> Timeline:
+    """Compiles from the cursor to the end of the mission, or to a branch and both its continuations."""
+    while (following := _next(cursor)) is not None:
+        step, state.place, cursor = following
         state.title = step.name or step.step.replace("_", " ").capitalize()
         state.work.count(steps=1)
         state.visit = state.work.steps
         if isinstance(step, Repeat):
-            frame = _Frame(step.steps, f"{state.place}.", times_left=step.times, after=frame)
+            cursor = _StepCursor(step.steps, f"{state.place}.", times_left=step.times, after=cursor)
         elif isinstance(step, Call):
             called = state.work.mission.missions[step.mission]
-            frame = _Frame(called, f"{state.place}, {step.mission} ", after=frame)
+            cursor = _StepCursor(called, f"{state.place}, {step.mission} ", after=cursor)
         elif isinstance(step, Branch):
             if decisions >= MAX_DECISIONS:
                 reason = f"more than {MAX_DECISIONS} branches one after the other"
                 raise PlanError(state.place, reason, "Split the mission.")
-            return _branch(state, step, frame, decisions)
+            return _branch(state, step, cursor, decisions)
         else:
             _compile_step(state, step)
     if state.in_air:
@@ -155,17 +158,18 @@ def _continue(state: State, frame: _Frame | None, decisions: int) -> Timeline:
     return _timeline(state)
 
 
-def _next(frame: _Frame | None) -> tuple[MissionStep, str, _Frame | None] | None:
-    while frame is not None:
-        if frame.index < len(frame.steps):
-            step = frame.steps[frame.index]
-            return step, f"{frame.prefix}{frame.index + 1}", replace(frame, index=frame.index + 1)
-        again = frame.times_left > 1
-        frame = replace(frame, index=0, times_left=frame.times_left - 1) if again else frame.after
+def _next(cursor: _StepCursor | None) -> tuple[MissionStep, str, _StepCursor | None] | None:
+    """The next step, its name, and the cursor after it; None: the mission ends."""
+    while cursor is not None:
+        if cursor.index < len(cursor.steps):
+            step = cursor.steps[cursor.index]
+            return step, f"{cursor.prefix}{cursor.index + 1}", replace(cursor, index=cursor.index + 1)
+        again = cursor.times_left > 1
+        cursor = replace(cursor, index=0, times_left=cursor.times_left - 1) if again else cursor.after
     return None
 
 
-def _branch(state: State, step: Branch, frame: _Frame | None, decisions: int) -> Timeline:
+def _branch(state: State, step: Branch, cursor: _StepCursor | None, decisions: int) -> Timeline:
     c = step.condition
     _check_condition(state, c, "the mission continues with `otherwise`")
     decision = Decision(state.place, c.value, c.above, c.below, c.for_s)
@@ -173,7 +177,9 @@ def _branch(state: State, step: Branch, frame: _Frame | None, decisions: int) ->
     for keyword, steps in (("then", step.then), ("otherwise", step.otherwise)):
         branch_state = state.fork()
         continuations.append(
-            _continue(branch_state, _Frame(steps, f"{decision.place} {keyword} ", after=frame), decisions + 1)
+            _continue(
+                branch_state, _StepCursor(steps, f"{decision.place} {keyword} ", after=cursor), decisions + 1
+            )
         )
         state.needs |= branch_state.needs
     return replace(_timeline(state), decision=decision, then=continuations[0], otherwise=continuations[1])
@@ -198,7 +204,9 @@ def _compile_step(state: State, step: Any) -> None:
     flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait | Meet)
     if flies and not state.in_air:
         state.report(
-            "takeoff_missing", f"{state.title}: the vehicle is on the ground.", "Add a take-off before it."
+            "takeoff_missing",
+            f"{state.title}: the vehicle is on the ground.",
+            "Add a take-off before this step.",
         )
         state.in_air = True
     of_step = step.avoidance if isinstance(step, PathStep) else None
@@ -227,7 +235,9 @@ def _compile_step(state: State, step: Any) -> None:
 def _take_off(state: State, step: TakeOff) -> None:
     if state.in_air:
         state.report(
-            "takeoff_in_air", "The mission takes off, but the vehicle is already flying.", "Remove it."
+            "takeoff_in_air",
+            "The mission takes off, but the vehicle is already flying.",
+            "Remove this take-off.",
         )
         return
     north, east, down = state.position_ned_m

@@ -13,7 +13,7 @@ from typing import Any
 from missions.errors import PlanError
 from missions.offboard import reader
 from missions.offboard.document import OffboardMission, calls_of, write
-from missions.offboard.insertion_settings import settings_with
+from missions.offboard.insertion_settings import merged_settings
 from missions.offboard.insertion_steps import Adapter, Positions, move_of
 from missions.offboard.names import free_name, valid_name
 from missions.offboard.steps import Branch, Call, Gimbal, Land, MissionStep, Photo, Repeat, TakeOff, Wait
@@ -71,7 +71,7 @@ def insert(
     for name in _reachable(added, steps):
         lists[name] = adapter.steps(added.missions[name])
     merged, called = _merged(mission, valid_name(added.name, "mission"), lists, at)
-    fields, more = settings_with(mission, added)
+    fields, more = merged_settings(mission, added)
     merged = merged.model_copy(update={**fields, "tables": adapter.tables})
     return Inserted(reader.read_json(write(merged)), called, (*notes, *adapter.notes(), *more))
 

@@ -1,4 +1,4 @@
-"""What an inserted mission states for its whole flight: its limits, geofence, obstacles and actions."""
+"""Merges the limits, geofences, obstacles and actions of two missions when one is inserted into the other."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from missions.offboard.document import Bounds, OffboardMission
 from missions.values import FenceZone, Obstacle
 
 
-def settings_with(mission: OffboardMission, added: OffboardMission) -> tuple[dict[str, Any], list[str]]:
-    """The fields of the mission that change if the other one is inserted, and sentences about them.
+def merged_settings(mission: OffboardMission, added: OffboardMission) -> tuple[dict[str, Any], list[str]]:
+    """The fields of `mission` that change when `added` is inserted, and notes about them for the operator.
 
-    The lower limit of both, the geofence zones of both and the obstacles of both apply to the whole flight.
-    The actions are those of the mission.
+    The lower value of each limit applies to the whole flight, and so do the geofence zones and the obstacles
+    of both missions. The actions remain those of `mission`.
 
     Raises:
         PlanError: The geofences cannot both apply.
@@ -22,7 +22,7 @@ def settings_with(mission: OffboardMission, added: OffboardMission) -> tuple[dic
     limits, lowered = _limits(mission.limits, added.limits)
     if lowered:
         words = ", ".join(f"{name} {value:g}" for name, value in lowered.items())
-        notes.append(f"The whole mission now has lower limits of {added.name!r}: {words}.")
+        notes.append(f"Lower limits of {added.name!r} now apply to the whole mission: {words}.")
     zones = _new_zones(mission, added)
     if zones:
         notes.append(f"The geofence of {added.name!r} now applies to the whole mission.")
@@ -47,7 +47,10 @@ def settings_with(mission: OffboardMission, added: OffboardMission) -> tuple[dic
 
 
 def _limits(limits: Bounds, added: Bounds) -> tuple[Bounds, dict[str, float]]:
-    """The lower limits of both, and those that are now lower; `speed_m_s` becomes a field of each step."""
+    """The merged limits, and the limits that the inserted mission lowers.
+
+    `speed_m_s` is not merged: it is written into each inserted step (`insertion_steps.py`).
+    """
     lowered: dict[str, float] = {}
     for (name, here), (_, there) in zip(limits, added, strict=True):
         if name != "speed_m_s" and there is not None and (here is None or there < here):
@@ -61,14 +64,14 @@ def _new_zones(mission: OffboardMission, added: OffboardMission) -> list[FenceZo
     if all(stay_inside) and any(zone not in stay_inside[0] for zone in stay_inside[1]):
         raise PlanError(
             f"mission {added.name!r}, field fence",
-            "both missions have a geofence to stay inside, and the vehicle could fly in either of the two",
+            "both missions have a geofence to stay inside; together they would allow the areas of both",
             "Give both missions the same zones, or remove those of one mission.",
         )
     return [zone for zone in others if zone not in own]
 
 
 def _obstacles(mission: OffboardMission, added: OffboardMission) -> list[Obstacle]:
-    """The obstacles of the inserted mission, whose tops above home count from the mission's home."""
+    """The obstacles of the inserted mission, with tops above its home converted to the home of `mission`."""
     if mission.home is None or added.home is None:
         return list(added.obstacles)
     by_m = added.home.alt_amsl_m - mission.home.alt_amsl_m

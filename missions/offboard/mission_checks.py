@@ -48,7 +48,7 @@ def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
             findings += _positions(segment, path, work)
             if area is not None:
                 findings += _fence(segment, path, area)
-            findings += obstacles.of(segment, path)
+            findings += obstacles.check_segment(segment, path)
             if isinstance(segment, TableSegment):
                 findings += _table(segment, work.motion)
             start_ned_m = segment.end_ned_m

@@ -12,15 +12,15 @@ from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import CurveSegment, HoldSegment, Segment, TableSegment
 from missions.offboard.state import Work
 
-AROUND = "Move its points around the obstacle, or above it."
-CHECK_SENSOR = "Plan the path around it, or make sure that the vehicle's obstacle sensor measures it."
+MOVE_POINTS = "Move the points of this step around the obstacle or above it."
+CHECK_SENSOR = "Plan the path around the obstacle, or make sure that the vehicle's sensor measures it."
 
 
 class ObstacleCheck:
-    """The obstacles of one mission.
+    """Checks the segments of one mission against its obstacles.
 
     Args:
-        work: of the compilation.
+        work: the state of the compilation.
         findings: receives the findings about the obstacles themselves.
     """
 
@@ -46,11 +46,11 @@ class ObstacleCheck:
             home_amsl_m = origin.alt_amsl_m - start.reference_ned_m[2]
         self._shapes = ObstacleShapes(obstacles, origin, home_amsl_m)
 
-    def of(self, segment: Segment, path: NDArray[np.float64]) -> Iterator[MissionFinding]:
+    def check_segment(self, segment: Segment, path: NDArray[np.float64]) -> Iterator[MissionFinding]:
         """Findings about one segment.
 
         Args:
-            segment: of the timeline.
+            segment: a segment of the timeline.
             path: (N, 3) positions along it.
         """
         for clearance in () if self._shapes is None else self._shapes.near(path):
@@ -62,9 +62,9 @@ def _finding(segment: Segment, clearance: Clearance) -> MissionFinding:
     where = f"near north {clearance.north_m:.0f} m, east {clearance.east_m:.0f} m"
     if not clearance.hits:
         message = f"{segment.title} comes within {clearance.distance_m:.1f} m of {clearance.name} {where}."
-        return MissionFinding("obstacle_near", message, step, AROUND, obstacle=index)
+        return MissionFinding("obstacle_near", message, step, MOVE_POINTS, obstacle=index)
     message = f"{segment.title} passes through {clearance.name} {where}"
     if segment.avoidance is None or not isinstance(segment, CurveSegment | HoldSegment | TableSegment):
-        return MissionFinding("obstacle_hit", f"{message}.", step, AROUND, obstacle=index)
+        return MissionFinding("obstacle_hit", f"{message}.", step, MOVE_POINTS, obstacle=index)
     message += ": the vehicle depends on its obstacle sensor to avoid it."
     return MissionFinding("obstacle_avoided", message, step, CHECK_SENSOR, obstacle=index)

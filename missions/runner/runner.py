@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from missions.offboard.segments import Segment, WaitSegment
 from missions.offboard.timeline import Timeline
-from missions.runner.charge import REPLACED, ExecutorCharge
 from missions.runner.corridor import Corridor, CorridorWatch
 from missions.runner.ending import Ending
+from missions.runner.executor_control import REPLACED, ExecutorControl
 from missions.runner.flight import Flight
 from missions.runner.parts import LandPart, Part, TakeOffPart
 from missions.runner.payload import release_gimbal
@@ -52,7 +52,7 @@ class Runner(Ending):
         self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0), mode)
         self._watch = FlightWatch(self.flight, low_battery_share)
         self._corridor = None if corridor is None else CorridorWatch(corridor)
-        self._charge = ExecutorCharge()
+        self._executor_control = ExecutorControl()
         self._part: Part | None = None
         self._had_link = True
         self._was_in_air = False
@@ -203,7 +203,7 @@ class Runner(Ending):
         flies = isinstance(request, TakeOff | Play | SetMode)
         if self._final_state is not None:
             self._notify("failed", f"{text}.", warning=True)
-        elif flies and not self._suspended and self._charge.lost(reading):
+        elif flies and not self._suspended and self._executor_control.lost(reading):
             self._taken_over(reading, REPLACED)
         elif isinstance(request, TakeOff):
             if not self._suspended:
@@ -285,8 +285,8 @@ class Runner(Ending):
         if not part.expects(reading):
             self._taken_over(reading)
             return
-        if self._charge.lost(reading):
-            if self._charge.confirmed(now_s):
+        if self._executor_control.lost(reading):
+            if self._executor_control.loss_confirmed(now_s):
                 self._taken_over(reading, REPLACED)
             return
         for failure in self._watch.problems(now_s, reading, by_setpoints=part.in_offboard):
@@ -325,7 +325,7 @@ class Runner(Ending):
             part = SetpointPart(flight)
         self._part = part
         self._watch.begin_part()
-        self._charge.begin_part(reading)
+        self._executor_control.begin_part(reading)
         self._was_in_air = reading.in_air
         self._requests += part.begin(now_s, reading)
         if part.failure is not None:

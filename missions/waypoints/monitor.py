@@ -17,8 +17,8 @@ from missions.waypoints.progress import Match, Progress
 from missions.waypoints.resume import leg_start
 
 State = Literal["flying", "paused", "done", "stopped"]
-COMMANDED = ("command", "pilot", "station", "failsafe")
-"""Causes of a mode that is not the mission's own."""
+EXTERNAL_SOURCES = ("command", "pilot", "station", "failsafe")
+"""Sources of a mode change that is not part of the mission."""
 
 
 class WaypointMonitor:
@@ -26,10 +26,10 @@ class WaypointMonitor:
 
     Args:
         plan: the plan on the vehicle.
-        planned: its planned flight; None: the flight is not compared with its plan.
-        not_compared: why, as a sentence.
+        planned: the planned flight; None: the flight is not compared with its plan.
+        not_compared: why the flight is not compared, as a sentence.
         corridor: corridor of the dry run; None: none is monitored.
-        from_start: whether the monitor has seen the begin of the flight on the ground.
+        from_start: whether the monitor has seen the start of the flight on the ground.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class WaypointMonitor:
         """Whether the flight has ended."""
         return self.state in ("done", "stopped")
 
-    # --- what it reports ------------------------------------------------------------------------------
+    # --- status ---------------------------------------------------------------------------------------
 
     @property
     def place(self) -> str | None:
@@ -114,9 +114,11 @@ class WaypointMonitor:
         """Distance outside the corridor; None: it is not monitored now."""
         return None if self._watch is None or self._match is None else self._watch.outside_m
 
-    def place_now(self, now_s: float) -> tuple[int, float, bool] | None:
-        """Index of the pass that is flown, the planned time, and whether the vehicle is on its path; None: it
-        does not fly the plan now, or there is no planned path."""
+    def progress_now(self, now_s: float) -> tuple[int, float, bool] | None:
+        """Index of the current pass, the planned time, and whether the vehicle is on the planned path.
+
+        None: the vehicle is not flying the plan now, or there is no planned path.
+        """
         if self.state != "flying" or self._planned is None:
             return None
         if self._progress is None:
@@ -138,7 +140,7 @@ class WaypointMonitor:
         return "PX4 chooses the path of this item itself."
 
     def planned_state(self, reading: Reading) -> PlannedState:
-        """What the plan says about this moment."""
+        """The planned values for the vehicle's current position."""
         match = self._match
         place = self.place if match is None else match.place
         nearest = None if match is None else match.nearest_ned_m
@@ -150,16 +152,16 @@ class WaypointMonitor:
             return PlannedFlight("plan", None, None, ())
         return self._planned.figures(0 if self._progress is None else self._progress.first)
 
-    # --- what happens ---------------------------------------------------------------------------------
+    # --- updates --------------------------------------------------------------------------------------
 
     def update(self, now_s: float, reading: Reading, item: int | None, reached: int | None) -> list[Notify]:
-        """Takes the vehicle's state.
+        """Updates the flight with the vehicle's state.
 
         Args:
             now_s: time of any clock.
             reading: the vehicle's state.
-            item: index of the item that it reports as current.
-            reached: index of the item that it last reported as reached.
+            item: index of the item that the vehicle reports as current.
+            reached: index of the item that the vehicle last reported as reached.
 
         Returns:
             Messages for the pilot.
@@ -170,7 +172,7 @@ class WaypointMonitor:
             return self._follow(now_s, reading.position_ned_m, item)
         if reading.armed is False:
             landed_by_mission = self.state == "flying" and self._at_end()
-            place = self.place or "an item that is not known"
+            place = self.place or "an unknown item"
             return self._end(
                 "done" if landed_by_mission else "stopped", f"The vehicle was disarmed at {place}."
             )
@@ -186,17 +188,19 @@ class WaypointMonitor:
     def _flies(self, reading: Reading, item: int | None) -> bool:
         if reading.armed is not True:
             return False
-        returns = item in self._returns and reading.mode_source not in COMMANDED
+        returns = item in self._returns and reading.mode_source not in EXTERNAL_SOURCES
         return reading.mode == "mission" or (reading.mode == "rtl" and returns)
 
     def _follow(self, now_s: float, here: Vector3 | None, item: int | None) -> list[Notify]:
         notices: list[Notify] = []
         if self.state == "paused":
-            notices.append(Notify("monitoring_resumed", "The vehicle flies the plan again; it is monitored."))
+            notices.append(
+                Notify("monitoring_resumed", "The vehicle is flying the plan again. The flight is monitored.")
+            )
         self.state, self.reason = "flying", None
         self.item = self.item if item is None else item
         if self.item is not None and (self._first is None or self.item < self._first):
-            self._first = self.item  # also if PX4 began again at its first item
+            self._first = self.item  # also if PX4 starts again at the first item
         self._here_known = here is not None
         if self._planned is not None and self._progress is None and item is not None:
             on_path = self._from_start and item in self._starts_at
@@ -211,7 +215,7 @@ class WaypointMonitor:
     def _pause(self, reading: Reading) -> list[Notify]:
         was, self.state = self.state, "paused"
         self._leave_path()
-        self.reason = "The vehicle has left Mission" + (
+        self.reason = "The vehicle has left Mission mode" + (
             f": {reading.mode_text}." if reading.mode_text else "."
         )
         if was == "paused":

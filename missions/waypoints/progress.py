@@ -19,7 +19,7 @@ SAME_M = 0.5
 """Points of the path that are farther away by less than this are equally near; the one with the expected
 time is used."""
 LATE_S = 3.0
-"""The vehicle reports its item about once a second, so the begin of the next item's path and the end of the
+"""The vehicle reports its item about once a second, so the start of the next item's path and the end of the
 previous item's path also count, for this time."""
 
 

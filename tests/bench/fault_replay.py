@@ -33,7 +33,7 @@ RETURN, AWAY_AT_S, AWAY_M = 20, 18.0, 60.0
 RECORD_EVERY_STEPS = 5
 OFFBOARD, POSITION = 6, 3
 MODE_AFTER_S = 1.0
-"""Time from the begin of a stream of setpoints or sticks to the switch to the mode that uses it."""
+"""Time from the start of a stream of setpoints or sticks to the switch to the mode that uses it."""
 MODE_OF = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
 NAN = math.nan
 

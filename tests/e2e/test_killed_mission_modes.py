@@ -40,7 +40,7 @@ ARMED = 2
 SILENT_S = (0.7, 1.8)
 """Time from the end of the answers until PX4 returns [s]. PX4 waits 1.05 to 1.25 s from the last answer,
 which may be 0.3 s old; the rest is for a busy machine."""
-CHARGE_S = 1.5
+NOT_IN_CHARGE_S = 1.5
 """Time within which PX4 reports that the executor is no longer in charge; recorded: 0.5 s."""
 FAR: dict[str, Any] = {
     **MISSION,
@@ -142,7 +142,7 @@ def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_
     left = px4.until(lambda each: each.nav_state != own, "the end of the mode", 5.0)
     assert SILENT_S[0] < time.monotonic() - killed_s < SILENT_S[1]
     assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, own, True)
-    px4.until(lambda each: each.executor_in_charge == 0, "the end of the executor's charge", CHARGE_S)
+    px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     time.sleep(1.5)
     status = px4.status
     assert (status.nav_state, status.failsafe, selectable(status, own)) == (RTL, True, True)
@@ -165,7 +165,7 @@ def test_a_killed_server_takes_its_mode_with_it_and_the_next_one_can_register_it
     left = px4.until(lambda each: each.nav_state != own, "the end of the mode", SILENT_S[1])
     assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, own, True)
     px4.until(lambda each: not selectable(each, own), "the removal of the mode", 1.0)
-    px4.until(lambda each: each.executor_in_charge == 0, "the end of the executor's charge", CHARGE_S)
+    px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     station.wait_until(lambda: not runs(streams), "the end of the stream process", 5.0)
     with station.server([LINK]) as (url, process):
         after = ModesVehicle(url, process, vehicle.other)
@@ -190,7 +190,7 @@ def test_when_both_die_during_the_take_off_of_the_executor_px4_completes_it_and_
     kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
     gone = px4.until(lambda each: not selectable(each, own), "the removal of the mode", 5.0)
     assert (gone.nav_state, gone.failsafe) == (TAKEOFF, False)
-    px4.until(lambda each: each.executor_in_charge == 0, "the end of the executor's charge", CHARGE_S)
+    px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     hold = px4.until(lambda each: each.nav_state != TAKEOFF, "the end of the take-off", 40.0)
     assert (hold.nav_state, hold.failsafe, hold.arming_state) == (HOLD, False, ARMED)
     assert px4.position.latest.z == pytest.approx(ground_down_m - 8.0, abs=1.5)

@@ -254,7 +254,7 @@ def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
     expect(card.get_by_role("status")).to_have_text("Not monitored now")
     page.reload()
     expect(card.get_by_role("status")).to_have_text("Not monitored now")
-    expect(card).to_contain_text("The vehicle has left Mission")
+    expect(card).to_contain_text("The vehicle has left Mission mode")
 
 
 def drag_and_undo(page: Page, room: Locator) -> None:

@@ -174,7 +174,7 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(jump: Any
     fly(jump, story, in_air=False)
 
 
-def test_the_operators_hold_during_the_take_off_ends_the_charge(jump: Any) -> None:
+def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_charge(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await selected(at)
         await arm(at)

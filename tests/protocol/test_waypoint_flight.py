@@ -176,7 +176,7 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         await seconds(2.5)
         flown = await flight(at)
         assert flown["state"] == "paused"
-        assert flown["reason"].startswith("The vehicle has left Mission: ")
+        assert flown["reason"].startswith("The vehicle has left Mission mode: ")
         select(at, MISSION)
         await seconds(2.5)
         assert (await flight(at))["state"] == "flying"
@@ -336,7 +336,7 @@ def test_in_flight_a_start_that_names_a_dry_run_begins_a_new_flight_and_any_othe
         second = await flight(at)
         assert second["started_unix_s"] > first["started_unix_s"]
         assert (second["client"], second["dry_run"], second["duration_s"]) == ("anna", "1", 12.0)
-        assert second["remaining_s"] == 8.0, "without a position, the begin of the item counts"
+        assert second["remaining_s"] == 8.0, "without a position, the start of the item counts"
         for wrong in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
             with pytest.raises(Refused, match=r"began 6 m|not made for the plan"):
                 await start(at, item=1, dry_run=kept_dry_run(at, **wrong))

@@ -213,9 +213,10 @@ class ExternalModes:
         return AUTOPILOT if self.failsafe_acts else self._in_charge
 
     def mode_chosen(self, state: int) -> None:
-        """Called after a change of the intended mode: its executor takes charge.
+        """Called after a change of the intended mode: the executor of the new mode is then in charge.
 
-        A mode without an executor ends the charge of another one, unless that executor selected it.
+        If the mode has no executor, the autopilot is in charge, unless the executor in charge selected the
+        mode.
         """
         mode = self.mode(state)
         if mode is not None and mode.executor != NONE:

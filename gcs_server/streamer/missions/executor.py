@@ -27,7 +27,8 @@ POLL_S: Final = 0.02
 DEADLINE_S: Final = 4.0
 """Time within which the vehicle must report the new mode."""
 REJECTED_AFTER_S: Final = 0.7
-"""Time to wait after PX4 has rejected a command: it reports the end of the charge up to 0.5 s later."""
+"""Time to wait after PX4 has rejected a command: up to 0.5 s later it reports that the executor is no
+longer in charge."""
 PX4_MODES: Final = ("takeoff", "land")
 IF_SILENT_IN_PX4_MODE: Final = (
     "PX4 removes the mission's mode, completes its take-off or landing by itself, and holds after a take-off."

@@ -141,10 +141,10 @@ class WaypointFlight:
 
     def predicted(self) -> PredictedPath | None:
         """The rest of the flight; None: the vehicle does not fly the plan now, or its path is not known."""
-        place, origin = self._monitor.place_now(self._now_s), VehicleEstimates(self._vehicle).origin()
-        if place is None or origin is None or self._planned is None:
+        progress, origin = self._monitor.progress_now(self._now_s), VehicleEstimates(self._vehicle).origin()
+        if progress is None or origin is None or self._planned is None:
             return None
-        index, t_s, on_path = place
+        index, t_s, on_path = progress
         here = vehicle_reading(self._vehicle).position_ned_m
         if not on_path and here is None:
             return None

@@ -320,7 +320,9 @@ def test_other_limits_are_those_of_both_missions() -> None:
     found = insert(host, added, ("steps", 1))
     limits = found.mission.limits
     assert (limits.climb_m_s, limits.tilt_rad, limits.jerk_m_s3) == (1, 0.3, 4)
-    assert found.notes == ("The whole mission now has lower limits of 'Tower': climb_m_s 1, jerk_m_s3 4.",)
+    assert found.notes == (
+        "Lower limits of 'Tower' now apply to the whole mission: climb_m_s 1, jerk_m_s3 4.",
+    )
 
 
 def test_avoidance_becomes_a_field_of_each_step() -> None:

@@ -1,4 +1,4 @@
-"""The mission runner in a mode with an executor: take-off, loss of the charge."""
+"""The mission runner in a mode with an executor: take-off, and the executor no longer in charge."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from missions.offboard.compiler import compile_mission
-from missions.runner.charge import CONFIRM_S, REPLACED, ExecutorCharge
+from missions.runner.executor_control import CONFIRM_S, REPLACED, ExecutorControl
 from missions.runner.parts import HOVERS_AFTER_S
 from missions.runner.reading import Reading
 from missions.runner.requests import Play, Request, SetMode, StopStream, TakeOff
@@ -59,7 +59,7 @@ def test_without_an_executor_a_take_off_is_done_in_hold_only() -> None:
     assert commands(runner.tick(20.1, replace(without, mode="hold", mode_source="vehicle"))) == [Play]
 
 
-def test_without_the_charge_the_mission_requests_nothing_and_is_then_suspended() -> None:
+def test_without_its_executor_in_charge_the_mission_requests_nothing_and_is_then_suspended() -> None:
     runner = taking_off()
     lost = replace(UP, executor_in_charge=False, take_off_complete=True)
     assert runner.tick(1.0, lost) == []
@@ -68,7 +68,7 @@ def test_without_the_charge_the_mission_requests_nothing_and_is_then_suspended()
     assert runner.tick(9.0, lost) == []
 
 
-def test_a_short_loss_of_the_charge_is_no_takeover() -> None:
+def test_an_executor_that_is_briefly_not_in_charge_is_no_takeover() -> None:
     runner = taking_off()
     assert runner.tick(1.0, replace(UP, executor_in_charge=False)) == []
     assert runner.tick(1.5, UP) == []
@@ -77,19 +77,19 @@ def test_a_short_loss_of_the_charge_is_no_takeover() -> None:
 
 
 @pytest.mark.parametrize("request_", [TakeOff(5.0), SetMode("land")])
-def test_a_command_that_fails_without_the_charge_is_a_takeover(request_: Request) -> None:
+def test_a_command_that_fails_while_the_executor_is_not_in_charge_is_a_takeover(request_: Request) -> None:
     runner = taking_off()
     lost = replace(CLIMBING, executor_in_charge=False)
     assert commands(runner.failed(request_, lost, "PX4 refused.")) == [StopStream]
     assert runner.status(lost).reason == REPLACED
 
 
-def test_the_charge_is_lost_only_by_an_armed_vehicle_whose_executor_had_it() -> None:
-    charge = ExecutorCharge()
-    assert not charge.lost(replace(ARMED, executor_in_charge=False))
-    assert not charge.lost(ARMED)
-    assert charge.lost(replace(ARMED, executor_in_charge=False))
-    assert not charge.lost(replace(ARMED, executor_in_charge=False, armed=False))
-    assert not charge.lost(replace(ARMED, executor_in_charge=None))
-    charge.begin_part(replace(ARMED, executor_in_charge=False))
-    assert not charge.lost(replace(ARMED, executor_in_charge=False))
+def test_control_is_lost_only_while_armed_and_if_the_executor_was_in_charge() -> None:
+    control = ExecutorControl()
+    assert not control.lost(replace(ARMED, executor_in_charge=False))
+    assert not control.lost(ARMED)
+    assert control.lost(replace(ARMED, executor_in_charge=False))
+    assert not control.lost(replace(ARMED, executor_in_charge=False, armed=False))
+    assert not control.lost(replace(ARMED, executor_in_charge=None))
+    control.begin_part(replace(ARMED, executor_in_charge=False))
+    assert not control.lost(replace(ARMED, executor_in_charge=False))

@@ -169,7 +169,7 @@ def test_hold_pauses_the_monitor_and_mission_resumes_it_on_the_path():
     flown.see(1, (20.0, 0.0, -10.0))
     held = flown.see(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
     assert (held.state, held.horizontal_m, held.not_compared) == ("paused", None, None)
-    assert held.reason == "The vehicle has left Mission: The RC pilot."
+    assert held.reason == "The vehicle has left Mission mode: The RC pilot."
     back = flown.see(1, (21.0, 8.0, -10.0))
     assert (back.state, back.reason, back.horizontal_m) == ("flying", None, None)
     assert flown.see(1, (22.0, 1.0, -10.0)).horizontal_m == pytest.approx(1.0)

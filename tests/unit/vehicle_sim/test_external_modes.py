@@ -222,7 +222,7 @@ def test_the_executor_of_the_selected_mode_is_in_charge():
     assert registry.executor_in_charge == 0
 
 
-def test_a_failsafe_ends_the_charge_of_an_executor_while_it_lasts():
+def test_during_a_failsafe_no_executor_is_in_charge():
     registry = Registry()
     registry.mode_of("A", executor=True)
     registry.mode_chosen(23)

@@ -5182,7 +5182,8 @@ export interface components {
         };
         /**
          * Gate
-         * @description Wait until the vehicle has passed the line through this position at right angles to the path.
+         * @description Delay the next item until the vehicle has crossed the line through this position, perpendicular to the
+         *     path.
          */
         readonly Gate: {
             /**
@@ -6882,7 +6883,7 @@ export interface components {
         };
         /**
          * LandStart
-         * @description Marks the start of the landing; a return may continue the mission from here.
+         * @description Marks the start of the landing. Return mode may continue the mission from here (RTL_TYPE).
          */
         readonly LandStart: {
             /**
