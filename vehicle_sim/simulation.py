@@ -79,7 +79,7 @@ class Simulation:
         world: ground and obstacles; default: flat and empty, as PX4's own simulation.
 
     Raises:
-        ValueError: counts or shapes that do not match, or parameters of no valid airframe.
+        ValueError: counts or shapes do not match, or the parameters describe no valid airframe.
     """
 
     def __init__(
@@ -194,7 +194,9 @@ class Simulation:
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
         if self.steps % RANGE_EVERY_STEPS == 0:
-            self._estimator.take_ranges(self._distances_down_m(), self.setpoints.in_air, self.setpoints.armed)
+            self._estimator.update_range(
+                self._distances_down_m(), self.setpoints.in_air, self.setpoints.armed
+            )
         self._cascade.update(self.setpoints, self._estimator.state)
         if self.steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
@@ -211,7 +213,7 @@ class Simulation:
 
     @property
     def output_is_used(self) -> bool:
-        """Whether the position controller has run since the last tick of the autopilots."""
+        """Whether the position controller has already used the setpoints of the autopilots' last tick."""
         tick = self.steps - self.steps % AUTOPILOT_EVERY_STEPS
         return self.steps // OUTER_EVERY_STEPS > tick // OUTER_EVERY_STEPS
 
@@ -268,11 +270,11 @@ class Simulation:
         self._batteries.set_remaining(i, remaining)
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
-        """Covers or uncovers the GPS antenna of vehicle `i`."""
+        """Connects or disconnects the GPS antenna of vehicle `i`."""
         self._sensors.set_gps_enabled(i, enabled)
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Makes the GPS receiver of vehicle `i` repeat its last fix (`stuck`), or ends that."""
+        """Sets whether the GPS receiver of vehicle `i` only repeats its last fix (`stuck`)."""
         self._sensors.set_gps_stuck(i, stuck)
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
@@ -292,9 +294,9 @@ class Simulation:
         if not self.setpoints.armed[i]:
             self._bodies.turn(i, q_ned_frd)
 
-    def take_vision(self, i: int, sample: VisionSample) -> None:
+    def add_vision(self, i: int, sample: VisionSample) -> None:
         """Passes an external measurement of vehicle `i` to its estimator (EKF2_EV_CTRL)."""
-        self._estimator.take_vision(i, sample)
+        self._estimator.add_vision(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Sets the global origin of vehicle `i`'s local frame."""

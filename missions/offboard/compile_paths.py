@@ -75,7 +75,9 @@ def turn_to(state: State, yaw_ned_rad: float) -> None:
     if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < TURN_RAD:
         return
     here = state.position_ned_m
-    curve = through([PassPoint(here, state.yaw_ned_rad), PassPoint(here, yaw_ned_rad)], state.work.motion)
+    curve = through(
+        [PassPoint(here, state.yaw_ned_rad), PassPoint(here, yaw_ned_rad)], state.compilation.motion
+    )
     add_curve(state, curve, "Turn")
 
 
@@ -127,7 +129,7 @@ def _fly_part(
     points = [here]
     for point, position in part:
         points.append(PassPoint(position, point.yaw_ned_rad, point.stop, point.corner_m))
-    state.work.count(points=len(points))
+    state.compilation.count(points=len(points))
     heading = None if has_yaw else heading_of(state, step)
     curve = through(points, limits, exact=step.curve == "smooth", heading=heading)
     _add_turn_and_curve(state, curve, step)
@@ -167,7 +169,7 @@ def shape(state: State, step: Orbit | FigureEight) -> None:
             climb_m=step.climb_m if isinstance(step, Helix | Spiral) else 0.0,
             end_radius_m=step.end_radius_m if isinstance(step, Spiral) else None,
         )  # fmt: skip
-    state.work.count(points=len(path.spans))
+    state.compilation.count(points=len(path.spans))
     curve = along(path, limits, heading_of(state, step))
     begin = curve.at(0.0)
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, limits)
@@ -198,13 +200,13 @@ def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: M
 
 def table(state: State, step: Table) -> None:
     """Adds a segment to the start of the table, then the table with its own times."""
-    data = state.work.table(step.file)
-    offset = state.work.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
+    data = state.compilation.table(step.file)
+    offset = state.compilation.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
     path = tables.read(data, offset, state.yaw_ned_rad)
     begin = path.at(0.0)
-    state.work.count(points=max(2, int(path.duration_s)))
-    motion = state.work.motion
-    cruise_m_s = min(motion.speed_m_s, state.work.vehicle.limits.vehicle.cruise_m_s)
+    state.compilation.count(points=max(2, int(path.duration_s)))
+    motion = state.compilation.motion
+    cruise_m_s = min(motion.speed_m_s, state.compilation.vehicle.limits.vehicle.cruise_m_s)
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, replace(motion, speed_m_s=cruise_m_s))
     end = path.at(path.duration_s)
     times = np.linspace(0.0, path.duration_s, 2000)
@@ -229,7 +231,7 @@ def velocity(state: State, step: VelocityStep) -> None:
     )  # fmt: skip
     north, east, down = step.velocity_ned_m_s
     across, speed = math.hypot(north, east), math.hypot(north, east, down)
-    motion = state.work.motion
+    motion = state.compilation.motion
     vertical_m_s = motion.descent_m_s if down > 0.0 else motion.climb_m_s
     if across > motion.speed_m_s or abs(down) > vertical_m_s:
         message = f"The velocity {step.velocity_ned_m_s} m/s is above the vehicle's limits."
@@ -270,10 +272,10 @@ def attitude(state: State, step: AttitudeStep) -> None:
     yaw_rad = state.yaw_ned_rad if step.yaw_ned_rad is None else step.yaw_ned_rad
     turn_to(state, yaw_rad)
     tilt_rad = math.acos(math.cos(step.roll_rad) * math.cos(step.pitch_rad))
-    if tilt_rad > state.work.motion.tilt_rad:
-        limit_deg = math.degrees(state.work.motion.tilt_rad)
+    if tilt_rad > state.compilation.motion.tilt_rad:
+        limit_deg = math.degrees(state.compilation.motion.tilt_rad)
         message = f"The attitude tilts by {math.degrees(tilt_rad):.0f}°, the limit is {limit_deg:.0f}°."
-        state.report("tilt_exceeded", message, "Lower roll or pitch.", state.work.motion.tilt_rad)
+        state.report("tilt_exceeded", message, "Lower roll or pitch.", state.compilation.motion.tilt_rad)
         return
     state.needs.add("heading")
     state.report(

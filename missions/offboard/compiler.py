@@ -14,7 +14,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.gimbals import GimbalTrack
 from missions.offboard.positions import MissingReference, Start, fence_area
 from missions.offboard.segments import Decision, Event, WaitKind, WaitSegment
-from missions.offboard.state import MissionVehicle, State, Work
+from missions.offboard.state import Compilation, MissionVehicle, State
 from missions.offboard.steps import (
     AttitudeStep,
     Branch,
@@ -85,8 +85,8 @@ def compile_mission(
     steps = _steps_of(mission, role)
     vehicle = vehicle or MissionVehicle()
     start = _with_home(mission, start or Start())
-    work = Work(mission, vehicle, start, files or {}, vehicle.within(mission.limits))
-    state = State(work, start.position_ned_m, start.yaw_ned_rad, start.in_air)
+    compilation = Compilation(mission, vehicle, start, files or {}, vehicle.within(mission.limits))
+    state = State(compilation, start.position_ned_m, start.yaw_ned_rad, start.in_air)
     _skip(state, steps[:first_step])
     if role is not None:
         state.place, state.title = f"{role}, start", "Common start"
@@ -94,8 +94,8 @@ def compile_mission(
     timeline = _continue(
         state, _StepCursor(steps, "step " if role is None else f"{role}, step ", first_step), 0
     )
-    findings = (*work.findings, *mission_checks.check(timeline, work))
-    energy_wh = mission_checks.energy_wh(timeline, work)
+    findings = (*compilation.findings, *mission_checks.check(timeline, compilation))
+    energy_wh = mission_checks.energy_wh(timeline, compilation)
     fence = None if start.origin is None else fence_area(mission.fence, start.origin)
     return replace(timeline, findings=tuple(dict.fromkeys(findings)), energy_wh=energy_wh, fence=fence)
 
@@ -134,12 +134,12 @@ def _continue(state: State, cursor: _StepCursor | None, decisions: int) -> Timel
     while (following := _next(cursor)) is not None:
         step, state.place, cursor = following
         state.title = step.name or step.step.replace("_", " ").capitalize()
-        state.work.count(steps=1)
-        state.visit = state.work.steps
+        state.compilation.count(steps=1)
+        state.visit = state.compilation.steps
         if isinstance(step, Repeat):
             cursor = _StepCursor(step.steps, f"{state.place}.", times_left=step.times, after=cursor)
         elif isinstance(step, Call):
-            called = state.work.mission.missions[step.mission]
+            called = state.compilation.mission.missions[step.mission]
             cursor = _StepCursor(called, f"{state.place}, {step.mission} ", after=cursor)
         elif isinstance(step, Branch):
             if decisions >= MAX_DECISIONS:
@@ -191,7 +191,7 @@ def _timeline(state: State) -> Timeline:
     for segment in state.segments:
         starts.append(now_s)
         now_s += segment.duration_s
-    actions = state.work.mission.actions
+    actions = state.compilation.mission.actions
     needs = dict.fromkeys(("position", "velocity", *sorted(state.needs)))
     return Timeline(
         tuple(state.segments), tuple(starts), (), tuple(needs),
@@ -210,7 +210,7 @@ def _compile_step(state: State, step: Any) -> None:
         )
         state.in_air = True
     of_step = step.avoidance if isinstance(step, PathStep) else None
-    requested = state.work.mission.avoidance if of_step is None else of_step
+    requested = state.compilation.mission.avoidance if of_step is None else of_step
     state.avoidance = ("over" if requested else None) if isinstance(requested, bool) else requested
     segments_before = len(state.segments)
     pose_before = (state.position_ned_m, state.yaw_ned_rad)
@@ -242,7 +242,7 @@ def _take_off(state: State, step: TakeOff) -> None:
         return
     north, east, down = state.position_ned_m
     state.in_air = True
-    speed_m_s = state.work.vehicle.limits.vehicle.takeoff_m_s
+    speed_m_s = state.compilation.vehicle.limits.vehicle.takeoff_m_s
     _wait(
         state, "take_off", step.height_m / speed_m_s, (north, east, down - step.height_m), step.timeout_s,
         length_m=step.height_m, height_m=step.height_m,
@@ -251,8 +251,8 @@ def _take_off(state: State, step: TakeOff) -> None:
 
 def _land(state: State, step: Land) -> None:
     north, east, down = state.position_ned_m
-    height_m = max(0.0, state.work.start.reference_ned_m[2] - down)
-    duration_s = land_time_s(height_m, state.work.vehicle.limits.vehicle)
+    height_m = max(0.0, state.compilation.start.reference_ned_m[2] - down)
+    duration_s = land_time_s(height_m, state.compilation.vehicle.limits.vehicle)
     state.in_air = False
     _wait(state, "land", duration_s, (north, east, down + height_m), step.timeout_s, length_m=height_m)
 
@@ -281,7 +281,7 @@ def _check_condition(state: State, condition: Condition, otherwise: str) -> None
         bound = f"above {above:g}" if above is not None else f"below {below:g}"
         message = f"{name} is never {bound}: {otherwise}."
         state.report("condition_never", message, "Change the bound (battery_share is 0 to 1).")
-    reported = state.work.vehicle.reported
+    reported = state.compilation.vehicle.reported
     if reported is not None and name not in reported:
         message = f"The vehicle does not report {name}, so the condition stays false: {otherwise}."
         state.report("condition_unreported", message, "Choose another value, or enable its sensor.")

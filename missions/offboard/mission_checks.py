@@ -14,7 +14,7 @@ from missions.offboard import samples
 from missions.offboard.findings import MissionFinding
 from missions.offboard.obstacle_checks import ObstacleCheck
 from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment
-from missions.offboard.state import Work
+from missions.offboard.state import Compilation
 from missions.offboard.timeline import Timeline
 from missions.trajectory.limits import MotionLimits
 
@@ -28,36 +28,36 @@ TOLERANCE = 1.01
 """Tables may exceed a limit by one per cent."""
 
 
-def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
+def check(timeline: Timeline, compilation: Compilation) -> tuple[MissionFinding, ...]:
     """All findings about all branches of a timeline."""
     area = None
     findings: list[MissionFinding] = []
-    if work.mission.fence:
-        if work.start.origin is None:
+    if compilation.mission.fence:
+        if compilation.start.origin is None:
             message = "The geofence requires the global position of the local origin, which is unknown."
             findings.append(MissionFinding("fence_unknown", message, None, "Give the mission a home."))
         else:
-            area = allowed_area(work.mission.fence, work.start.origin)
+            area = allowed_area(compilation.mission.fence, compilation.start.origin)
             shapely.prepare(area)
-    obstacles = ObstacleCheck(work, findings)
-    for part in samples.parts(timeline, work.start.position_ned_m):
+    obstacles = ObstacleCheck(compilation, findings)
+    for part in samples.parts(timeline, compilation.start.position_ned_m):
         start_ned_m = part.start_ned_m
         for segment in part.timeline.segments:
             count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
             path = samples.path_along(segment, start_ned_m, np.linspace(0.0, segment.duration_s, count))
-            findings += _positions(segment, path, work)
+            findings += _positions(segment, path, compilation)
             if area is not None:
                 findings += _fence(segment, path, area)
             findings += obstacles.check_segment(segment, path)
             if isinstance(segment, TableSegment):
-                findings += _table(segment, work.motion)
+                findings += _table(segment, compilation.motion)
             start_ned_m = segment.end_ned_m
-    findings += _totals(timeline, work)
+    findings += _totals(timeline, compilation)
     return tuple(findings)
 
 
-def _positions(segment: Segment, path: Array, work: Work) -> Iterator[MissionFinding]:
-    limits, start = work.vehicle.limits, work.start
+def _positions(segment: Segment, path: Array, compilation: Compilation) -> Iterator[MissionFinding]:
+    limits, start = compilation.vehicle.limits, compilation.start
     home_down_m = start.reference_ned_m[2]
     if start.origin is not None and start.home_alt_amsl_m is not None:
         home_down_m = start.origin.alt_amsl_m - start.home_alt_amsl_m
@@ -85,17 +85,17 @@ def _positions(segment: Segment, path: Array, work: Work) -> Iterator[MissionFin
             f"{segment.title} is up to {away_m:.0f} m from the start; the fence limit is {radius_m:.0f} m."
         )
         yield MissionFinding("radius_exceeded", message, segment.place, "Move it nearer to the start.")
-    for beyond, limit_m in _beyond_operator_limits(path, highest_m, away_m, work):
+    for beyond, limit_m in _beyond_operator_limits(path, highest_m, away_m, compilation):
         message = f"{segment.title} {beyond}. The server would hold the vehicle back there."
         fix = "Change the step, or your limits."
         yield MissionFinding("limit_exceeded", message, segment.place, fix, limit_m)
 
 
 def _beyond_operator_limits(
-    path: Array, highest_m: float, away_m: float, work: Work
+    path: Array, highest_m: float, away_m: float, compilation: Compilation
 ) -> Iterator[tuple[str, float | None]]:
     """Each limit that a path exceeds: a text, and the limit if it is one of the height."""
-    operator, start = work.vehicle.operator, work.start
+    operator, start = compilation.vehicle.operator, compilation.start
     if operator.height_max_m is not None and highest_m > operator.height_max_m + 0.01:
         text = f"climbs to {highest_m:.0f} m above home, your limit is {operator.height_max_m:g} m"
         yield text, operator.height_max_m
@@ -153,12 +153,12 @@ def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFindi
             yield MissionFinding("acceleration_exceeded", message, segment.place, "Give the table more time.")
 
 
-def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
-    limits = work.vehicle.limits
+def _totals(timeline: Timeline, compilation: Compilation) -> Iterator[MissionFinding]:
+    limits = compilation.vehicle.limits
     if limits.unknown_parameters:
         message = unknown_parameters_text(limits.unknown_parameters)
         yield MissionFinding("parameters_unknown", message, None, UNKNOWN_PARAMETERS_FIX)
-    power, needed_wh = limits.power, energy_wh(timeline, work)
+    power, needed_wh = limits.power, energy_wh(timeline, compilation)
     if power is not None and needed_wh is not None and needed_wh > power.usable_wh:
         message = (
             f"The flight takes {needed_wh:.0f} Wh ({timeline.duration_s / 60:.0f} min), the battery provides "
@@ -167,12 +167,12 @@ def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
         yield MissionFinding("endurance_exceeded", message, None, "Shorten the mission.")
 
 
-def energy_wh(timeline: Timeline, work: Work) -> float | None:
+def energy_wh(timeline: Timeline, compilation: Compilation) -> float | None:
     """Energy of the longest path; None without a power model."""
-    power = work.vehicle.limits.power
+    power = compilation.vehicle.limits.power
     if power is None:
         return None
-    return power.energy_wh(timeline.duration_s, climb_m(timeline, work.start.position_ned_m[2]))
+    return power.energy_wh(timeline.duration_s, climb_m(timeline, compilation.start.position_ned_m[2]))
 
 
 def climb_m(timeline: Timeline, down_m: float) -> float:

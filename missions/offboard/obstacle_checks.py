@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from missions.obstacles import Clearance, ObstacleShapes, is_valid, name_of
 from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import CurveSegment, HoldSegment, Segment, TableSegment
-from missions.offboard.state import Work
+from missions.offboard.state import Compilation
 
 MOVE_POINTS = "Move the points of this step around the obstacle or above it."
 CHECK_SENSOR = "Plan the path around the obstacle, or make sure that the vehicle's sensor measures it."
@@ -20,12 +20,12 @@ class ObstacleCheck:
     """Checks the segments of one mission against its obstacles.
 
     Args:
-        work: the state of the compilation.
+        compilation: the mission, the vehicle and the start.
         findings: receives the findings about the obstacles themselves.
     """
 
-    def __init__(self, work: Work, findings: list[MissionFinding]) -> None:
-        obstacles, start = work.mission.obstacles, work.start
+    def __init__(self, compilation: Compilation, findings: list[MissionFinding]) -> None:
+        obstacles, start = compilation.mission.obstacles, compilation.start
         self._shapes: ObstacleShapes | None = None
         if not obstacles:
             return

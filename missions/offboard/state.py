@@ -90,7 +90,7 @@ class MissionVehicle:
 
 
 @dataclass(slots=True)
-class Work:
+class Compilation:
     """Data that all branches of one compilation share."""
 
     mission: OffboardMission
@@ -138,7 +138,7 @@ class Work:
 class State:
     """The planned state of the vehicle on one path through the mission's branches."""
 
-    work: Work
+    compilation: Compilation
     position_ned_m: Vector3
     yaw_ned_rad: float
     in_air: bool
@@ -157,13 +157,13 @@ class State:
 
     def add(self, segment: Segment) -> None:
         """Adds a segment and moves the planned position to its end."""
-        self.work.count(segments=1)
+        self.compilation.count(segments=1)
         self.segments.append(replace(segment, avoidance=self.avoidance, visit=self.visit))
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
     def report(self, code: str, message: str, fix: str | None = None, limit: float | None = None) -> None:
         """Adds a finding about the current step; its fields as in `MissionFinding`."""
-        self.work.findings[MissionFinding(code, message, self.place, fix, limit)] = None
+        self.compilation.findings[MissionFinding(code, message, self.place, fix, limit)] = None
 
     def locate(self, place: MissionPosition) -> Vector3:
         """Converts a position to the local frame.
@@ -175,13 +175,13 @@ class State:
             self.needs.add("global_position")
         if place.alt_home_m is not None:
             self.needs.add("home")
-        return to_local(place, self.work.start)
+        return to_local(place, self.compilation.start)
 
     def limits_for(self, step: PathStep) -> MotionLimits:
         """The limits of a step: the vehicle's, the mission's, and the step's speed."""
-        motion = self.work.motion
-        mission_limit_m_s = self.work.mission.limits.speed_m_s
-        cruise_m_s = self.work.vehicle.limits.vehicle.cruise_m_s
+        motion = self.compilation.motion
+        mission_limit_m_s = self.compilation.mission.limits.speed_m_s
+        cruise_m_s = self.compilation.vehicle.limits.vehicle.cruise_m_s
         requested_m_s = step.speed_m_s or mission_limit_m_s or cruise_m_s
         limit_m_s = min(motion.speed_m_s, mission_limit_m_s or math.inf)
         if requested_m_s > limit_m_s:

@@ -3,8 +3,8 @@
 A strapdown prediction runs at half the IMU rate, because PX4's filter also combines two samples. A Kalman
 filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
 and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections
-smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). A reset moves them immediately by the step of the filter; their lag
-behind earlier corrections remains. Without aiding the estimate drifts with the errors of the IMU, and
+smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves them at once by the same amount; earlier
+corrections are still followed smoothly. Without aiding the estimate drifts with the errors of the IMU, and
 becomes invalid after EKF2_NOAID_TOUT.
 """
 
@@ -41,9 +41,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 RANGE_EVERY_STEPS = 10
-"""IMU samples per range measurement, 25 Hz."""
+"""IMU samples per range measurement (25 Hz)."""
 DEAD_RECKONING_AFTER_S = 1.0
-_SAMPLES_A_PREDICTION = 2
+_SAMPLES_PER_PREDICTION = 2
 _ALIGN_SAMPLES = 25
 _BARO_SAMPLES = 2
 """Number of barometer samples that are averaged, as PX4's sensor hub does with samples at 20 Hz
@@ -64,7 +64,7 @@ class Estimator:
 
     def __init__(self, count: int, dt_s: float) -> None:
         self._dt_s = dt_s
-        self._predict_s = dt_s * _SAMPLES_A_PREDICTION
+        self._predict_s = dt_s * _SAMPLES_PER_PREDICTION
         self.state = blank_estimate(count)
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
@@ -153,7 +153,7 @@ class Estimator:
             self._delta_velocity,
         )
         self._samples += 1
-        if self._samples % _SAMPLES_A_PREDICTION:
+        if self._samples % _SAMPLES_PER_PREDICTION:
             return
         self._predict()
         counts = [sensors.gps_count, sensors.baro_count, sensors.mag_count]
@@ -161,8 +161,8 @@ class Estimator:
         if counts != self._counts or constrain or self._vision.has_samples:
             self._fuse(sensors, counts, constrain)
 
-    def take_ranges(self, range_m: FloatArray, in_air: BoolArray, armed: BoolArray) -> None:
-        """Processes range measurements, every RANGE_EVERY_STEPS samples.
+    def update_range(self, range_m: FloatArray, in_air: BoolArray, armed: BoolArray) -> None:
+        """Updates the height above ground, every RANGE_EVERY_STEPS samples.
 
         Args:
             range_m: (N,) ranges; NaN: none.
@@ -178,7 +178,7 @@ class Estimator:
         np.copyto(fusion.in_air, in_air)
         np.copyto(self._armed, armed)
 
-    def take_vision(self, i: int, sample: VisionSample) -> None:
+    def add_vision(self, i: int, sample: VisionSample) -> None:
         """Stores an external position, velocity or heading of vehicle `i` for fusion (EKF2_EV_CTRL)."""
         self._vision.put(i, sample)
 
@@ -262,7 +262,7 @@ class Estimator:
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
     def _fuse(self, sensors: SensorState, counts: list[int], constrain: bool) -> None:
-        """Fuses new samples; the outputs follow corrections smoothly and resets immediately."""
+        """Fuses new samples. The outputs follow corrections smoothly, and resets immediately."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
         old, self._counts = self._counts, counts
         gnss_due = counts[0] != old[0]

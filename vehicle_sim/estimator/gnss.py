@@ -27,16 +27,17 @@ BoolArray = NDArray[np.bool_]
 
 POSITION_BIT, HEIGHT_BIT, VELOCITY_BIT = 1, 2, 4
 """Bits of EKF2_GPS_CTRL."""
-GOOD_AGAIN_S = 1.0 + HORIZON_S
+RECHECK_S = 1.0 + HORIZON_S
+"""Time for which the checks must have passed after a failure."""
 FIX_TIMEOUT_S = 1.0
 """The GNSS height is not used after this time without a fix."""
 YAW_RESET_AFTER_S = 1.0 + HORIZON_S
-YAW_OFF_RAD = math.radians(25.0)
-"""After rejected velocities for the time above, a heading that differs this much from the yaw estimator's is
-reset."""
+MAX_YAW_ERROR_RAD = math.radians(25.0)
+"""The heading is reset if velocities are rejected for YAW_RESET_AFTER_S and it differs from the yaw
+estimator's by more than MAX_YAW_ERROR_RAD."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
-VERTICAL_SPEED_FACTOR = 1.5
-"""Factors of vertical noise: of GNSS velocity, and of the minimum position noise for GNSS height."""
+VERTICAL_NOISE_FACTOR = 1.5
+"""Vertical noise relative to horizontal noise, for GNSS velocity and the minimum noise of GNSS position."""
 MAX_RATIO = 2.0
 """Upper limit of the test ratios in ESTIMATOR_STATUS."""
 _CHECKS = {"EKF2_REQ_NSATS": 1, "EKF2_REQ_PDOP": 2, "EKF2_REQ_EPH": 4, "EKF2_REQ_EPV": 8, "EKF2_REQ_SACC": 16}
@@ -103,7 +104,7 @@ class Gnss:
             times[i] = -math.inf
 
     def stop_without_samples(self, now_s: float) -> None:
-        """Stops the fusion of receivers without a good fix for too long; called a few times per second."""
+        """Stops the fusion of receivers that had no good fix for too long; called a few times per second."""
         fusion = self._fusion
         np.copyto(fusion.gps_receiving, now_s - self._received_at_s <= FIX_TIMEOUT_S)
         fusion.gps_hgt &= fusion.gps_receiving
@@ -149,7 +150,7 @@ class Gnss:
         np.copyto(self._fusion.gps_quality_bad, ~good, where=fresh)
         self._failed_at_s[fresh & ~good] = now_s
         self._passing_since_s[good & (now_s - self._passed_at_s > FIX_TIMEOUT_S)] = now_s
-        required_s = np.where(self._passed_once, GOOD_AGAIN_S, self._first_wait_s)
+        required_s = np.where(self._passed_once, RECHECK_S, self._first_wait_s)
         passed = good & (now_s - self._failed_at_s >= required_s)
         self._passed_once |= passed
         self._passed_at_s[passed] = now_s
@@ -182,9 +183,9 @@ class Gnss:
         accuracy = np.maximum(sensors.gps_horizontal_accuracy_m, self._noise[:, 0])
         position_variance = np.minimum(accuracy, self._max_noise_m) ** 2
         speed = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
-        climb_variance = speed * VERTICAL_SPEED_FACTOR**2
+        climb_variance = speed * VERTICAL_NOISE_FACTOR**2
         height_variance = (
-            np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_SPEED_FACTOR * self._noise[:, 0]) ** 2
+            np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_NOISE_FACTOR * self._noise[:, 0]) ** 2
         )
         variances = np.stack(
             [speed, speed, climb_variance, position_variance, position_variance, height_variance], axis=1
@@ -243,8 +244,11 @@ class Gnss:
     def _reset_heading(
         self, now_s: float, use_velocity: BoolArray, velocity_ne: FloatArray, variance: FloatArray
     ) -> BoolArray:
-        """Updates the yaw estimator. Returns the vehicles whose heading was reset to it because velocities
-        were rejected."""
+        """Updates the yaw estimator.
+
+        Returns:
+            (N,) vehicles whose heading was reset to the yaw estimator's, because velocities were rejected.
+        """
         kalman, fusion, yaw = self._kalman, self._fusion, self._yaw
         yaw.fuse(velocity_ne, variance, use_velocity, fusion.in_air)
         accepted_at_s = np.maximum(self.velocity_at_s, self._passing_since_s)
@@ -256,7 +260,9 @@ class Gnss:
         heading, heading_variance = yaw.headings()
         difference = wrap_pi(heading - yaw_of(kalman.q_ned_frd))
         heading_reset = (
-            rejected_long & (heading_variance < MAX_HEADING_SIGMA_RAD**2) & (np.abs(difference) > YAW_OFF_RAD)
+            rejected_long
+            & (heading_variance < MAX_HEADING_SIGMA_RAD**2)
+            & (np.abs(difference) > MAX_YAW_ERROR_RAD)
         )
         if heading_reset.any():
             kalman.reset_heading(heading_reset, difference, heading_variance)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Requirements(NamedTuple):
-    """The fields `mode_req_*` of `failsafe_flags`, in its order; the defaults are PX4's own modes."""
+    """The fields `mode_req_*` of `failsafe_flags`, in message order; the defaults are for PX4's modes."""
 
     angular_velocity: int = 0x7ED47E
     attitude: int = 0x7ED07E
@@ -25,7 +25,7 @@ class Requirements(NamedTuple):
 
 
 OWN = Requirements()
-"""Requirements while no external mode is registered."""
+"""Requirements of PX4's own modes, while no external mode is registered."""
 REPORTED = (
     "angular_velocity", "attitude", "local_alt", "local_position", "local_position_relaxed",
     "global_position", "mission", "home_position", "prevent_arming", "manual_control",

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.mavlink.dialect import LAYOUTS, Layout
-from vehicle_sim.mavlink.messages.family import Builder, Family
 from vehicle_sim.mavlink.messages.gimbal import GimbalMessages
+from vehicle_sim.mavlink.messages.message_group import Builder, MessageGroup
 from vehicle_sim.mavlink.messages.motion import MotionMessages
 from vehicle_sim.mavlink.messages.places import PlaceMessages
 from vehicle_sim.mavlink.messages.sensors import SensorMessages
 from vehicle_sim.mavlink.messages.state import StateMessages
 
-FAMILIES: tuple[type[Family], ...] = (
+MESSAGE_GROUPS: tuple[type[MessageGroup], ...] = (
     StateMessages,
     MotionMessages,
     SensorMessages,
@@ -31,8 +31,8 @@ class Telemetry:
         self._cache: dict[int, tuple[Layout, bytes] | None] = {}
         self._step = -1
         self._builders: dict[int, Builder] = {}
-        for family in FAMILIES:
-            self._builders |= family(autopilot).builders()
+        for group in MESSAGE_GROUPS:
+            self._builders |= group(autopilot).builders()
 
     @property
     def ids(self) -> frozenset[int]:

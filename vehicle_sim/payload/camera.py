@@ -80,14 +80,14 @@ class Camera:
     # --- settings --------------------------------------------------------------------------------------
 
     @property
-    def width_rad(self) -> float:
+    def hfov_rad(self) -> float:
         """Horizontal field of view with zoom."""
         return 2.0 * math.atan(0.5 * SENSOR_WIDTH_MM / (FOCAL_LENGTH_MM * self.zoom))
 
     @property
-    def height_rad(self) -> float:
+    def vfov_rad(self) -> float:
         """Vertical field of view."""
-        return 2.0 * math.atan(math.tan(0.5 * self.width_rad) * HEIGHT / WIDTH)
+        return 2.0 * math.atan(math.tan(0.5 * self.hfov_rad) * HEIGHT / WIDTH)
 
     @property
     def zoom(self) -> float:
@@ -155,7 +155,7 @@ class Camera:
     def _take(self) -> Capture:
         view, place, index = self._view, self.place(), len(self.captures)
         path = f"{FOLDER}/IMG_{index + 1:04d}.JPG"
-        pixels = self._painter.draw(*self._true_pose(), self.width_rad)
+        pixels = self._painter.draw(*self._true_pose(), self.hfov_rad)
         data = jpeg(pixels, place, view.time_unix_us() * 1e-6)
         try:
             self._files.host_path(path).write_bytes(data)

@@ -1,9 +1,9 @@
 """A three-axis gimbal and its manager: control, setpoints, and motion.
 
-The manager follows PX4's (MNT_MODE_IN 4). With MNT_MODE_OUT 0 it drives servos: angles are reached
-immediately, within half of MNT_RANGE_* to either side, relative to the body unless MNT_DO_STAB compensates
-the vehicle's attitude. With MNT_MODE_OUT 2 it commands a separate gimbal device, which has a lag and a
-maximum rate, and keeps a locked yaw relative to north.
+The manager behaves like PX4's with MNT_MODE_IN 4. With MNT_MODE_OUT 0 it drives servos, which reach their
+angles immediately. Their angles are at most half of MNT_RANGE_* to either side; they are relative to the
+body, unless MNT_DO_STAB compensates the vehicle's attitude. With MNT_MODE_OUT 2 the manager commands a
+separate gimbal device, which has a lag and a maximum rate, and keeps a locked yaw relative to north.
 """
 
 from __future__ import annotations
@@ -50,6 +50,15 @@ class Angles:
     yaw_rad: float = 0.0
 
 
+@dataclass(slots=True)
+class AngleRates:
+    """Rates of the device's Euler angles."""
+
+    roll_rad_s: float = 0.0
+    pitch_rad_s: float = 0.0
+    yaw_rad_s: float = 0.0
+
+
 class Gimbal:
     """Manager and device of one vehicle.
 
@@ -64,11 +73,11 @@ class Gimbal:
         self.primary = (0, 0)
         self.setpoint = Angles()
         self.actual = Angles()
-        self.rates_rad_s = Angles()
-        """Rates of the device's Euler angles."""
+        self.rates = AngleRates()
         self._rate_setpoints: tuple[float, float] | None = None
         self._servo_inputs: tuple[float, ...] | None = None
-        """Inputs from which the servo angles were computed, if the vehicle's attitude is not one of them."""
+        """Inputs of the current servo angles, which are computed again only after a change; None: the angles
+        depend on the vehicle's attitude, and are computed in each update."""
         self._roi: GlobalPosition | None = None
         self._waypoint_offsets: Angles | None = None
         """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at it."""
@@ -122,8 +131,10 @@ class Gimbal:
         pitch_rate_rad_s: float = math.nan,
         yaw_rate_rad_s: float = math.nan,
     ) -> None:
-        """Sets angles if both are given, otherwise rates; NaN yaw, or no values, keeps the previous
-        setpoint."""
+        """Sets the angles if both are finite, otherwise the rates.
+
+        Without both angles and without a rate the previous setpoint remains.
+        """
         self._apply_flags(flags)
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
             return
@@ -166,7 +177,7 @@ class Gimbal:
         self.setpoint = Angles()
 
     def point_at(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Points at a global position, and follows it."""
+        """Points at a global position, and keeps pointing at it while the vehicle moves."""
         if not (math.isfinite(lat_deg) and math.isfinite(lon_deg) and math.isfinite(alt_amsl_m)):
             return
         self._clear_targets()
@@ -178,7 +189,7 @@ class Gimbal:
         self.centre()
 
     def point_at_next_waypoint(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
-        """Points at the next waypoint with offsets; without a waypoint neutral and locked."""
+        """Points at the next waypoint with offsets. Without one, the gimbal is neutral with a locked yaw."""
         self.centre()
         offsets = (
             math.radians(each) if math.isfinite(each) else 0.0 for each in (roll_deg, pitch_deg, yaw_deg)
@@ -220,13 +231,13 @@ class Gimbal:
         goal_yaw_frd = self.setpoint.yaw_rad
         if self.yaw_locked:
             goal_yaw_frd = wrap_angle(goal_yaw_frd - self._view.estimate.yaw_ned_rad)
-        actual, rates = self.actual, self.rates_rad_s
-        rates.roll_rad = _rate(wrap_angle(self.setpoint.roll_rad - actual.roll_rad))
-        rates.pitch_rad = _rate(self.setpoint.pitch_rad - actual.pitch_rad)
-        rates.yaw_rad = _rate(wrap_angle(goal_yaw_frd - actual.yaw_rad))
-        actual.roll_rad = wrap_angle(actual.roll_rad + rates.roll_rad * dt_s)
-        actual.pitch_rad += rates.pitch_rad * dt_s
-        actual.yaw_rad = wrap_angle(actual.yaw_rad + rates.yaw_rad * dt_s)
+        actual, rates = self.actual, self.rates
+        rates.roll_rad_s = _rate(wrap_angle(self.setpoint.roll_rad - actual.roll_rad))
+        rates.pitch_rad_s = _rate(self.setpoint.pitch_rad - actual.pitch_rad)
+        rates.yaw_rad_s = _rate(wrap_angle(goal_yaw_frd - actual.yaw_rad))
+        actual.roll_rad = wrap_angle(actual.roll_rad + rates.roll_rad_s * dt_s)
+        actual.pitch_rad += rates.pitch_rad_s * dt_s
+        actual.yaw_rad = wrap_angle(actual.yaw_rad + rates.yaw_rad_s * dt_s)
 
     def _set_servos(self) -> None:
         stabilisation, setpoint = self._view.choice("MNT_DO_STAB"), self.setpoint
@@ -270,7 +281,7 @@ class Gimbal:
         if self._rate_setpoints is not None:
             setpoint.pitch_rad += pitch - angles[1]
             setpoint.yaw_rad += yaw - angles[2]
-        self.actual, self.rates_rad_s = Angles(roll, pitch, yaw), Angles()
+        self.actual, self.rates = Angles(roll, pitch, yaw), AngleRates()
 
     def _half_ranges_rad(self) -> tuple[float, float, float]:
         roll, pitch, yaw = (math.radians(self._view.parameter(f"MNT_RANGE_{axis}")) / 2.0 for axis in AXES)
@@ -350,5 +361,5 @@ def _limited(rate_rad_s: float) -> float:
     return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, rate_rad_s))
 
 
-def _rate(gap_rad: float) -> float:
-    return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, gap_rad / TIME_CONSTANT_S))
+def _rate(error_rad: float) -> float:
+    return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, error_rad / TIME_CONSTANT_S))

@@ -53,10 +53,10 @@ class Painter:
         self._world = world
 
     def draw(
-        self, position_ned_m: FloatArray, q_ned_camera: FloatArray, width_rad: float
+        self, position_ned_m: FloatArray, q_ned_camera: FloatArray, hfov_rad: float
     ) -> NDArray[np.uint8]:
         """(HEIGHT, WIDTH, 3) RGB from a position (3,), an attitude (4,) and a horizontal field of view."""
-        rays = self._rays(q_ned_camera, width_rad)
+        rays = self._rays(q_ned_camera, hfov_rad)
         origin = np.broadcast_to(position_ned_m, rays.shape)
         hits = self._caster.cast(origin, rays, self._range_m)
         colour = _sky(rays)
@@ -73,8 +73,8 @@ class Painter:
         colour[is_hit] = clear * surface + (1.0 - clear) * haze[is_hit]
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8).reshape(HEIGHT, WIDTH, 3)
 
-    def _rays(self, q_ned_camera: FloatArray, width_rad: float) -> FloatArray:
-        focal = 0.5 * WIDTH / math.tan(0.5 * width_rad)
+    def _rays(self, q_ned_camera: FloatArray, hfov_rad: float) -> FloatArray:
+        focal = 0.5 * WIDTH / math.tan(0.5 * hfov_rad)
         right = (np.arange(WIDTH) + 0.5 - 0.5 * WIDTH) / focal
         down = (np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / focal
         rays = np.ones((HEIGHT, WIDTH, 3))

@@ -178,11 +178,11 @@ class SensorSuite:
         self._gps_sigma[rows] = strength * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
-        """Enables or disables the GPS antenna of vehicle `i`; a receiver without antenna has no fix."""
+        """Connects or disconnects the GPS antenna of vehicle `i`; a receiver without antenna has no fix."""
         self._gps_enabled[i] = enabled
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Makes the GPS receiver of vehicle `i` repeat its last fix (`stuck`), or ends that."""
+        """Sets whether the GPS receiver of vehicle `i` only repeats its last fix (`stuck`)."""
         self.faults.stuck[Driver.GPS][i] = stuck
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
@@ -244,7 +244,7 @@ class SensorSuite:
         state.baro_count += 1
 
     def _drop_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
-        """Stops using a stuck sensor after too many equal samples; disabled without noise."""
+        """Stops using a stuck sensor after too many equal samples; without noise these are normal."""
         stuck, repeats = self.faults.stuck[driver], self._repeats[driver]
         if not (any_of(stuck) or any_nonzero(repeats)):
             return
@@ -291,7 +291,7 @@ def _measure_motion(
     sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows,
     board_rotated: Flags, board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
 ) -> None:  # fmt: skip
-    """The IMU's sample: noise, calibration, rotation of the board, then faults."""
+    """The IMU's sample: adds noise, then applies calibration, rotation of the board and faults."""
     for i in range(gyro.shape[0]):
         force = rotated_back(
             matrix[i], acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] - GRAVITY_M_S2

@@ -13,7 +13,7 @@ from vehicle_sim.shell.console import Command, Console
 from vehicle_sim.shell.flight import CommanderCommand, FailureCommand, GimbalCommand
 from vehicle_sim.shell.listener import ListenerCommand
 from vehicle_sim.shell.parameters import ParamCommand
-from vehicle_sim.shell.status import VER, DriverCommand, LoggerCommand, MavlinkCommand, PartsCommands
+from vehicle_sim.shell.status import VER, DriverCommand, LoggerCommand, MavlinkCommand, ModuleCommands
 from vehicle_sim.topics.states import States
 
 _NAMES = (
@@ -48,7 +48,7 @@ class Shell:
         states: States,
     ) -> None:
         autopilot, view, own = context.autopilot, context.view, context.own_id
-        listener, parts = ListenerCommand(view, states), PartsCommands(view)
+        listener, parts = ListenerCommand(view, states), ModuleCommands(view)
         mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.gcs_connected)
         self._view = view
         self.commands: dict[str, Command] = {

@@ -22,7 +22,8 @@ _PARTS = {
     "gcc": f"Toolchain: {build.TOOLCHAIN}, {build.TOOLCHAIN_VERSION}\n",
     "uri": "Build uri: localhost\n",
 }
-MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
+LINK_MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
+"""Mode of the MAVLink instance, by the name of its link."""
 RATE_MAX_B_S = 4_000_000
 
 
@@ -52,7 +53,7 @@ class MavlinkCommand:
         self.command = Command(self.run, "status [streams]")
 
     def run(self, words: Words) -> str:
-        """One `mavlink …`."""
+        """Runs `mavlink …`."""
         if words == ["status", "streams"]:
             return "".join(self._streams(n, link) for n, link in enumerate(self._links))
         if words == ["status"]:
@@ -61,7 +62,7 @@ class MavlinkCommand:
 
     def _status(self, n: int, link: Link) -> str:
         gcs_line = "\tGCS heartbeat valid\n" if self._gcs_connected(link) else ""
-        ports, mode = link.ports, MODES.get(link.name, "Normal")
+        ports, mode = link.ports, LINK_MODES.get(link.name, "Normal")
         if ports is None:
             transport = ""
         elif ports[1] is None:
@@ -82,7 +83,7 @@ class MavlinkCommand:
         return "".join((*out, *(f"\t{name:<32} {hz:.2f}\n" for name, hz in rates)))
 
 
-class PartsCommands:
+class ModuleCommands:
     """`sensors`, `ekf2` and `system_time` of one vehicle."""
 
     def __init__(self, view: VehicleView) -> None:
@@ -131,7 +132,7 @@ class PartsCommands:
 
     def _time(self, words: Words) -> str:
         if words != ["get"]:
-            raise Usage("the time is the simulation's and cannot be set")
+            raise Usage("the simulated time cannot be set")
         seconds = self._view.time_unix_us() / 1e6
         when = datetime.fromtimestamp(seconds, UTC)
         return f"Unix epoch time: {int(seconds)}\nSystem time: {when:%a %b %d %H:%M:%S %Y}\n"
@@ -145,7 +146,7 @@ class DriverCommand:
         self.command = Command(self.run, "start | stop | status")
 
     def run(self, words: Words) -> str:
-        """One command for the driver."""
+        """Starts or stops the driver, or returns its status."""
         simulation, row, name = self._view.simulation, self._view.row, self._driver.value
         runs = simulation.driver_runs(row, self._driver)
         if words == ["status"]:
@@ -168,7 +169,7 @@ class LoggerCommand:
         self.command = Command(self.run, "on | off | status")
 
     def run(self, words: Words) -> str:
-        """One `logger …`."""
+        """Runs `logger …`."""
         if words not in (["on"], ["off"], ["status"]):
             raise Usage
         logger = self._logger

@@ -1,4 +1,4 @@
-"""The topic `failsafe_flags`: requirements of each mode, and current faults."""
+"""The topic `failsafe_flags`: the requirements of the modes, and flags of current faults."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in Requiremen
 )
 
 
-def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
-    """Current faults; the topic is published immediately when they change."""
+def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
+    """Flags of current faults; the topic is published immediately when a flag changes."""
     estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
     position = checks.position_good
     return {
@@ -49,4 +49,4 @@ def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str,
 def values(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
     """All fields except the timestamp."""
     masks = {f"mode_req_{name}": mask for name, mask in commander.report.requirements._asdict().items()}
-    return masks | conditions(view, commander, home)
+    return masks | fault_flags(view, commander, home)

@@ -220,7 +220,7 @@ class States:
             + "bool cs_inertial_dead_reckoning;bool fs_bad_acc_vertical", self._estimator_key)  # fmt: skip
         add("failsafe_flags", 500, lambda: failsafe_flags.values(self._view, commander, self._autopilot.home),
             failsafe_flags.DECLARATION,
-            lambda: (failsafe_flags.conditions(self._view, commander, self._autopilot.home),
+            lambda: (failsafe_flags.fault_flags(self._view, commander, self._autopilot.home),
                      commander.report.requirements))  # fmt: skip
         mission = self._autopilot.navigator.mission
         add("mission_result", 1000, self._mission, "uint32_t mission_id;uint32_t geofence_id;"

@@ -111,7 +111,7 @@ class Contact:
         below = position[:, 2] > prism.roof_down_m + ROOF_TOLERANCE_M
         if not below.any():
             return
-        side = prism.nearest_side(position[:, :2])
+        side = prism.nearest_on_outline(position[:, :2])
         outwards = position[:, :2] - side
         away_m = np.hypot(outwards[:, 0], outwards[:, 1])
         inside = prism.covers(position[:, :2])

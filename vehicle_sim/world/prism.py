@@ -1,4 +1,4 @@
-"""Upright prisms: obstacles with any polygon as their ground plan, from below the ground to a flat roof."""
+"""Upright prisms: obstacles with a polygon as outline, from below the ground to a flat roof."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class PrismShape:
         self._low, self._high = self._from.min(axis=0), self._from.max(axis=0)
 
     def any_near(self, place_ne_m: FloatArray, within_m: float) -> bool:
-        """Whether any of the positions (M, 2) is within this distance of the box around the ground plan."""
+        """Whether any of the positions (M, 2) is within this distance of the bounding box of the outline."""
         low, high = self._low - within_m, self._high + within_m
         return bool(((place_ne_m >= low) & (place_ne_m <= high)).all(axis=1).any())
 
     def covers(self, place_ne_m: FloatArray) -> BoolArray:
-        """(M,) whether positions (M, 2) are inside the ground plan (even-odd rule)."""
+        """(M,) whether positions (M, 2) are inside the outline (even-odd rule)."""
         north, east = place_ne_m[:, :1], place_ne_m[:, 1:]
         start, end = self._from[:, 1], self._from[:, 1] + self._side[:, 1]
         spans = (start > east) != (end > east)
@@ -46,7 +46,7 @@ class PrismShape:
             crossing = self._from[:, 0] + (east - start) / self._side[:, 1] * self._side[:, 0]
         return ((spans & (north < crossing)).sum(axis=1) % 2).astype(np.bool_)
 
-    def nearest_side(self, place_ne_m: FloatArray) -> FloatArray:
+    def nearest_on_outline(self, place_ne_m: FloatArray) -> FloatArray:
         """(M, 2) the positions of the outline that are nearest to positions (M, 2)."""
         offset = place_ne_m[:, None] - self._from
         length2 = np.maximum((self._side**2).sum(axis=1), 1e-12)

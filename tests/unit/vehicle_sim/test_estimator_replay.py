@@ -118,7 +118,7 @@ def fly(log: _Log) -> Replay:
         if k % RANGE_EVERY_STEPS == 0:
             flies = log.latest(t_s, "vehicle_land_detected", "landed") == 0.0
             armed = log.latest(t_s, "vehicle_status", "arming_state") == 2.0
-            estimator.take_ranges(np.array([-down[k]]), np.array([flies]), np.array([armed]))
+            estimator.update_range(np.array([-down[k]]), np.array([flies]), np.array([armed]))
         estimator.update(sensors)
         velocity.append(estimator.state.velocity_ned_m_s[0].copy())
         sigma.append(np.sqrt(estimator.kalman.variances(0, STATES)[0]))

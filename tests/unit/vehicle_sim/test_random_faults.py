@@ -8,7 +8,7 @@ import pytest
 from tests.support.random_faults import GONE_FOR_A_WHILE, KINDS, Course, fly
 from vehicle_sim.estimator.estimator import DEAD_RECKONING_AFTER_S
 from vehicle_sim.estimator.fusion import HORIZON_S, RESET_TIMEOUT_S
-from vehicle_sim.estimator.gnss import GOOD_AGAIN_S
+from vehicle_sim.estimator.gnss import RECHECK_S
 
 NO_AID_S = 5.0 + HORIZON_S
 """EKF2_NOAID_TOUT; the recorded position was invalid 5.12 s after the loss."""
@@ -60,7 +60,7 @@ def validity_ended_in_time(course: Course, seconds: float) -> bool:
         return True
     bad_s = max(at for at in course.fixes_s if at < course.back_s)
     # A fix exactly at the end of the waiting time may or may not be the first one that is used.
-    again_s = min((at for at in course.fixes_s if at >= bad_s + GOOD_AGAIN_S - STEP_S), default=seconds)
+    again_s = min((at for at in course.fixes_s if at >= bad_s + RECHECK_S - STEP_S), default=seconds)
     if again_s + FIX_S + CHECK_S < due_s:
         return not course.invalid_at_s
     if again_s < due_s and not course.invalid_at_s:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.family import Family
+from vehicle_sim.mavlink.messages.message_group import MessageGroup
 
 
-class GimbalMessages(Family):
+class GimbalMessages(MessageGroup):
     """Builders of the gimbal messages."""
 
     def mount_orientation(self) -> bytes | None:
@@ -55,14 +55,14 @@ class GimbalMessages(Family):
         gimbal = self._autopilot.gimbal
         if not gimbal.enabled:
             return None
-        rates = gimbal.rates_rad_s
+        rates = gimbal.rates
         return pack(
             "GIMBAL_DEVICE_ATTITUDE_STATUS",
             time_boot_ms=self._view.time_boot_ms(),
             flags=int(gimbal.flags),
             q=gimbal.device_quaternion(),
-            angular_velocity_x=rates.roll_rad,
-            angular_velocity_y=rates.pitch_rad,
-            angular_velocity_z=rates.yaw_rad,
+            angular_velocity_x=rates.roll_rad_s,
+            angular_velocity_y=rates.pitch_rad_s,
+            angular_velocity_z=rates.yaw_rad_s,
             gimbal_device_id=gimbal.device_id,
         )[1]

@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.family import NAN, Family, i16, packer
+from vehicle_sim.mavlink.messages.message_group import NAN, MessageGroup, i16, packer
 
 _ATTITUDE = packer("ATTITUDE")
 _ATTITUDE_QUATERNION = packer("ATTITUDE_QUATERNION")
@@ -30,7 +30,7 @@ FUNCTION_NAMES = tuple(f"PWM_MAIN_FUNC{n}" for n in range(1, OUTPUTS + 1))
 PREARM_ALWAYS = 2
 
 
-class MotionMessages(Family):
+class MotionMessages(MessageGroup):
     """Builders of attitude, position and setpoint messages."""
 
     def __init__(self, autopilot: Autopilot) -> None:

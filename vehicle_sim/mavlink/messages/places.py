@@ -7,15 +7,15 @@ import math
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.family import Family, i16
 from vehicle_sim.mavlink.messages.heartbeat import CRITICAL, system_status
+from vehicle_sim.mavlink.messages.message_group import MessageGroup, i16
 
 GPS_WEEK_ODID_EPOCH_S = 1546300800
 ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
 """MAV_ODID_STATUS."""
 
 
-class PlaceMessages(Family):
+class PlaceMessages(MessageGroup):
     """Builders of messages about fixed positions."""
 
     def home_position(self) -> bytes | None:

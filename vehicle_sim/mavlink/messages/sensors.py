@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.family import NAN, Family
+from vehicle_sim.mavlink.messages.message_group import NAN, MessageGroup
 from vehicle_sim.world.lidar import SECTOR_DEG
 
 STANDARD_TEMPERATURE_DEG_C = 15.0
@@ -26,7 +26,7 @@ GROUND_VIBRATION, FLYING_VIBRATION = (0.0117, 0.107), (0.096, 1.42)
 """PX4's vibration metrics of gyro [rad/s] and accelerometer [m/s²], as measured."""
 
 
-class SensorMessages(Family):
+class SensorMessages(MessageGroup):
     """Builders of the raw and scaled measurements."""
 
     def highres_imu(self) -> bytes:

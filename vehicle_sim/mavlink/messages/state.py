@@ -18,8 +18,8 @@ from vehicle_sim.autopilot.health import (
 )
 from vehicle_sim.autopilot.modes import MODES
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.family import Family
 from vehicle_sim.mavlink.messages.heartbeat import base_mode, system_status
+from vehicle_sim.mavlink.messages.message_group import MessageGroup
 
 ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
@@ -37,7 +37,7 @@ BIT_IF_PRESENT = {
 }  # fmt: skip
 
 
-class StateMessages(Family):
+class StateMessages(MessageGroup):
     """Builders of HEARTBEAT, SYS_STATUS and similar messages."""
 
     def heartbeat(self) -> bytes:

@@ -246,7 +246,7 @@ class CameraService:
             "time_boot_ms": self._context.view.time_boot_ms(),
             "lat_camera": lat, "lon_camera": lon, "alt_camera": alt, "q": camera.orientation(),
             "lat_image": UNKNOWN_INT32, "lon_image": UNKNOWN_INT32, "alt_image": UNKNOWN_INT32,
-            "hfov": math.degrees(camera.width_rad), "vfov": math.degrees(camera.height_rad),
+            "hfov": math.degrees(camera.hfov_rad), "vfov": math.degrees(camera.vfov_rad),
         }  # fmt: skip
 
     def _captured(self, capture: Capture) -> dict[str, Any]:

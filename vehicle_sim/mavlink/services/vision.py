@@ -71,7 +71,7 @@ class VisionService:
 
     def _take(self, sample: VisionSample) -> None:
         view = self._context.view
-        view.simulation.take_vision(view.row, sample)
+        view.simulation.add_vision(view.row, sample)
 
 
 def _usable(values: Vector, largest: float) -> Vector:

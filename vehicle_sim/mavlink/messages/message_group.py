@@ -13,7 +13,7 @@ NAN = math.nan
 Builder = Callable[[], bytes | None]
 
 
-class Family:
+class MessageGroup:
     """A group of telemetry messages; for example, the method `heartbeat` builds the payload of HEARTBEAT.
 
     A builder returns None if it has no data yet.
