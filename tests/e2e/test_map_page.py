@@ -36,9 +36,9 @@ FREE = """
 () => {
   const box = (name) => document.querySelector(name)?.getBoundingClientRect();
   const stage = box('main'), small = box('section.inset'), cards = box('aside');
-  const news = box('.news'), bar = box('.place .dock');
+  const messages = box('.messages-space'), bar = box('.place .dock');
   const left = small ? small.right : stage.left;
-  return [(left + cards.left) / 2, (news.bottom + bar.top) / 2];
+  return [(left + cards.left) / 2, (messages.bottom + bar.top) / 2];
 }
 """
 """The centre of the area that panels leave free: a followed vehicle is there on the large map."""

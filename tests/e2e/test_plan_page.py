@@ -200,7 +200,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         room.get_by_role("button", name=re.compile("^Hill Waypoint plan")).click()
         page.keyboard.press("m")
         page.get_by_role("radio", name="Free").click()
-        page.get_by_role("button", name="Show all").click()
+        page.get_by_role("button", name="Show plan").click()
         x, y = in_3d(page, (7.5, 33.4, 15.0))
         menu = page.get_by_role("dialog", name="At this position: 101 Quad")
 

@@ -66,7 +66,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'reach',
 ];
 
-/** Topics of a large fleet for list and map. */
+/** Topics that list and map need of every vehicle in a large fleet. */
 export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity'];
 
 /** PX4's default periods [s], used until a topic's own period has been measured. */

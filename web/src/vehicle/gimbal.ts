@@ -33,7 +33,7 @@ export function limits(gimbal: Gimbal | null): AngleLimits {
   };
 }
 
-/** Key of the gimbal in these facts: the component of its manager, and its device. */
+/** Key of the gimbal in these facts: the component id of its manager, and its device id. */
 export function gimbalKey(facts: VehicleFacts): string {
   const gimbal = facts.gimbal?.value;
   return gimbal === undefined ? `${facts.id}/` : `${facts.id}/${gimbal.component_id}.${gimbal.gimbal_device_id}`;
@@ -44,7 +44,7 @@ export function withGimbal(facts: VehicleFacts, key: string): VehicleFacts {
   return gimbalsOf(facts).find((one) => gimbalKey(one) === key) ?? facts;
 }
 
-/** The facts once for each of several gimbals; empty if there is only one. */
+/** A copy of the facts for each gimbal; empty if the vehicle has only one. */
 export function gimbalsOf(facts: VehicleFacts): VehicleFacts[] {
   const reading = facts.gimbal;
   if (reading === null) return [];

@@ -1,6 +1,6 @@
 /**
  * Every kind of setpoint as a form: the names, frames and units of its fields, and their conversion to the API's
- * values. The form's up is minus NED down; its degrees are the API's radians.
+ * values. In the form, up is positive and angles are in degrees; the API has down and radians.
  */
 
 export type SetpointKind =
@@ -34,7 +34,7 @@ export interface Group {
   field: string;
   title: string;
   axes: readonly Axis[];
-  /** An axis may be null (not controlled by this quantity). North and east are null together; some quantity must control each axis. */
+  /** An axis may be null: this quantity does not control it. North and east are null together. One quantity must control each axis. */
   nullable: boolean;
   /** The whole quantity may be missing. */
   optional: boolean;
@@ -83,7 +83,7 @@ const VELOCITY = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1
 const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
 
 export const KINDS: readonly KindSpec[] = [
-  { kind: 'position', name: 'Position', frame: 'local, from its origin', warning: null, groups: [POSITION], yaw: 'angle_or_rate' },
+  { kind: 'position', name: 'Position', frame: 'local frame, from the origin', warning: null, groups: [POSITION], yaw: 'angle_or_rate' },
   {
     kind: 'position_global',
     name: 'Global position',
@@ -114,8 +114,8 @@ export const KINDS: readonly KindSpec[] = [
   },
   {
     kind: 'velocity_body',
-    name: 'Velocity, heading',
-    frame: 'along the heading',
+    name: 'Velocity along heading',
+    frame: 'forward, right, up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
     groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))],
     yaw: 'angle_or_rate',
@@ -172,7 +172,7 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'follow',
     name: 'Follow a vehicle',
-    frame: 'an offset along the other vehicle’s heading',
+    frame: 'at an offset along the other vehicle’s heading',
     warning: null,
     groups: [group('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP))],
     yaw: 'follow',
@@ -205,7 +205,7 @@ export function specOf(kind: SetpointKind): KindSpec {
   return spec;
 }
 
-/** "Velocity, heading" for the server's name of a kind; an unknown kind keeps its name. */
+/** "Velocity along heading" for the server's name of a kind; an unknown kind keeps its name. */
 export function kindName(type: string | null): string {
   return KINDS.find((k) => k.kind === type)?.name ?? type ?? 'setpoints';
 }

@@ -1,4 +1,4 @@
-/** State of the parameter panel: the vehicle's parameters as read so far, and setting one. */
+/** State of the parameter panel: the parameters read so far, and setting a parameter. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -51,7 +51,7 @@ class ParamPanel {
     } while (pollNumber === this.polls && this.unfinished());
   }
 
-  /** Sets a parameter; the answer is the value that the vehicle then reports. */
+  /** Sets a parameter, and stores the value that the vehicle then reports. @returns whether it was set. */
   async set(api: ApiClient, vehicle: string, name: string, value: number, force = false): Promise<boolean> {
     if (this.busy) return false;
     this.busy = true;

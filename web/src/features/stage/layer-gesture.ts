@@ -15,9 +15,12 @@ const MIDDLE_REACH = 0.7;
 export interface LayerView {
   /** Null: not visible. */
   readonly pixelOf: (at: LayerPosition) => Pixel | null;
-  /** The position below a pixel at the altitude of another position; null: there is none, such as above the horizon. */
+  /** The position that a pixel shows at the altitude of `like`; null: there is none, for example above the horizon. */
   readonly positionAt: (at: Pixel, like: LayerPosition) => GeoPosition | null;
-  /** Height of a pixel above a position, on the vertical line through it [m]; null: not visible. Missing: a view from above. */
+  /**
+   * Height of a pixel above a position, measured on the vertical line through the position [m]; null: not visible. A view
+   * from above has no such function.
+   */
   readonly heightAt?: (at: Pixel, above: LayerPosition) => number | null;
   /** Pixel of the handle that changes a point's height; null: it has none. */
   readonly handleOf?: (point: LayerPoint) => Pixel | null;
@@ -28,10 +31,10 @@ export function onMap(view: MapView): LayerView {
   return { pixelOf: (at) => toPixel(view, at), positionAt: (at) => fromPixel(view, at) };
 }
 
-/** With more selected points, only the first one shows its height and its handle. */
+/** If more points than this are selected, only the first one shows its height and its handle. */
 const MAX_HANDLES = 4;
 
-/** The points that show their height and its handle. */
+/** The points that show their height and the handle that changes it. */
 export function withHandles(points: readonly LayerPoint[]): readonly LayerPoint[] {
   const found = points.filter((point) => point.selected && point.height !== undefined);
   return found.length > MAX_HANDLES ? found.slice(0, 1) : found;
@@ -57,6 +60,7 @@ interface GrabbedPoint extends GrabTarget {
   began: Pixel;
   /** Offset from the pointer to the point, so that the point does not jump to the pointer. */
   offset: Pixel;
+  /** Shift or Ctrl was pressed: the other points stay selected. */
   more: boolean;
   /** Id of the moving point; null: not moved yet. */
   moving: string | null;

@@ -13,7 +13,7 @@ import { NEAR_M, type Clip, type SceneView, type Vector } from './scene-view';
 
 type Ctx = CanvasRenderingContext2D;
 
-/** Of more points, the nearest are drawn. */
+/** Maximum number of drawn points: the nearest ones. */
 export const MAX_POINTS = 2000;
 /** Scale of points in the inset. */
 const INSET_SCALE = 0.55;
@@ -152,7 +152,7 @@ export class ScenePainter {
     ctx.globalAlpha = 1;
   }
 
-  /** One side or the top of a solid. The edges behind it stay visible, but weaker. */
+  /** One side or the top of a solid. Hidden sides and edges stay visible, but weaker. */
   private face(view: SceneView, { ring, edges, tone, inFront, shade }: Face): void {
     const colour = this.colour(tone);
     this.fill(view, ring, colour, inFront ? shade : 0.06);

@@ -8,7 +8,7 @@ import type { LayerPosition } from '../../app/map-layers.svelte';
 import type { GeoPosition } from '../../vehicle/geo';
 import { SceneOverview } from './scene-overview';
 
-export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
+export type SceneState = { phase: 'asking' } | { phase: 'available' } | { phase: 'absent'; why: string };
 
 /** The content of the 3D view. */
 export interface SceneRequest {
@@ -57,14 +57,14 @@ class StageState {
   sceneMiddle: MapCommands['middle'] | null = null;
   private pendingView: SceneRequest | null = null;
   private mapChosen = $state(false);
-  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.mapChosen ? 'scene' : 'map');
+  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.mapChosen ? 'scene' : 'map');
 
   get sceneAvailable(): boolean {
-    return this.scene.phase === 'there';
+    return this.scene.phase === 'available';
   }
 
   swap(): void {
-    if (this.scene.phase === 'there') this.mapChosen = !this.mapChosen;
+    if (this.scene.phase === 'available') this.mapChosen = !this.mapChosen;
   }
 
   /** Makes the map large. */
@@ -130,7 +130,7 @@ class StageState {
       const found = await probe();
       if (ended) return;
       this.scene = found;
-      if (found.phase !== 'there') timer = setTimeout(() => void ask(), RETRY_MS);
+      if (found.phase !== 'available') timer = setTimeout(() => void ask(), RETRY_MS);
     };
     void ask();
     return () => {
@@ -146,7 +146,7 @@ async function probe(): Promise<SceneState> {
     void response.body?.cancel();
     if (!response.ok) return { phase: 'absent', why: `the server answered ${response.status}` };
     const isPage = response.headers.get('content-type')?.includes('text/html') === true;
-    return isPage ? { phase: 'there' } : { phase: 'absent', why: 'the answer is not a page' };
+    return isPage ? { phase: 'available' } : { phase: 'absent', why: 'the answer is not a page' };
   } catch {
     return { phase: 'absent', why: 'the server does not answer' };
   }

@@ -29,8 +29,8 @@ export function lossPercent(from: { received: number; lost: number }, to: { rece
   return all <= 0 ? null : (lost / all) * 100;
 }
 
-/** Packet loss according to gaps in the sequence numbers [%]. */
-function lostPercent(link: LinkLine): string {
+/** Packet loss since the link was opened, from gaps in the sequence numbers, as text. */
+function lossText(link: LinkLine): string {
   const all = link.frames_received + link.frames_lost;
   return all === 0 ? UNKNOWN : `${fixed((link.frames_lost / all) * 100, 1)} %`;
 }
@@ -50,7 +50,7 @@ function linkLines(link: LinkLine, several: boolean): [string, string][] {
   lines.push(
     ['State', join([STATES[link.state] ?? link.state, link.detail])],
     ['Peers', peersText(link.peers)],
-    ['Frames', `${link.frames_received} in, ${link.frames_lost} lost (${lostPercent(link)})`],
+    ['Frames', `${link.frames_received} in, ${link.frames_lost} lost (${lossText(link)})`],
     ['CRC errors', String(link.crc_errors)],
     ['Bytes', join([`${bytesText(link.bytes_received)} in`, `${bytesText(link.bytes_sent)} out`])],
   );
@@ -60,13 +60,13 @@ function linkLines(link: LinkLine, several: boolean): [string, string][] {
   if (link.bytes_skipped > 0) lines.push(['Not MAVLink', `${bytesText(link.bytes_skipped)} skipped`]);
   if (link.handler_errors > 0) lines.push(['Server faults', `${link.handler_errors} messages skipped (see the server’s log)`]);
   if (link.frames_waiting > 0) lines.push(['Waiting to be sent', `${link.frames_waiting} frames`]);
-  if (link.frames_expired > 0) lines.push(['Too late to be sent', `${link.frames_expired} frames`]);
-  if (link.bytes_dropped > 0) lines.push(['Not sent', bytesText(link.bytes_dropped)]);
+  if (link.frames_expired > 0) lines.push(['Expired in the queue', `${link.frames_expired} frames`]);
+  if (link.bytes_dropped > 0) lines.push(['Dropped', `${bytesText(link.bytes_dropped)} (queue full or no peer)`]);
   return lines;
 }
 
 /**
- * @param rate_bytes_s received data rate of all links; null before two answers.
+ * @param rate_bytes_s received data rate of all links; null until the server has answered twice.
  * @param lost_percent packet loss of the last half minute; null if no packets came.
  */
 export function linkDetails(
@@ -107,7 +107,7 @@ export function recordingIndicator(links: readonly LinkLine[], known: boolean, n
   if (!known) return { ...base, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
   const live = links.filter((l) => !l.replay && !l.forward);
   if (live.length === 0) {
-    const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'No link is open that could be recorded.';
+    const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'There is no open link to record.';
     return { ...base, text: 'None', details: [['', why]] };
   }
   const details = live.map((l): [string, string] => [l.name, recordingLine(l)]);

@@ -74,7 +74,7 @@ describe('the server’s texts', () => {
 
   it('use the form’s names of setpoint kinds', () => {
     expect(displayText('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.')).toBe(
-      'A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.',
+      'A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity along heading.',
     );
   });
 });

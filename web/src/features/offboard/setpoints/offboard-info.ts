@@ -17,7 +17,7 @@ export function displayText(text: string): string {
   return KINDS.reduce(
     (text, one) =>
       one.kind.includes('_') || one.kind === 'actuators'
-        ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase().replace(', ', ' by '))
+        ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase())
         : text,
     text,
   );

@@ -30,9 +30,9 @@ const UNKNOWN = { planned_by: null, duration_s: null, remaining_s: null, deviati
 
 describe('a monitored flight', () => {
   it('has its time left and its deviation in one line', () => {
-    expect(flightText(FLIGHT)).toBe('01:00 left · 1.2 m beside, 0.3 m below the path of the dry run');
+    expect(flightText(FLIGHT)).toBe('01:00 left · 1.2 m to the side, 0.3 m below the path of the dry run');
     const ofPlan = flightText({ ...FLIGHT, planned_by: 'plan', deviation_vertical_m: 0.2 });
-    expect(ofPlan).toBe('about 01:00 left · 1.2 m beside, 0.2 m above the straight lines of the plan');
+    expect(ofPlan).toBe('about 01:00 left · 1.2 m to the side, 0.2 m above the straight lines of the plan');
     expect(flightText({ ...FLIGHT, deviation_horizontal_m: null, deviation_vertical_m: null })).toBe('01:00 left');
     expect(flightText({ ...FLIGHT, ...UNKNOWN })).toBeNull();
   });
@@ -44,7 +44,7 @@ describe('a monitored flight', () => {
   it('says that it is not monitored in another mode, and when it has ended', () => {
     const states = (['flying', 'paused', 'done', 'stopped'] as const).map((state) => ({ ...FLIGHT, state }));
     expect(states.map(hasEnded)).toEqual([false, false, true, true]);
-    expect(states.map((one) => flightWords(one).text)).toEqual(['Flown by the vehicle', 'Not monitored now', 'Done', 'Stopped']);
+    expect(states.map((one) => flightWords(one).text)).toEqual(['Flying', 'Not monitored now', 'Done', 'Stopped']);
   });
 });
 

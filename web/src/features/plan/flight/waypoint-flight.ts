@@ -8,7 +8,7 @@ import type { DryRunView } from '../dry-run/dry-run.svelte';
 export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatus']>;
 
 const WORDS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {
-  flying: { text: 'Flown by the vehicle', tone: 'target' },
+  flying: { text: 'Flying', tone: 'target' },
   paused: { text: 'Not monitored now', tone: 'dim' },
   done: { text: 'Done', tone: 'ok' },
   stopped: { text: 'Stopped', tone: 'caution' },
@@ -38,7 +38,7 @@ export function flightText(flight: WaypointFlight): string | null {
 function deviationText({ deviation_horizontal_m: beside_m, deviation_vertical_m: above_m, planned_by }: WaypointFlight): string | null {
   if (beside_m === null || above_m === null) return null;
   const path = planned_by === 'dry_run' ? 'the path of the dry run' : 'the straight lines of the plan';
-  return `${fixed(beside_m, 1)} m beside, ${fixed(Math.abs(above_m), 1)} m ${above_m < 0 ? 'below' : 'above'} ${path}`;
+  return `${fixed(beside_m, 1)} m to the side, ${fixed(Math.abs(above_m), 1)} m ${above_m < 0 ? 'below' : 'above'} ${path}`;
 }
 
 /** The dry run to compare a flight with: a finished one of this vehicle, with the same start. @param here position of the vehicle on the ground. */

@@ -97,7 +97,7 @@ describe('figures', () => {
 
   it('state what they are', () => {
     const ofPlan: FlownPath = { ...FLOWN, planned_by: 'plan', planned_duration_s: null, planned_length_m: null };
-    expect(sourceText(FLOWN)).toContain('without the take-off and the landing');
+    expect(sourceText(FLOWN)).toContain('without take-off and landing');
     expect(sourceText(ofPlan)).toContain('straight lines between the items');
     expect(row('Time armed', null, ofPlan)).toEqual(['–', '01:15']);
     expect(row('Length', null, ofPlan)[0]).toBe('not known');

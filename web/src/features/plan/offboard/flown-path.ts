@@ -16,12 +16,12 @@ type Vector = readonly number[];
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
-/** What `duration_s` is: PX4 flies take-off and landing of an offboard mission by itself. */
+/** Names of `duration_s`: of an offboard mission it excludes take-off and landing, which PX4 flies by itself. */
 const TIMES = { setpoints: 'Time by setpoints', armed: 'Time armed' } as const;
 
-/** What the planned values are. */
+/** Where the planned values come from. */
 const SOURCES: Readonly<Record<FlownPath['planned_by'], string>> = {
-  mission: 'Time by setpoints: without the take-off and the landing, which PX4 flies by itself. Length: of the whole flight.',
+  mission: 'Time by setpoints: without take-off and landing, which PX4 flies by itself. Length: of the whole flight.',
   dry_run: 'Planned: the dry run. Both times are from arming to disarming.',
   plan: 'Planned: straight lines between the items, and the estimated time of flight. Flown: from arming to disarming.',
 };
@@ -137,7 +137,7 @@ function percentUsed(start: number | null | undefined, end: number | null | unde
   return start == null || end == null ? 'not known' : `${fixed(100 * (start - end), 0)} %`;
 }
 
-/** What the figures are. */
+/** Explains the figures. */
 export function sourceText({ planned_by }: FlownPath): string {
   return SOURCES[planned_by];
 }

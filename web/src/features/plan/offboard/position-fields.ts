@@ -4,15 +4,15 @@ import type { Field } from './fields';
 import type { MissionPosition } from './mission';
 import { inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
 
-const WAYS: Readonly<Record<PositionFrame, string>> = {
+const FRAME_TEXTS: Readonly<Record<PositionFrame, string>> = {
   offset: 'from the start',
   home: 'lat/lon, above home',
   amsl: 'lat/lon, AMSL',
   local: 'from local origin',
 };
-const HEIGHTS: Readonly<Record<PositionFrame, string>> = {
+const HEIGHT_LABELS: Readonly<Record<PositionFrame, string>> = {
   offset: 'Height above start',
-  home: 'Height above home',
+  home: 'Altitude above home',
   amsl: 'Altitude AMSL',
   local: 'Height above origin',
 };
@@ -68,10 +68,10 @@ export function positionFields<T>(
       label,
       of: 'choice',
       value: positionFrame,
-      options: (Object.keys(WAYS) as PositionFrame[]).map((value) => ({ value, text: WAYS[value] })),
+      options: (Object.keys(FRAME_TEXTS) as PositionFrame[]).map((value) => ({ value, text: FRAME_TEXTS[value] })),
       set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
     },
-    row('height', HEIGHTS[positionFrame], height(), setHeight),
+    row('height', HEIGHT_LABELS[positionFrame], height(), setHeight),
     ...where,
   ];
 }
