@@ -55,7 +55,7 @@ from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
 from gcs_server.streamer.groups.status import GroupStatus
 from gcs_server.streamer.missions.missions import OffboardMissions
-from gcs_server.streamer.missions.mode_status import MissionMode
+from gcs_server.streamer.missions.mode_status import MissionAsMode
 from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.missions.preparation import Conditions
 from gcs_server.streamer.missions.start import Start
@@ -251,7 +251,7 @@ class Server:
             else:
                 log.warning("vehicle %s: %s", stopped.vehicle, error)
 
-    async def _prepare_mode(self, vehicle_id: str, mode: MissionMode) -> Start:
+    async def _prepare_mode(self, vehicle_id: str, mode: MissionAsMode) -> Start:
         return await prepare_mode(self.station, vehicle_id, mode)
 
     def _conditions(self, vehicle_id: str) -> Conditions | None:

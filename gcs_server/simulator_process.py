@@ -125,7 +125,7 @@ class SimulatorProcess:
         except OSError as error:
             self._pid = None
             self._start_again = error.errno in SHORTAGES
-            later = " It is tried again." if self._start_again else ""
+            later = " The server tries again." if self._start_again else ""
             self._warn(f"The simulator could not be started: {error.strerror or error}.{later}")
 
     def _start(self) -> None:

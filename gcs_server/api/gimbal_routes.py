@@ -39,8 +39,8 @@ def which_gimbal(component: Component = None, device: Device = None) -> WhichGim
 WhichDep = Annotated[WhichGimbal, Depends(which_gimbal)]
 
 
-def _named(which: WhichGimbal, **arguments: object) -> dict[str, object]:
-    """Arguments for the journal."""
+def _journal_arguments(which: WhichGimbal, **arguments: object) -> dict[str, object]:
+    """The arguments of a command for the journal."""
     named = zip(("component", "device"), which, strict=True)
     return arguments | {name: value for name, value in named if value is not None}
 
@@ -65,7 +65,12 @@ async def show(vehicle: VehicleDep, station: StationDep, which: WhichDep) -> Res
 async def take(v: str, station: StationDep, principal: PrincipalDep, which: WhichDep) -> Response:
     """Takes primary control of the gimbal."""
     return await carry_out(
-        station, principal, "gimbal/take", v, _named(which), lambda x: x.gimbals.at(*which).take_control()
+        station,
+        principal,
+        "gimbal/take",
+        v,
+        _journal_arguments(which),
+        lambda x: x.gimbals.at(*which).take_control(),
     )
 
 
@@ -77,7 +82,7 @@ async def release(v: str, station: StationDep, principal: PrincipalDep, which: W
         principal,
         "gimbal/release",
         v,
-        _named(which),
+        _journal_arguments(which),
         lambda x: x.gimbals.at(*which).release_control(),
     )
 
@@ -96,7 +101,7 @@ async def angles(
         principal,
         "gimbal/angles",
         v,
-        _named(which, **body.model_dump(exclude_none=True)),
+        _journal_arguments(which, **body.model_dump(exclude_none=True)),
         lambda x: x.gimbals.at(*which).set_angles(
             body.pitch_deg, body.yaw_deg, roll_deg=body.roll_deg, yaw_lock=body.yaw_lock, wait=body.wait
         ),
@@ -114,7 +119,7 @@ async def rates(
         principal,
         "gimbal/rates",
         v,
-        _named(which, **body.model_dump()),
+        _journal_arguments(which, **body.model_dump()),
         lambda x: x.gimbals.at(*which).set_rates(
             body.pitch_rate_deg_s, body.yaw_rate_deg_s, yaw_lock=body.yaw_lock
         ),
@@ -131,7 +136,7 @@ async def roi(
         principal,
         "gimbal/roi",
         v,
-        _named(which, **body.model_dump()),
+        _journal_arguments(which, **body.model_dump()),
         lambda x: x.gimbals.at(*which).set_roi(body.lat_deg, body.lon_deg, body.alt_amsl_m),
     )
 
@@ -140,5 +145,10 @@ async def roi(
 async def clear_roi(v: str, station: StationDep, principal: PrincipalDep, which: WhichDep) -> Response:
     """Clears the location (ROI) at which the camera is pointed."""
     return await carry_out(
-        station, principal, "gimbal/roi/clear", v, _named(which), lambda x: x.gimbals.at(*which).clear_roi()
+        station,
+        principal,
+        "gimbal/roi/clear",
+        v,
+        _journal_arguments(which),
+        lambda x: x.gimbals.at(*which).clear_roi(),
     )

@@ -15,7 +15,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.errors import Refused
-from gcs_server.streamer.missions.mode_status import MissionMode
+from gcs_server.streamer.missions.mode_status import MissionAsMode
 from gcs_server.streamer.missions.modes import dds_address
 from gcs_server.streamer.missions.preparation import Conditions
 from gcs_server.streamer.missions.start import Start
@@ -48,7 +48,7 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
         name, text = await chosen_mission(station, body)
         takes_off, despite = _begins_with_take_off(text), tuple(body.despite)
         deferral_s = body.defer_failsafes_s
-        mode = MissionMode(body.name, name, text, despite, principal.name, deferral_s, takes_off)
+        mode = MissionAsMode(body.name, name, text, despite, principal.name, deferral_s, takes_off)
         await station.mission_modes.register(v, mode)
         return _view(station, v)
 
@@ -63,7 +63,7 @@ async def unregister(
         return _view(station, v)
 
 
-async def prepare_mode(station: Station, vehicle_id: str, mode: MissionMode) -> Start:
+async def prepare_mode(station: Station, vehicle_id: str, mode: MissionAsMode) -> Start:
     """The mission of a mode, compiled for the vehicle's present position.
 
     Raises:

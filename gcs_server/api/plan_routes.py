@@ -42,7 +42,8 @@ SMALL_FILE_BYTES = 32_768
 SMALL_YAML_BYTES = 8_192
 """The same limit for YAML, which takes longer to parse."""
 MAX_MISSION_BYTES = MAX_BODY_BYTES - 4096
-"""Maximum size of a mission with an inserted one, so that a request can save it."""
+"""Maximum size of a mission after an insertion. The rest of MAX_BODY_BYTES is for the other fields of the
+request that saves the mission."""
 MAX_NOTES_LENGTH = 4000
 """Maximum length of the header with the notes of an export."""
 NOTES_HEADER = "X-Plan-Notes"
@@ -52,7 +53,7 @@ FILE_BODY: dict[str, Any] = {
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     }
 }
-"""Description of a request whose body is an unchanged file."""
+"""OpenAPI description of a request whose body is the bytes of a file."""
 MEDIA_TYPES: dict[FormatName, str] = {
     "json": "application/json",
     "plan": "application/json",
@@ -83,11 +84,12 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
 async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     """Checks a plan: findings and estimates of its flight. Changes nothing.
 
-    With `vehicle`, the vehicle's parameters and home are used if the server has them. Otherwise PX4's
-    defaults are used (finding `parameters_unknown`), and the plan's home (`not_known`). An offboard mission
-    is compiled for a start on the ground at home; `flight` contains its path and the duration of each step.
-    For a vehicle on the ground, the flight of a waypoint plan is compared with what other vehicles fly now,
-    as at its start (warnings `separation`, `separation_unknown`).
+    With `vehicle`, the vehicle's parameters and home are used. If the server does not know the parameters,
+    it uses PX4's defaults (finding `parameters_unknown`). If it does not know the home, it uses the home of
+    the plan (a sentence in `not_known`). An offboard mission is compiled for a start on the ground at home;
+    `flight` contains its path and the duration of each step. If the vehicle is on the ground, the server
+    compares a waypoint plan with the current flights of other vehicles, as it also does when the plan is
+    started (warnings `separation`, `separation_unknown`).
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()
@@ -115,9 +117,10 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
 async def insert_mission(body: MissionToInsert, station: StationDep) -> Response:
     """Inserts a mission for one vehicle into another mission. Saves nothing.
 
-    Its steps become a list in `missions`, with the lists and tables that it uses, and a new `call` step at
-    `at` calls this list. Its speed limit and avoidance become fields of its steps; its other limits, its
-    geofence and its obstacles apply to the whole mission.
+    The steps of the inserted mission become a new list of steps in `missions`, and a new `call` step at `at`
+    calls this list. The lists and tables that these steps use are copied too. The inserted mission's speed
+    limit and avoidance become fields of its steps; its other limits, its geofence and its obstacles apply to
+    the whole mission.
     """
     name, added = await chosen_mission(station, body)
     arguments = {
@@ -137,8 +140,9 @@ async def insert_mission(body: MissionToInsert, station: StationDep) -> Response
 async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Response:
     """Resolves a plan's altitudes above the ground with the operator's elevation files. Saves nothing.
 
-    PX4 flies each item at one altitude above sea level, and straight lines between them. With `tolerance_m`,
-    waypoints are added where a line would be too far from its height above the ground.
+    PX4 flies to each item at a fixed altitude above sea level, and in straight lines between the items. With
+    `tolerance_m`, waypoints are added where a line deviates by more than this from the planned height above
+    the ground.
     """
     arguments = {"plan": text_of(body.plan), "tolerance_m": body.tolerance_m}
     result = await station.plan_work.run("follow_ground", arguments, small=False)
@@ -172,7 +176,7 @@ async def import_plan(
     """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
     nothing.
 
-    The body is the unchanged file.
+    The body is the bytes of the file.
     """
     data = await _file_of(request)
     altitude = None
@@ -196,7 +200,7 @@ async def import_table(
     """The trajectory in a file, as CSV text for the `tables` of an offboard mission: CSV, or a NumPy array
     of shape (N, 4) or (N, 5) saved with `numpy.save` (.npy). Saves nothing.
 
-    The body is the unchanged file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
+    The body is the bytes of the file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
     `yaw_ned_rad`.
     """
     data = await _file_of(request)
@@ -267,7 +271,8 @@ async def make_pattern(
             le=1000,
             allow_inf_nan=False,
             description="Resolves altitudes above the ground with the elevation files, and adds waypoints "
-            "until the lines keep their height within this [m]; default: altitudes stay unresolved.",
+            "where a line deviates by more than this from the planned height above the ground [m]; default: "
+            "altitudes are not resolved.",
         ),
     ] = None,
 ) -> Response:

@@ -17,7 +17,7 @@ from gcs_server.links.writer import LinkWriter
 
 FIRST_RETRY_S = 0.5
 MAX_RETRY_S = 5.0
-OPENING_FAILED = "The link could not be opened: a fault in this server (see its log). This is tried again."
+OPENING_FAILED = "The link could not be opened: a fault in this server (see its log). The server tries again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +279,7 @@ class Link(ABC):
     def _explain(self, error: OSError) -> str:
         """The error as a message for the operator."""
         if error.errno in (errno.EMFILE, errno.ENFILE):
-            return "This server has too many files and connections open. Close some; this is tried again."
+            return "This server has too many files and connections open. Close some; the server tries again."
         return f"{error.strerror or error}"
 
     def _opened(self) -> None:

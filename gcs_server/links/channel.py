@@ -23,21 +23,26 @@ def pace(pieces_per_s: float) -> float:
 
 
 class ThrottledReader:
-    """Calls `drain()` when data can be read, at the link's `pace`.
+    """Calls `read_available()` when data can be read, at the link's `pace`.
 
     While bytes keep arriving, a timer is used instead of watching the descriptor, because a timer costs less.
 
     Args:
-        drain: reads everything and returns the number of pieces. If it raises, reading continues.
+        read_available: reads everything that has arrived, and returns the number of pieces. If it raises,
+            reading continues.
     """
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, fileno: int, drain: Callable[[], int], faults: FaultLog
+        self,
+        loop: asyncio.AbstractEventLoop,
+        fileno: int,
+        read_available: Callable[[], int],
+        faults: FaultLog,
     ) -> None:
         self._faults = faults
         self._loop = loop
         self._fileno = fileno
-        self._drain = drain
+        self._read_available = read_available
         self._timer: asyncio.TimerHandle | None = None
         self._waited_s = WAKE_INTERVAL_S
         self._closed = False
@@ -51,7 +56,7 @@ class ThrottledReader:
         self._timer = None
         pieces = 1  # if reading fails, read again after a short time
         try:
-            pieces = self._drain()
+            pieces = self._read_available()
         except Exception as error:
             self._faults.add(error, "reading")
         finally:

@@ -53,7 +53,7 @@ class StreamSession:
             failed=lambda error: self._end(f"{error.strerror or error}."),
         )
         self._now_s = loop.time
-        self._reader = ThrottledReader(loop, fileno, self._drain, faults)
+        self._reader = ThrottledReader(loop, fileno, self._read_available, faults)
 
     def close(self) -> None:
         """Stops reading and writing; the descriptor may be closed afterwards."""
@@ -61,7 +61,7 @@ class StreamSession:
         self._reader.close()
         self.writer.close()
 
-    def _drain(self) -> int:
+    def _read_available(self) -> int:
         pieces, end_s = 0, self._now_s() + MAX_READ_S
         for _ in range(READS_PER_WAKE):
             if self._closed or self._now_s() > end_s:

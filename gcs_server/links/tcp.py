@@ -73,16 +73,16 @@ class TcpLink(HostLink):
         except ForeignProtocol as error:
             self._retry_s = MAX_RETRY_S  # the other side will not switch to MAVLink later
             reason = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
-            self._lost(f"{reason} Check the port; this is tried again.")
+            self._lost(f"{reason} Check the port; the server tries again.")
             return
         if data:
             self._received(data, self._peer)
 
     def _explain(self, error: OSError) -> str:
         if error.errno == errno.ECONNREFUSED:
-            return f"No program listens on {self._host}:{self._port} yet (TCP); this is tried again."
+            return f"No program listens on {self._host}:{self._port} yet (TCP); the server tries again."
         if error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT):
-            return f"{self._host} cannot be reached. Check the network; this is tried again."
+            return f"{self._host} cannot be reached. Check the network; the server tries again."
         if error.errno in (errno.EMFILE, errno.ENFILE):
             return super()._explain(error)
         return f"{self._host}:{self._port}: {errno.errorcode.get(error.errno or 0, error)}"
@@ -137,7 +137,7 @@ class TcpServerLink(HostLink):
         if error.errno == errno.EADDRINUSE:
             return (
                 f"TCP port {self._port} on {self._host} is taken by another program. "
-                "Close it, or choose another port; this is tried again."
+                "Close it, or choose another port; the server tries again."
             )
         return super()._explain(error)
 

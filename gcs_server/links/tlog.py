@@ -13,7 +13,7 @@ from typing import BinaryIO, TypeVar
 from gcs_server.links.base import Link, Peer
 from gcs_server.replay.index import Index, UnreadableRecording, explain
 from gcs_server.replay.index_process import IndexProcess
-from gcs_server.replay.playback import ReplayClock, RestoredState, Timeline, condense, state_at
+from gcs_server.replay.playback import PlaybackPosition, ReplayClock, RestoredState, condense, state_at
 from gcs_server.replay.records import Batch, Cursor, Record, open_log, read_batch
 
 TICK_S = 0.02
@@ -69,7 +69,7 @@ class TlogLink(Link):
         self._reader: ThreadPoolExecutor | None = None
         """The only thread that reads the file, so that the file is not closed while it reads."""
         self._indexing: IndexProcess | None = None
-        self._timeline: Timeline | None = None
+        self._playback: PlaybackPosition | None = None
         self._replay_clock: ReplayClock | None = None
         self._pending: deque[Record] = deque()
         self._cursor, self._at_end, self._reading = Cursor(), False, False
@@ -89,27 +89,27 @@ class TlogLink(Link):
 
     def replay_state(self) -> ReplayState:
         """The current state of the replay."""
-        timeline, clock = self._timeline, self._replay_clock
-        if timeline is None or clock is None:
+        playback, clock = self._playback, self._replay_clock
+        if playback is None or clock is None:
             return ReplayState(self._state, self._detail, False, self._speed, None, None, None)
         now_s = self._loop.time()
-        at_us = timeline.position_us(now_s) if self._jump_to_us is None else self._jump_to_us
+        at_us = playback.position_us(now_s) if self._jump_to_us is None else self._jump_to_us
         return ReplayState(
             self._state,
             self._detail,
-            timeline.playing(now_s),
+            playback.playing(now_s),
             self._speed,
             (at_us if self._jumping else clock.time_us) / 1e6,
-            timeline.begin_us / 1e6,
-            timeline.end_us / 1e6,
+            playback.begin_us / 1e6,
+            playback.end_us / 1e6,
         )
 
     def play(self) -> None:
         """Plays; if at the end, from the beginning."""
-        timeline, now_s = self._ready(), self._loop.time()
-        if timeline.position_us(now_s) >= timeline.end_us and not self._jumping:
-            self._jump(timeline.begin_us)
-        timeline.play(now_s)
+        playback, now_s = self._ready(), self._loop.time()
+        if playback.position_us(now_s) >= playback.end_us and not self._jumping:
+            self._jump(playback.begin_us)
+        playback.play(now_s)
 
     def pause(self) -> None:
         """Pauses."""
@@ -155,7 +155,7 @@ class TlogLink(Link):
         self._file, self.index = file, index
         as_fast_as_possible = self._speed == 0
         speed = 1.0 if as_fast_as_possible else self._speed
-        self._timeline = Timeline(index.begin_us, index.end_us, speed=speed, playing=True)
+        self._playback = PlaybackPosition(index.begin_us, index.end_us, speed=speed, playing=True)
         self._replay_clock = self.clock = ReplayClock(index.begin_us, self._jump_count)
         self._peers[self._peer.name] = self._peer
         self._opened()
@@ -195,21 +195,21 @@ class TlogLink(Link):
     # --- playing ----------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        timeline, clock = self._timeline, self._replay_clock
-        if timeline is None or clock is None:
+        playback, clock = self._playback, self._replay_clock
+        if playback is None or clock is None:
             return
         try:
             if not self._jumping:
-                self._play_due(timeline, clock)
+                self._play_due(playback, clock)
         except Exception as error:
             self.faults.add(error, "playing")
-        if self._should_be_open and self._timeline is not None:
+        if self._should_be_open and self._playback is not None:
             behind = self._speed == 0 and bool(self._pending)
             self._timer = self._loop.call_later(0.0 if behind else TICK_S, self._tick)
 
-    def _play_due(self, timeline: Timeline, clock: ReplayClock) -> None:
-        position_us = timeline.position_us(self._loop.time())
-        everything = self._speed == 0 and timeline.playing(self._loop.time())
+    def _play_due(self, playback: PlaybackPosition, clock: ReplayClock) -> None:
+        position_us = playback.position_us(self._loop.time())
+        everything = self._speed == 0 and playback.playing(self._loop.time())
         due: list[Record] = []
         pending = self._pending
         while pending and (pending[0].time_us <= position_us or everything):
@@ -226,11 +226,11 @@ class TlogLink(Link):
         if not pending and not self._at_end:
             return  # the file is read more slowly than it is played
         if is_behind:
-            timeline.jump(self._loop.time(), clock.time_us)
+            playback.jump(self._loop.time(), clock.time_us)
         else:
             clock.time_us = max(clock.time_us, position_us)
-        if not pending and self._at_end and clock.time_us >= timeline.end_us:
-            timeline.pause(self._loop.time())
+        if not pending and self._at_end and clock.time_us >= playback.end_us:
+            playback.pause(self._loop.time())
             self._set_state("ended", AT_ITS_END)
 
     def _feed(self, records: list[Record], clock: ReplayClock) -> None:
@@ -256,10 +256,10 @@ class TlogLink(Link):
 
     # --- jumping ----------------------------------------------------------------------------------
 
-    def _ready(self) -> Timeline:
-        if self._timeline is None:
+    def _ready(self) -> PlaybackPosition:
+        if self._playback is None:
             raise UnreadableRecording(self._detail or "The recording is closed.")
-        return self._timeline
+        return self._playback
 
     def _jump(self, time_us: int) -> None:
         self._jump_to_us = self._ready().jump(self._loop.time(), time_us)
@@ -274,7 +274,7 @@ class TlogLink(Link):
         assert wanted_us is not None
 
         def fetched(restored: RestoredState) -> None:
-            if self._timeline is None or self._file is not file:
+            if self._playback is None or self._file is not file:
                 return
             if self._jump_to_us != wanted_us:  # another jump came meanwhile
                 self._fetch()
@@ -296,7 +296,7 @@ class TlogLink(Link):
 
     def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, jump_count: int) -> None:
         """Feeds the frames that restore the vehicles' state, in several turns of the event loop."""
-        if self._timeline is None or jump_count != self._jump_count:
+        if self._playback is None or jump_count != self._jump_count:
             return
         self._feed([records.popleft() for _ in range(min(len(records), RECORDS_PER_TICK))], clock)
         if records:
@@ -329,7 +329,7 @@ class TlogLink(Link):
             self._timer = None
         if self._indexing is not None:
             self._indexing.stop()
-        self._timeline = None
+        self._playback = None
         self._pending.clear()
         self._resolve_jumps()
         file, self._file = self._file, None

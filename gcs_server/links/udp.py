@@ -41,7 +41,7 @@ class UdpLink(HostLink):
         super().__init__(name, url, host, port, forward=forward)
         self._outgoing = outgoing
         self._reader: ThrottledReader | None = None
-        self._datagrams: LinkWriter | None = None
+        self._socket_writer: LinkWriter | None = None
         self._by_address: dict[Address, Peer] = {}
         self._last_received_s: dict[str, float] = {}
         self._fixed: str | None = None
@@ -65,14 +65,14 @@ class UdpLink(HostLink):
             self._lost(self._explain(error))
             return
         self._socket = sock
-        self._datagrams = LinkWriter(
+        self._socket_writer = LinkWriter(
             self._loop,
             lambda data, peer: self._write(sock, data, peer),
             self._counts,
             self.faults,
             self.now_s,
         )
-        self._reader = ThrottledReader(self._loop, sock.fileno(), self._drain, self.faults)
+        self._reader = ThrottledReader(self._loop, sock.fileno(), self._read_available, self.faults)
         if self._outgoing:
             self._fixed = self._peer(address).name
         self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
@@ -82,7 +82,7 @@ class UdpLink(HostLink):
         if error.errno == errno.EADDRINUSE:
             return (
                 f"UDP port {self._port} on {self._host} is taken by another program "
-                "(another ground station?). Close it, or choose another port; this is tried again."
+                "(another ground station?). Close it, or choose another port; the server tries again."
             )
         if error.errno == errno.EADDRNOTAVAIL:
             return f"This machine has no address {self._host}. Use 127.0.0.1, 0.0.0.0 or one of its own."
@@ -90,12 +90,12 @@ class UdpLink(HostLink):
             return f"UDP port {self._port} may not be used by this user. Choose one above 1023."
         return super()._explain(error)
 
-    def _drain(self) -> int:
+    def _read_available(self) -> int:
         sock, count, now_s = self._socket, 0, self._loop.time()
         by_address, last_received_s, received = self._by_address, self._last_received_s, self._received
         end_s = now_s + MAX_READ_S
         for _ in range(DATAGRAMS_PER_WAKE):
-            if sock is None or self._socket is not sock:  # the receiver closed the link
+            if sock is None or self._socket is not sock:  # the handler of a datagram closed the link
                 break
             if self._loop.time() > end_s:
                 break
@@ -160,7 +160,7 @@ class UdpLink(HostLink):
             self._forget_peer(name)
 
     def _writer(self, peer: Peer) -> LinkWriter | None:
-        return None if peer.address is None else self._datagrams
+        return None if peer.address is None else self._socket_writer
 
     def _write(self, sock: socket.socket, data: bytes, peer: Peer) -> int:
         assert peer.address is not None
@@ -177,9 +177,9 @@ class UdpLink(HostLink):
         if self._reader is not None:
             self._reader.close()
             self._reader = None
-        if self._datagrams is not None:
-            self._datagrams.close()
-            self._datagrams = None
+        if self._socket_writer is not None:
+            self._socket_writer.close()
+            self._socket_writer = None
         sock, self._socket = self._socket, None
         if sock is not None:
             sock.close()

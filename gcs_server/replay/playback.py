@@ -1,5 +1,5 @@
-"""Pure functions of playback: the current position, the records that restore the state at a time, and the
-records to drop."""
+"""Playback of a recording: its clock, its current position, and the records that restore the state at a given
+time. Nothing waits here."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class ReplayClock(Clock):
         Raises:
             RuntimeError: always.
         """
-        raise RuntimeError("nothing can wait in the time of a recording")
+        raise RuntimeError("the clock of a recording cannot wait")
 
 
-class Timeline:
+class PlaybackPosition:
     """Position, speed and state of playback at a given time."""
 
     def __init__(self, begin_us: int, end_us: int, *, speed: float, playing: bool) -> None:
@@ -83,7 +83,7 @@ class Timeline:
         self._restart(now_s, self.position_us(now_s), False)
 
     def set_speed(self, now_s: float, speed: float) -> None:
-        """Sets the replay speed."""
+        """Sets the playback speed."""
         self._restart(now_s, self.position_us(now_s), self._playing)
         self._speed = speed
 
@@ -98,7 +98,7 @@ class Timeline:
 
 @dataclass(frozen=True, slots=True)
 class RestoredState:
-    """The records that restore the state at one time, and the place in the file where reading continues."""
+    """The records that restore the state at one time, and where in the file reading continues."""
 
     records: list[Record]
     """Records in recorded order: the newest one of each message up to that time, and the events so far."""
@@ -109,8 +109,8 @@ class RestoredState:
 
 
 def condense(records: Iterable[Record]) -> list[Record]:
-    """Reduces records to the newest one of each message and all with events or changes, in order. They
-    restore the same state.
+    """Keeps the newest record of each message, and every record of an event or a state change, in order. The
+    kept records restore the same state as all.
     """
     all_records = list(records)
     newest = {record.key: record.offset for record in all_records}

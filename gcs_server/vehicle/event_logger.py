@@ -11,7 +11,7 @@ from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.modes import ModeNames
 from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, VehicleEvent
 from gcs_server.vehicle.reducers import FlightState
-from gcs_server.vehicle.texts import LineBudget, TextJoiner
+from gcs_server.vehicle.texts import LineRateLimiter, TextJoiner
 
 PAIR_WITHIN_S = 0.3
 """Maximum time between a text that ends in a tab and its event [s]; PX4 sends both within a few
@@ -45,7 +45,7 @@ class EventLogger:
         """Times of texts that repeat an event and were logged before it."""
         self._undescribed: deque[tuple[float, VehicleEvent]] = deque()
         """Events without a description: their text, or the vehicle's metadata, may still arrive."""
-        self._budget = LineBudget()
+        self._line_limiter = LineRateLimiter()
         self.describe_again: Callable[[VehicleEvent, float], VehicleEvent | None] = lambda event, _: event
         """(event, waiting time [s]) → the event with its description; None: the description may still
         arrive."""
@@ -100,9 +100,9 @@ class EventLogger:
             self._unpaired_texts.append(now_s)
             self._line("status_text", severity, text, ago_s=now_s - waiting_since_s)
         self._log_undescribed(now_s)
-        left_out = self._budget.left_out(now_s)
-        if left_out:
-            text = f"The vehicle sends too many messages: {left_out:,} of them were left out."
+        dropped = self._line_limiter.take_dropped(now_s)
+        if dropped:
+            text = f"The vehicle sends too many messages: {dropped:,} of them were left out."
             self._feed.add("warning", self._clock.unix_s(), text, severity=WARNING)
 
     def _log_undescribed(self, now_s: float) -> None:
@@ -139,7 +139,7 @@ class EventLogger:
     def _line(
         self, kind: str, severity: int, text: str, event: VehicleEvent | None = None, *, ago_s: float = 0.0
     ) -> None:
-        if not self._budget.spend(self._clock.monotonic_s()):
+        if not self._line_limiter.allow(self._clock.monotonic_s()):
             return
         data = {"id": event.id, "sequence": event.sequence} if event is not None else {}
         self._feed.add(kind, self._clock.unix_s() - ago_s, text, severity=min(severity, 7), data=data)

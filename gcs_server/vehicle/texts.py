@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 _text = struct.Struct("<B50sHB")
 WAIT_FOR_CHUNKS_S = 1.0
 MAX_PENDING = 8
-"""Maximum number of texts whose chunks are awaited; one more, and the oldest is published incomplete."""
+"""Maximum number of texts whose chunks are awaited. If there is one more, the oldest is published
+incomplete."""
 MAX_CHUNKS = 20
 """Maximum number of chunks of 50 bytes in one text; more are ignored."""
-LINES_AT_ONCE, LINES_PER_S = 200.0, 20.0
-"""Maximum number of lines of one vehicle; PX4 sends about 60 when it starts."""
+MAX_BURST_LINES, MAX_LINES_PER_S = 200.0, 20.0
+"""Maximum number of lines of one vehicle at once, and per second after that. PX4 sends about 60 lines when it
+starts."""
 
 
 @dataclass(slots=True)
@@ -70,32 +72,32 @@ class TextJoiner:
         return pending.severity, "".join(parts)
 
 
-class LineBudget:
-    """Limits the lines of a vehicle; further ones are counted."""
+class LineRateLimiter:
+    """Limits the rate of a vehicle's lines (token bucket), and counts the dropped lines."""
 
     def __init__(self) -> None:
-        self._left = LINES_AT_ONCE
+        self._tokens = MAX_BURST_LINES
         self._filled_s: float | None = None
-        self._left_out = 0
+        self._dropped = 0
 
-    def spend(self, now_s: float) -> bool:
-        """Counts one line; returns False if there are too many."""
+    def allow(self, now_s: float) -> bool:
+        """Whether one more line may be published; if not, counts it as dropped."""
         if self._filled_s is not None:
-            self._left = min(LINES_AT_ONCE, self._left + (now_s - self._filled_s) * LINES_PER_S)
+            self._tokens = min(MAX_BURST_LINES, self._tokens + (now_s - self._filled_s) * MAX_LINES_PER_S)
         self._filled_s = now_s
-        if self._left < 1.0:
-            self._left_out += 1
+        if self._tokens < 1.0:
+            self._dropped += 1
             return False
-        self._left -= 1.0
+        self._tokens -= 1.0
         return True
 
-    def left_out(self, now_s: float) -> int:
-        """Number of dropped lines, once there is room for a line that reports it; then counts from zero."""
-        if not self._left_out or self._filled_s is None:
+    def take_dropped(self, now_s: float) -> int:
+        """Number of lines dropped since the last call; 0 while the vehicle sends too fast to report it."""
+        if not self._dropped or self._filled_s is None:
             return 0
-        if self._left + (now_s - self._filled_s) * LINES_PER_S < LINES_PER_S / 2:
+        if self._tokens + (now_s - self._filled_s) * MAX_LINES_PER_S < MAX_LINES_PER_S / 2:
             return 0
-        count, self._left_out = self._left_out, 0
+        count, self._dropped = self._dropped, 0
         return count
 
 

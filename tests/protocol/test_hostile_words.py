@@ -10,7 +10,7 @@ from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, TEXTS
 from gcs_server.vehicle.services.health import TEXTS_TIMEOUT_S
-from gcs_server.vehicle.texts import LINES_AT_ONCE, LINES_PER_S, MAX_CHUNKS, MAX_PENDING, TextJoiner
+from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
 from tests.protocol.one_vehicle import flight
 from tests.protocol.sim_world import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
@@ -128,7 +128,7 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
         await world.clock.sleep(5)
         said = lines(vehicle, "status_text")
-        assert len(said) <= LINES_AT_ONCE + LINES_PER_S * 5
+        assert len(said) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
         (warning,) = [text for text in lines(vehicle, "warning") if "too many messages" in text]
         assert f"{100_000 - len(said):,}" in warning
         autopilot.text("Heard again", 4)

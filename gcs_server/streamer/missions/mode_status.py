@@ -9,14 +9,14 @@ from gcs_server.streamer.missions.status import MissionName
 
 
 @dataclass(frozen=True, slots=True)
-class MissionMode:
-    """A mission that is to be registered as a mode."""
+class MissionAsMode:
+    """A mission to register with PX4 as an external flight mode (not PX4's own mode Mission)."""
 
     name: str
     """The mode's name: 1 to 24 printable ASCII characters."""
     mission: MissionName
     text: str
-    """The mission's document."""
+    """The mission's document, as JSON text."""
     despite: tuple[str, ...]
     """Codes of the mission's error findings that the client accepts."""
     client: str
@@ -33,13 +33,14 @@ class MissionModeStatus:
     name: str
     """The mode's name, as all ground stations show it."""
     state: RegistrationState
-    """registering; registered: it can be selected, on the ground if the mission begins with a take-off, else
-    in the air; refused or lost: it cannot."""
+    """registering: PX4 has not answered yet. registered: the mode can be selected; if the mission begins with
+    a take-off, on the ground, otherwise in the air. refused, lost: the mode cannot be selected."""
     mode: str | None
     """The mode as in `status.mode`: external_1 to external_8; null while it is not registered."""
     ready: bool
-    """Whether the mission begins as soon as the mode is selected in the air, or the vehicle is armed in it.
-    While it is false, PX4 does not arm in the mode."""
+    """Whether the mission can begin now. A mission with a take-off begins when the vehicle is armed in the
+    mode, any other one when the mode is selected in the air. While `ready` is false, PX4 does not arm in the
+    mode."""
     reason: str
     """Why the registration was refused or lost, or why the mode is registered but not ready; otherwise
     empty."""
@@ -55,5 +56,5 @@ class MissionModeStatus:
     failsafe_deferred: bool
     """Whether PX4 defers a failsafe now, because the vehicle flies in the mode."""
     takes_off: bool
-    """Whether the mission begins with a take-off: true: it starts on the ground, when the vehicle is armed in
-    the mode; false: in flight, when the mode is selected."""
+    """Whether the mission begins with a take-off. If true, it starts on the ground, when the vehicle is armed
+    in the mode. If false, it starts in flight, when the mode is selected."""

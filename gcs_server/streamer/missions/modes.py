@@ -27,7 +27,7 @@ from gcs_server.ros2.external_mode import (
 from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
-from gcs_server.streamer.missions.mode_status import MissionMode, MissionModeStatus
+from gcs_server.streamer.missions.mode_status import MissionAsMode, MissionModeStatus
 from gcs_server.streamer.missions.preparation import Conditions, Preparation
 from gcs_server.streamer.missions.preparer import Preparer
 from gcs_server.streamer.missions.start import Start
@@ -58,7 +58,7 @@ AFTER_DISARMING_S: Final = 3.0
 
 @dataclass(slots=True)
 class _ModeEntry:
-    mode: MissionMode
+    mode: MissionAsMode
     state: RegistrationState = "registering"
     failsafe_deferred: bool = False
     preparation: Preparation | None = None
@@ -95,7 +95,7 @@ class MissionModes:
         streams: Streams,
         missions: OffboardMissions,
         supervisor: Supervisor,
-        prepare: Callable[[str, MissionMode], Awaitable[Start]],
+        prepare: Callable[[str, MissionAsMode], Awaitable[Start]],
         conditions: Callable[[str], Conditions | None],
     ) -> None:
         self._clock, self._streamer, self._streams = clock, streamer, streams
@@ -114,7 +114,7 @@ class MissionModes:
 
     # --- requests of clients ----------------------------------------------------------------------
 
-    async def register(self, vehicle_id: str, mode: MissionMode) -> MissionModeStatus:
+    async def register(self, vehicle_id: str, mode: MissionAsMode) -> MissionModeStatus:
         """Registers a mission as a mode; returns when PX4 has accepted it.
 
         Raises:

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError
 from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
-from gcs_server.streamer.missions.mode_status import MissionMode
+from gcs_server.streamer.missions.mode_status import MissionAsMode
 from gcs_server.streamer.missions.preparation import Conditions, Preparation
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.schedule.streams import Streams
@@ -31,13 +31,13 @@ class Preparer:
         clock: Clock,
         supervisor: Supervisor,
         streams: Streams,
-        prepare: Callable[[str, MissionMode], Awaitable[Start]],
+        prepare: Callable[[str, MissionAsMode], Awaitable[Start]],
         conditions: Callable[[str], Conditions | None],
     ) -> None:
         self._clock, self._supervisor, self._streams = clock, supervisor, streams
         self._prepare, self.conditions = prepare, conditions
 
-    def keep(self, vehicle: Vehicle, missions: Iterable[tuple[MissionMode, Preparation]]) -> None:
+    def keep(self, vehicle: Vehicle, missions: Iterable[tuple[MissionAsMode, Preparation]]) -> None:
         """Called periodically while the vehicle is disarmed: compiles the missions that are not compiled for
         its present position and settings."""
         missions = list(missions)
@@ -51,7 +51,7 @@ class Preparer:
                 self._streams.set_mode_ready(vehicle.id, mode.name, preparation.ready)
 
     async def _compile(
-        self, vehicle: Vehicle, mode: MissionMode, preparation: Preparation, conditions: Conditions | None
+        self, vehicle: Vehicle, mode: MissionAsMode, preparation: Preparation, conditions: Conditions | None
     ) -> None:
         problem = preparation.problem
         try:

@@ -52,7 +52,7 @@ class VehicleSnapshots:
         self._avoidance = avoidance
         self._find = find
         self._bounds = UNBOUNDED
-        self._bounds_of: tuple[object, ...] = ()
+        self._bounds_sources: tuple[object, ...] = ()
 
     def make(self, request: StreamRequest | None) -> Snapshot:
         """The current state of the vehicle, for a stream that flies this request."""
@@ -99,9 +99,9 @@ class VehicleSnapshots:
             self._estimates.home(),
             self._estimates.origin(),
         )
-        if sources != self._bounds_of:
+        if sources != self._bounds_sources:
             parameters, operator, home, origin = sources
             gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))
             self._bounds = bounds_of(vehicle_limits(parameters), operator, home, origin, gains)
-            self._bounds_of = sources
+            self._bounds_sources = sources
         return self._bounds

@@ -12,7 +12,7 @@ from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import RESULT_TEXT, Request
 
 ATTEMPTS = 3
-ANSWER_S = 0.7
+ANSWER_TIMEOUT_S = 0.7
 
 
 class CameraService:
@@ -25,7 +25,8 @@ class CameraService:
     async def take_picture(self, component: int | None = None) -> None:
         """Takes one picture; returns once the camera has acknowledged it.
 
-        The request contains a number, so that a camera does not take the same picture twice.
+        All attempts have the same sequence number, so that a camera that receives two of them takes only one
+        picture.
 
         Args:
             component: MAVLink component id of the camera; default: the lowest that is connected.
@@ -42,7 +43,7 @@ class CameraService:
             raise InvalidRequest(
                 "component",
                 f"Vehicle {vehicle.id} has no connected camera with component id {component}.",
-                remedy="Leave the component out, or use a connected camera of `components`.",
+                remedy="Omit `component`, or use the id of a camera in the vehicle's `components`.",
             )
         camera = camera or d.MAV_COMP_ID_CAMERA
         self._sequence += 1
@@ -51,7 +52,7 @@ class CameraService:
             for attempt in range(ATTEMPTS):
                 vehicle.send(request.message(vehicle.identity.system_id, camera, attempt, False))
                 try:
-                    async with asyncio.timeout(ANSWER_S):
+                    async with asyncio.timeout(ANSWER_TIMEOUT_S):
                         answer = await waiter.next()
                 except TimeoutError:
                     continue
@@ -60,8 +61,8 @@ class CameraService:
                 reason = RESULT_TEXT.get(answer.result, f"result {answer.result}")
                 raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {reason}.")
         raise NoReply(
-            f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_S:.1f} s.",
-            deadline_s=ATTEMPTS * ANSWER_S,
+            f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_TIMEOUT_S:.1f} s.",
+            deadline_s=ATTEMPTS * ANSWER_TIMEOUT_S,
             remedy=f"The request went to MAVLink component {camera}. Check that the camera is switched on.",
         )
 

@@ -23,9 +23,11 @@ class Gimbals:
         self._vehicle = vehicle
         self._state = state
         self._services: dict[GimbalAddress, GimbalService] = {}
-        self._asked: dict[int, int] = {}
-        """Requests for limits so far, by the manager's component."""
-        self._next_s = self._since_s = float("-inf")
+        self._requests_sent: dict[int, int] = {}
+        """Number of requests for limits since the link was last restored, by component id of the manager."""
+        self._next_s = float("-inf")
+        self._outdated_before_s = float("-inf")
+        """Limits received before this time are requested again [s, monotonic]."""
         self._rois: dict[GimbalAddress | None, Roi] = {}
         self.first = GimbalService(vehicle, None, self._rois)
         """Commands the first gimbal."""
@@ -35,7 +37,7 @@ class Gimbals:
         return self._state.gimbals()
 
     def at(self, component_id: int | None, device_id: int | None) -> GimbalService:
-        """The first gimbal with this manager's component and this device id; None: any.
+        """The first gimbal with this device id whose manager has this component id; None: any.
 
         Raises:
             InvalidRequest: the vehicle has no such gimbal.
@@ -46,8 +48,8 @@ class Gimbals:
         for address in known:
             if component_id in (None, address.component_id) and device_id in (None, address.device_id):
                 return self._services.setdefault(address, GimbalService(self._vehicle, address, self._rois))
-        asked = (("component", component_id), ("device", device_id))
-        wanted = ", ".join(f"{name} {value}" for name, value in asked if value is not None)
+        selected = (("component", component_id), ("device", device_id))
+        wanted = ", ".join(f"{name} {value}" for name, value in selected if value is not None)
         listed = "; ".join(f"component {a.component_id}, device {a.device_id}" for a in known) or "none"
         raise InvalidRequest(
             "device" if component_id is None else "component",
@@ -56,8 +58,9 @@ class Gimbals:
         )
 
     def request_limits(self) -> None:
-        """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, a few times and again after a lost
-        link. PX4 is always asked, other components only after a message of their gimbal manager.
+        """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, until it arrives, but only a few times.
+        Starts again when the link is restored. PX4 always gets the request, another component only after a
+        message of its gimbal manager.
         """
         vehicle, state = self._vehicle, self._state
         identity, now_s = vehicle.identity, vehicle.clock.monotonic_s()
@@ -68,12 +71,14 @@ class Gimbals:
         if identity.autopilot == d.MAV_AUTOPILOT_PX4:
             managers |= {identity.component_id}
         for component_id in sorted(managers):
-            asked, known = self._asked.get(component_id, 0), state.newest(LIMITS_ID, component_id, None)
-            if asked < MAX_LIMITS_REQUESTS and (known is None or known.received_monotonic_s < self._since_s):
-                self._asked[component_id] = asked + 1
+            sent = self._requests_sent.get(component_id, 0)
+            known = state.newest(LIMITS_ID, component_id, None)
+            is_current = known is not None and known.received_monotonic_s >= self._outdated_before_s
+            if sent < MAX_LIMITS_REQUESTS and not is_current:
+                self._requests_sent[component_id] = sent + 1
                 request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(LIMITS_ID), 0, 0, 0, 0, 0, 0))
                 vehicle.send(request.message(identity.system_id, component_id, 0, False))
 
     def link_restored(self) -> None:
-        """Asks again: another gimbal or another firmware may have come back."""
-        self._asked, self._since_s = {}, self._vehicle.clock.monotonic_s()
+        """Requests the limits again: the vehicle may have another gimbal or firmware now."""
+        self._requests_sent, self._outdated_before_s = {}, self._vehicle.clock.monotonic_s()

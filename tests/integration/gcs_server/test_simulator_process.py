@@ -185,9 +185,8 @@ def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypa
             short.setattr(simulator_process.subprocess, "Popen", without_descriptors)
             process.start()
             (notice,) = process.warnings()
-            assert (
-                notice.text == "The simulator could not be started: Too many open files. It is tried again."
-            )
+            reason = "Too many open files"
+            assert notice.text == f"The simulator could not be started: {reason}. The server tries again."
         async with watched(process):
             await until(lambda: held(port))
             assert process.warnings() == []

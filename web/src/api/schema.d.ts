@@ -1451,11 +1451,12 @@ export interface paths {
          * Check Plan
          * @description Checks a plan: findings and estimates of its flight. Changes nothing.
          *
-         *     With `vehicle`, the vehicle's parameters and home are used if the server has them. Otherwise PX4's
-         *     defaults are used (finding `parameters_unknown`), and the plan's home (`not_known`). An offboard mission
-         *     is compiled for a start on the ground at home; `flight` contains its path and the duration of each step.
-         *     For a vehicle on the ground, the flight of a waypoint plan is compared with what other vehicles fly now,
-         *     as at its start (warnings `separation`, `separation_unknown`).
+         *     With `vehicle`, the vehicle's parameters and home are used. If the server does not know the parameters,
+         *     it uses PX4's defaults (finding `parameters_unknown`). If it does not know the home, it uses the home of
+         *     the plan (a sentence in `not_known`). An offboard mission is compiled for a start on the ground at home;
+         *     `flight` contains its path and the duration of each step. If the vehicle is on the ground, the server
+         *     compares a waypoint plan with the current flights of other vehicles, as it also does when the plan is
+         *     started (warnings `separation`, `separation_unknown`).
          */
         readonly post: operations["check_plan_api_v1_plans_check_post"];
         readonly delete?: never;
@@ -1499,9 +1500,10 @@ export interface paths {
          * Insert Mission
          * @description Inserts a mission for one vehicle into another mission. Saves nothing.
          *
-         *     Its steps become a list in `missions`, with the lists and tables that it uses, and a new `call` step at
-         *     `at` calls this list. Its speed limit and avoidance become fields of its steps; its other limits, its
-         *     geofence and its obstacles apply to the whole mission.
+         *     The steps of the inserted mission become a new list of steps in `missions`, and a new `call` step at `at`
+         *     calls this list. The lists and tables that these steps use are copied too. The inserted mission's speed
+         *     limit and avoidance become fields of its steps; its other limits, its geofence and its obstacles apply to
+         *     the whole mission.
          */
         readonly post: operations["insert_mission_api_v1_plans_insert_post"];
         readonly delete?: never;
@@ -1523,8 +1525,9 @@ export interface paths {
          * Follow Ground
          * @description Resolves a plan's altitudes above the ground with the operator's elevation files. Saves nothing.
          *
-         *     PX4 flies each item at one altitude above sea level, and straight lines between them. With `tolerance_m`,
-         *     waypoints are added where a line would be too far from its height above the ground.
+         *     PX4 flies to each item at a fixed altitude above sea level, and in straight lines between the items. With
+         *     `tolerance_m`, waypoints are added where a line deviates by more than this from the planned height above
+         *     the ground.
          */
         readonly post: operations["follow_ground_api_v1_plans_ground_post"];
         readonly delete?: never;
@@ -1567,7 +1570,7 @@ export interface paths {
          * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
          *     nothing.
          *
-         *     The body is the unchanged file.
+         *     The body is the bytes of the file.
          */
         readonly post: operations["import_plan_api_v1_plans_import_post"];
         readonly delete?: never;
@@ -1590,7 +1593,7 @@ export interface paths {
          * @description The trajectory in a file, as CSV text for the `tables` of an offboard mission: CSV, or a NumPy array
          *     of shape (N, 4) or (N, 5) saved with `numpy.save` (.npy). Saves nothing.
          *
-         *     The body is the unchanged file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
+         *     The body is the bytes of the file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
          *     `yaw_ned_rad`.
          */
         readonly post: operations["import_table_api_v1_plans_table_post"];
@@ -7754,8 +7757,8 @@ export interface components {
             readonly name: string;
             /**
              * State
-             * @description registering; registered: it can be selected, on the ground if the mission begins with a take-off, else
-             *     in the air; refused or lost: it cannot.
+             * @description registering: PX4 has not answered yet. registered: the mode can be selected; if the mission begins with
+             *     a take-off, on the ground, otherwise in the air. refused, lost: the mode cannot be selected.
              * @enum {string}
              */
             readonly state: "registering" | "registered" | "refused" | "lost";
@@ -7766,8 +7769,9 @@ export interface components {
             readonly mode: string | null;
             /**
              * Ready
-             * @description Whether the mission begins as soon as the mode is selected in the air, or the vehicle is armed in it.
-             *     While it is false, PX4 does not arm in the mode.
+             * @description Whether the mission can begin now. A mission with a take-off begins when the vehicle is armed in the
+             *     mode, any other one when the mode is selected in the air. While `ready` is false, PX4 does not arm in the
+             *     mode.
              */
             readonly ready: boolean;
             /**
@@ -7808,8 +7812,8 @@ export interface components {
             readonly failsafe_deferred: boolean;
             /**
              * Takes Off
-             * @description Whether the mission begins with a take-off: true: it starts on the ground, when the vehicle is armed in
-             *     the mode; false: in flight, when the mode is selected.
+             * @description Whether the mission begins with a take-off. If true, it starts on the ground, when the vehicle is armed
+             *     in the mode. If false, it starts in flight, when the mode is selected.
              */
             readonly takes_off: boolean;
         };
@@ -18958,7 +18962,7 @@ export interface operations {
                 readonly document?: "waypoint_plan" | "offboard_mission";
                 /** @description Its parameters are used for times and rounded corners; default: PX4's defaults. */
                 readonly vehicle?: string | null;
-                /** @description Resolves altitudes above the ground with the elevation files, and adds waypoints until the lines keep their height within this [m]; default: altitudes stay unresolved. */
+                /** @description Resolves altitudes above the ground with the elevation files, and adds waypoints where a line deviates by more than this from the planned height above the ground [m]; default: altitudes are not resolved. */
                 readonly tolerance_m?: number | null;
             };
             readonly header?: never;
