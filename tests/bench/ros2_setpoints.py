@@ -16,7 +16,7 @@ from tests.station import FIRST_TEST_INSTANCE, free_port, server, vehicle
 from .process import family_cpu_s, load_average, quantiles_ms
 from .relay import Relay
 from .ros2_tap import Ros2Tap
-from .setpoints import ROUNDS, Wire, latencies_s, rest_and_websocket
+from .setpoints import SETPOINTS, SetpointRecorder, latencies_s, rest_and_websocket
 from .stream import lateness_s
 
 RATE_HZ = 100.0
@@ -26,7 +26,7 @@ DOMAIN = 80 + os.getpid() % 20
 """A DDS domain that no other process uses."""
 
 
-class Tap(Wire, Protocol):
+class Tap(SetpointRecorder, Protocol):
     """Records the setpoints of all vehicles."""
 
     def streams_s(self) -> list[list[float]]:
@@ -56,7 +56,7 @@ class Measured:
     load: str
     streams_s: list[list[float]]
     latency_s: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
-    """From the client's call, by its way in; of one vehicle."""
+    """Latencies from the client's call, by API (REST or WebSocket), of one vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def over_ros2(vehicles: int) -> Generator[Station]:
         yield Station(url, (process.pid, simulator.pid), lambda: Ros2Tap(DOMAIN, names))
 
 
-WAYS = {"MAVLink": over_mavlink, "ROS 2": over_ros2}
+STATIONS = {"MAVLink": over_mavlink, "ROS 2": over_ros2}
 
 
 def cpu(station: Station) -> Cpu:
@@ -125,9 +125,9 @@ def measure(station: Station, vehicles: int) -> Measured:
         time.sleep(WINDOW_S)
         found = Measured(alone, streaming, load_average(), [list(each) for each in tap.streams_s()])
         if vehicles == 1:
-            with rest_and_websocket(station.url) as ways:
-                for number, (way, send) in enumerate(ways.items()):
-                    found.latency_s[way] = latencies_s(tap, send, 1 + 10_000 * number)
+            with rest_and_websocket(station.url) as apis:
+                for number, (api, send) in enumerate(apis.items()):
+                    found.latency_s[api] = latencies_s(tap, send, 1 + 10_000 * number)
         return found
 
 
@@ -138,12 +138,12 @@ def percent(before: float, after: float, vehicles: int) -> str:
 
 def rows(results: dict[tuple[str, int], Measured]) -> Iterator[str]:
     """The three tables."""
-    yield "| protocol | load average | way in | setpoints | ms from the call: p50 / p99 / max |"
+    yield "| protocol | load average | API | setpoints | ms from the call: p50 / p99 / max |"
     yield "|---|---|---|---|---|"
     for (protocol, _), found in results.items():
-        for way, taken in found.latency_s.items():
-            words = f"{len(taken)} of {ROUNDS} | {quantiles_ms(taken)}"
-            yield f"| {protocol} | {found.load} | {way} | {words} |"
+        for api, taken in found.latency_s.items():
+            words = f"{len(taken)} of {SETPOINTS} | {quantiles_ms(taken)}"
+            yield f"| {protocol} | {found.load} | {api} | {words} |"
     yield "\n| protocol | vehicles | load average | setpoints | skipped | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|---|"
     for (protocol, vehicles), found in results.items():
@@ -165,7 +165,7 @@ def table() -> Iterator[str]:
     """Rows of Markdown; the protocols take turns."""
     results: dict[tuple[str, int], Measured] = {}
     for vehicles in FLEETS:
-        for protocol, way in WAYS.items():
-            with way(vehicles) as station:
+        for protocol, open_station in STATIONS.items():
+            with open_station(vehicles) as station:
                 results[protocol, vehicles] = measure(station, vehicles)
     yield from rows(results)

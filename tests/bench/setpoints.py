@@ -18,7 +18,7 @@ from tests.station import free_port, server, vehicle
 from .process import load_average, quantiles_ms
 from .relay import Relay
 
-ROUNDS = 400
+SETPOINTS = 400
 PERIOD_S = 0.02
 LOST_AFTER_S = 1.0
 CLIENT = {"X-Client": "bench", "X-Client-Id": "bench"}
@@ -26,11 +26,11 @@ CLIENT = {"X-Client": "bench", "X-Client-Id": "bench"}
 
 def request(north_m: float) -> dict[str, object]:
     """A position setpoint; `north_m` is different for each setpoint of the run."""
-    place = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
-    return {"setpoint": place, "valid_for_s": 60}
+    setpoint = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
+    return {"setpoint": setpoint, "valid_for_s": 60}
 
 
-class Wire(Protocol):
+class SetpointRecorder(Protocol):
     """Records the setpoints on their way to a vehicle."""
 
     @property
@@ -38,35 +38,35 @@ class Wire(Protocol):
         """The setpoints recorded so far."""
         ...
 
-    def sent_at_s(self, north_m: float, since: int) -> float | None:
-        """Time of a setpoint with this position, of those after the first `since`; None: there is none."""
+    def sent_at_s(self, north_m: float, skip: int) -> float | None:
+        """Time of a setpoint with this position; ignores the first `skip` setpoints. None: not found."""
         ...
 
 
 Send = Callable[[dict[str, object]], None]
 
 
-def wait_for_setpoint(wire: Wire, since: int, north_m: float) -> float | None:
-    """Time of a setpoint with that position; None: there was none in time."""
+def wait_for_setpoint(recorder: SetpointRecorder, skip: int, north_m: float) -> float | None:
+    """Time of a setpoint with that position; None if none was sent in time."""
     end_s = time.monotonic() + LOST_AFTER_S
     while time.monotonic() < end_s:
-        at_s = wire.sent_at_s(north_m, since)
+        at_s = recorder.sent_at_s(north_m, skip)
         if at_s is not None:
             return at_s
         time.sleep(0.0005)
     return None
 
 
-def latencies_s(wire: Wire, send: Send, first: int) -> list[float]:
-    """Latencies of `ROUNDS` setpoints, 50 per second."""
+def latencies_s(recorder: SetpointRecorder, send: Send, first: int) -> list[float]:
+    """Latencies of `SETPOINTS` setpoints, 50 per second."""
     latencies: list[float] = []
-    for index in range(first, first + ROUNDS):
+    for index in range(first, first + SETPOINTS):
         north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]
-        since, sent_s = len(wire.setpoints), time.monotonic()
+        skip, sent_s = len(recorder.setpoints), time.monotonic()
         send(request(north_m))
-        passed_s = wait_for_setpoint(wire, since, north_m)
-        if passed_s is not None:
-            latencies.append(passed_s - sent_s)
+        recorded_s = wait_for_setpoint(recorder, skip, north_m)
+        if recorded_s is not None:
+            latencies.append(recorded_s - sent_s)
         time.sleep(max(0.0, sent_s + PERIOD_S - time.monotonic()))
     return latencies
 
@@ -92,7 +92,7 @@ def rest_and_websocket(url: str) -> Generator[dict[str, Send]]:
 
 
 def measure() -> dict[str, list[float]]:
-    """Latencies by protocol."""
+    """Latencies by API (REST or WebSocket)."""
     link_port = free_port()
     with (
         Relay(link_port) as relay,
@@ -103,17 +103,17 @@ def measure() -> dict[str, list[float]]:
         drone = gcs.wait_for_vehicle("101", ready=True)
         with (
             drone.offboard(position_ned_m=(0.0, 0.0, -5.0), valid_for_s=60),
-            rest_and_websocket(url) as ways,
+            rest_and_websocket(url) as apis,
         ):
             return {
-                way: latencies_s(relay, send, 1 + 10_000 * number)
-                for number, (way, send) in enumerate(ways.items())
+                api: latencies_s(relay, send, 1 + 10_000 * number)
+                for number, (api, send) in enumerate(apis.items())
             }
 
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    yield "| way in | load average | setpoints | ms to the datagram: p50 / p99 / max |"
+    yield "| API | load average | setpoints | ms to the datagram: p50 / p99 / max |"
     yield "|---|---|---|---|"
-    for way, latencies in measure().items():
-        yield f"| {way} | {load_average()} | {len(latencies)} of {ROUNDS} | {quantiles_ms(latencies)} |"
+    for api, latencies in measure().items():
+        yield f"| {api} | {load_average()} | {len(latencies)} of {SETPOINTS} | {quantiles_ms(latencies)} |"

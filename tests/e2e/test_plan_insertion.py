@@ -53,7 +53,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         choice.get_by_role("button", name="Mast").click()
         expect(choice.get_by_role("alert")).to_contain_text("'Mast' has positions relative to its start")
         assert in_both_themes(page) == []
-        choice.get_by_role("button", name="Stay at the planned places").click()
+        choice.get_by_role("button", name="Keep the planned positions").click()
         expect(entries.filter(has_text="Mast:")).to_contain_text("Around")
         expect(entries.nth(2)).to_have_attribute("aria-selected", "true")
         expect(room.get_by_role("status").first).to_contain_text("Take-off of 'Mast' is left out.")

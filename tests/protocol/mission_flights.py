@@ -77,7 +77,7 @@ class Missions:
         await until(lambda: self.state in states, within_s)
 
 
-def hovering(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) -> None:
+def run_in_flight(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) -> None:
     """Runs a test with a scripted vehicle in flight that flies a mission; Alice has control."""
 
     async def run() -> None:

@@ -9,7 +9,7 @@ from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import Refused
 from tests.protocol.api_calls import view, with_routes
-from tests.protocol.mission_flights import Missions, hovering
+from tests.protocol.mission_flights import Missions, run_in_flight
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld
 from tests.support.offboard_missions import mission
@@ -80,7 +80,7 @@ def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abor
         assert ended["over"]
         assert (await shown(missions, vehicle))["duration_s"] == ended["duration_s"]
 
-    hovering(jump, tmp_path, mission(HOVER), story)
+    run_in_flight(jump, tmp_path, mission(HOVER), story)
 
 
 def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(jump):

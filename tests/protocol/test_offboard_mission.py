@@ -13,7 +13,7 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import ANNA, WorkHere, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, hovering
+from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, run_in_flight
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds, silent, stream_request
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
@@ -78,7 +78,7 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
         await seconds(5)
         assert missions.flight.status().remaining_s < left_s - 2
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
@@ -92,7 +92,7 @@ def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
             missions.begin(vehicle, hover(), in_air=True)
         assert missions.state == "flying"
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_path):
@@ -106,7 +106,7 @@ def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_pa
         await missions.reach("flying", within_s=10)
         assert autopilot.mode == OFFBOARD
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
@@ -116,7 +116,7 @@ def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
         await silent(autopilot, None)
         assert autopilot.mode == HOLD
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
@@ -128,7 +128,7 @@ def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
         with pytest.raises(Refused, match="has ended"):
             missions.flight.resume("Alice")
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(jump, tmp_path):
@@ -141,7 +141,7 @@ def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    hovering(jump, tmp_path, hover(low_battery="return", link_loss="continue"), story)
+    run_in_flight(jump, tmp_path, hover(low_battery="return", link_loss="continue"), story)
 
 
 def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_path):
@@ -157,7 +157,7 @@ def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_pa
         await silent(autopilot, None, 5.0, settle_s=0.3)
         assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (asked, POSITION)
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
@@ -186,7 +186,7 @@ def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp_path):
@@ -209,7 +209,7 @@ def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp
             None,
         )
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 # --- control --------------------------------------------------------------------------------------
@@ -224,7 +224,7 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
         assert autopilot.mode == OFFBOARD
         assert "control_taken" in event_codes(vehicle)
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, st
         assert (missions.state, autopilot.mode) == (state, mode)
         assert autopilot.failsafes == 0
 
-    hovering(jump, tmp_path, hover(control_lost=action), story)
+    run_in_flight(jump, tmp_path, hover(control_lost=action), story)
 
 
 # --- faults ---------------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
-    hovering(jump, tmp_path, hover(link_loss=action), story)
+    run_in_flight(jump, tmp_path, hover(link_loss=action), story)
 
 
 def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(jump, tmp_path):
@@ -264,7 +264,7 @@ def test_a_mission_without_updates_from_the_server_holds_position_and_then_switc
         await until(lambda: autopilot.mode == HOLD, 10)
         assert autopilot.failsafes == 0
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
@@ -278,7 +278,7 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
         await silent(autopilot, None, settle_s=0.5)
         assert autopilot.failsafes == 1
 
-    hovering(jump, tmp_path, hover(link_loss="continue", failure="return"), story)
+    run_in_flight(jump, tmp_path, hover(link_loss="continue", failure="return"), story)
 
 
 def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
@@ -288,7 +288,7 @@ def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"
 
-    hovering(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), story)
 
 
 # --- its routes -----------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle
 from missions.runner.requests import Request
 from missions.runner.together import Together
-from tests.support.mission_vehicle import FlownMission
+from tests.support.mission_vehicle import FakeFlight
 
 
 class Squad:
@@ -25,7 +25,7 @@ class Squad:
         mission = read(text)
         starts = {role: Start(in_air=role in in_air) for role in mission.roles}
         compiled = compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
-        self.of = {role: FlownMission(mission, timeline=way) for role, way in compiled.timelines.items()}
+        self.of = {role: FakeFlight(mission, timeline=way) for role, way in compiled.timelines.items()}
         for role in in_air:
             self.of[role].set_reading(armed=True, landed="in_air")
         self.together = Together({role: one.runner for role, one in self.of.items()})

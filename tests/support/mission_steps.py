@@ -12,7 +12,7 @@ from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.offboard.reader import read
 from missions.offboard.steps import MissionStep
-from tests.support.mission_vehicle import FlownMission
+from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flown
 
 CENTER = "center: {offset_ned_m: [20, 0, -10]}, radius_m: 8"
@@ -85,7 +85,7 @@ def slope(first_down_m: float = -10.0, duration_s: float = 12.0) -> str:
     return "\n".join(rows)
 
 
-def flight(kind: str, **actions: str) -> FlownMission:
+def flight(kind: str, **actions: str) -> FakeFlight:
     """A mission in the middle of a step of this kind."""
     fake = _at_meeting(actions) if kind == "meet" else _alone(kind, actions)
     if kind in BY_PX4:
@@ -96,23 +96,23 @@ def flight(kind: str, **actions: str) -> FlownMission:
     return fake.fly(2.5)
 
 
-def _alone(kind: str, actions: dict[str, str]) -> FlownMission:
+def _alone(kind: str, actions: dict[str, str]) -> FakeFlight:
     wanted = ("step: hold, duration_s: 4",) if kind in BY_PX4 else STEPS[kind]
-    return FlownMission(_acting(with_lists(flown(*wanted, FLY)), actions)).start()
+    return FakeFlight(_acting(with_lists(flown(*wanted, FLY)), actions)).start()
 
 
-def _at_meeting(actions: dict[str, str]) -> FlownMission:
-    """One role of two; the test is the other one, see `end_wait`."""
+def _at_meeting(actions: dict[str, str]) -> FakeFlight:
+    """One role of two; the test is the other one, see `answer_wait`."""
     document = _acting(for_two(*STEPS["take_off"], *STEPS["meet"], FLY, *STEPS["land"]), actions)
-    fake = FlownMission(document, timeline=compile_mission(document, role="lead")).start()
-    return end_wait(fake, "meet")
+    fake = FakeFlight(document, timeline=compile_mission(document, role="lead")).start()
+    return answer_wait(fake, "meet")
 
 
 def _acting(document: OffboardMission, actions: dict[str, str]) -> OffboardMission:
     return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
 
 
-def end_wait(fake: FlownMission, kind: str) -> FlownMission:
+def answer_wait(fake: FakeFlight, kind: str) -> FakeFlight:
     """Ends a wait for a person or for the other role; other kinds of steps end by themselves."""
     if kind == "person":
         fake.in_state("waiting").go_on()
@@ -124,7 +124,7 @@ def end_wait(fake: FlownMission, kind: str) -> FlownMission:
     return fake
 
 
-def asks_nothing(fake: FlownMission, for_s: float = 5.0) -> None:
+def sends_no_request(fake: FakeFlight, for_s: float = 5.0) -> None:
     """Flies for this time and checks that nothing is requested or sent."""
     asked, sent = len(fake.asked), len(fake.sent)
     fake.fly(for_s)

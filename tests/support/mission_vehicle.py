@@ -21,7 +21,7 @@ CLIMB_M_S = 2.0
 ALL: frozenset[Estimate] = frozenset({"position", "velocity", "heading", "global_position", "home"})
 
 
-class FlownMission:
+class FakeFlight:
     """A runner, a player and a vehicle on one clock.
 
     Args:
@@ -74,7 +74,7 @@ class FlownMission:
 
     # --- operator ---------------------------------------------------------------------------------
 
-    def start(self) -> FlownMission:
+    def start(self) -> FakeFlight:
         """Starts the mission."""
         self.do(self.runner.start(self.now_s, self.reading))
         return self
@@ -96,7 +96,7 @@ class FlownMission:
 
     # --- time -------------------------------------------------------------------------------------
 
-    def until(self, condition: Callable[[], bool], within_s: float = 600.0) -> FlownMission:
+    def until(self, condition: Callable[[], bool], within_s: float = 600.0) -> FakeFlight:
         """Flies until the condition is true.
 
         Raises:
@@ -108,12 +108,12 @@ class FlownMission:
             self.step()
         return self
 
-    def fly(self, for_s: float) -> FlownMission:
+    def fly(self, for_s: float) -> FakeFlight:
         """Flies for this time."""
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
-    def in_state(self, *states: str) -> FlownMission:
+    def in_state(self, *states: str) -> FakeFlight:
         """Flies until the mission is in one of these states."""
         return self.until(lambda: self.status.state in states)
 

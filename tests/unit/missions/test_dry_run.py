@@ -83,7 +83,7 @@ def test_each_flight_of_a_batch_has_its_own_conditions(many):
     assert many.chances["fence_touched"].count == 0
     assert many.chances["fence_touched"].upper > 0.3, "three flights are a small sample"
     assert many.corridor is not None
-    assert 0.05 < many.corridor.width_m < 5.0, "the wind drives the vehicle during the take-off"
+    assert 0.05 < many.corridor.width_m < 5.0, "the vehicle drifts with the wind during the take-off"
     json.dumps(many.document(), allow_nan=False)
 
 
@@ -124,20 +124,20 @@ def test_too_many_flights_are_refused():
 # --- findings about a flight ------------------------------------------------------------------------
 
 
-def judged(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
-    """Findings of a recorded flight 40 m to the north in 10 s."""
+def evaluated(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
+    """The evaluated dry run of a flight 40 m to the north in 10 s."""
     t_s = np.arange(0.0, 10.05, 0.1)
-    place = np.stack([4.0 * t_s, 0.0 * t_s, np.full_like(t_s, -5.0)], axis=1)
+    positions = np.stack([4.0 * t_s, 0.0 * t_s, np.full_like(t_s, -5.0)], axis=1)
     battery = np.linspace(1.0, battery_end, len(t_s))
     step = (t_s > 5.0).astype(int)
     steps = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
-    track = Track(t_s, place, battery, step, steps)
+    track = Track(t_s, positions, battery, step, steps)
     flight = Flight(Conditions(), track, True, False, True, ())
     return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, Site(obstacles), 1.0)
 
 
 def test_a_flight_outside_the_fence_is_a_finding_with_step_position_and_depth():
-    (finding,) = judged(fence_m=30.0).findings
+    (finding,) = evaluated(fence_m=30.0).findings
     assert (finding.code, finding.severity, finding.step) == ("fence_touched", "error", "item 2")
     assert "by up to 10.0 m" in finding.message
     assert finding.position_ned_m == pytest.approx((40.0, 0.0, -5.0))
@@ -147,17 +147,19 @@ def test_a_flight_outside_the_fence_is_a_finding_with_step_position_and_depth():
     ("battery_end", "code"), [(0.15, "battery_reserve"), (0.0, "battery_empty"), (0.25, None)]
 )
 def test_a_battery_below_its_reserve_is_a_finding(battery_end, code):
-    assert [finding.code for finding in judged(battery_end=battery_end).findings] == ([code] if code else [])
+    assert [finding.code for finding in evaluated(battery_end=battery_end).findings] == (
+        [code] if code else []
+    )
 
 
-def test_an_unknown_battery_charge_is_not_estimated():
+def test_the_battery_is_known_with_an_endurance_or_with_sim_bat_drain():
     unknown = replace(AIRCRAFT, endurance_s=None)
     assert not unknown.battery_is_known
     assert replace(unknown, parameters={"SIM_BAT_DRAIN": 60.0}).battery_is_known
 
 
 def test_a_flight_near_an_obstacle_is_a_finding_with_its_name():
-    (finding,) = judged(obstacles=[replace(POST, east_m=2.0)]).findings
+    (finding,) = evaluated(obstacles=[replace(POST, east_m=2.0)]).findings
     assert finding.code == "obstacle_near"
     assert "within 1.5 m of post" in finding.message
     assert finding.t_s == pytest.approx(2.0, abs=0.2)

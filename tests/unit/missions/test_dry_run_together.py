@@ -22,7 +22,7 @@ pytestmark = pytest.mark.flight
 APART_M = 12.0
 CROSSING = """
 name: Crossing
-minimum_separation_m: {apart_m}
+minimum_separation_m: {minimum_m}
 roles:
   lead:
     steps:
@@ -45,8 +45,8 @@ def aircraft() -> dict[str, Aircraft]:
     return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=there)}
 
 
-def crossed(height_m: float, apart_m: float) -> DryRunTogether:
-    return dry_run_together(read(CROSSING.format(height_m=height_m, apart_m=apart_m)), aircraft())
+def crossed(height_m: float, minimum_m: float) -> DryRunTogether:
+    return dry_run_together(read(CROSSING.format(height_m=height_m, minimum_m=minimum_m)), aircraft())
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_two_vehicles_that_cross_at_one_height_are_a_finding_with_position_and_t
     given = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
     for each in given.values():
         each["aircraft"]["home"] = each["aircraft"]["home"].model_dump()
-    text = CROSSING.format(height_m=4, apart_m=3)
+    text = CROSSING.format(height_m=4, minimum_m=3)
     request = {
         "kind": "offboard_mission", "plan": text, "roles": given, "conditions": asdict(Conditions()),
         "obstacles": [], "seed": 0, "flights": None,
@@ -108,8 +108,8 @@ def test_a_finding_of_several_roles_is_reported_once_with_their_names():
 
 @pytest.fixture(scope="module")
 def varied() -> MonteCarloTogether:
-    """Four flights past each other, 4 m apart in height, with a minimum of 3 m."""
-    mission = read(CROSSING.format(height_m=7, apart_m=3))
+    """Four flights in which the vehicles cross 4 m above each other; the minimum separation is 3 m."""
+    mission = read(CROSSING.format(height_m=7, minimum_m=3))
     return monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
 
 
@@ -123,7 +123,7 @@ def test_each_role_of_many_flights_has_its_own_corridor(varied):
         assert 0.1 < many.corridor.width_m < 5.0
 
 
-def test_the_vehicles_of_one_flight_have_one_wind_and_each_its_own_mass(varied):
+def test_the_vehicles_of_a_flight_have_the_same_wind_and_different_masses(varied):
     lead, left = (varied.roles[role].flights for role in ("lead", "left"))
     assert [each.conditions.wind_ned_m_s for each in lead] == [each.conditions.wind_ned_m_s for each in left]
     assert all(a.conditions.mass_scale != b.conditions.mass_scale for a, b in zip(lead, left, strict=True))
@@ -142,13 +142,13 @@ def test_distances_and_chances_are_those_of_all_flights(varied):
 
 
 def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(varied):
-    mission = read(CROSSING.format(height_m=7, apart_m=3))
+    mission = read(CROSSING.format(height_m=7, minimum_m=3))
     one = monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5)
     assert one.roles["left"].flights[0] == varied.roles["left"].flights[0]
 
 
 def test_vehicles_that_cross_at_one_height_come_too_near_in_every_flight():
-    mission = read(CROSSING.format(height_m=3, apart_m=3))
+    mission = read(CROSSING.format(height_m=3, minimum_m=3))
     found = monte_carlo_together(mission, aircraft(), flights=2)
     assert (found.chances["separation"].count, found.chances["nearer_than_minimum"].count) == (2, 2)
     assert found.closest[0].distance_m.greatest < 3.0
@@ -158,11 +158,11 @@ def test_vehicles_that_cross_at_one_height_come_too_near_in_every_flight():
 
 
 def test_too_many_flights_of_all_vehicles_are_refused():
-    mission = read(CROSSING.format(height_m=4, apart_m=3))
+    mission = read(CROSSING.format(height_m=4, minimum_m=3))
     with pytest.raises(PlanError, match="201 flights of 2 vehicles, 1 to 200 are possible"):
         monte_carlo_together(mission, aircraft(), flights=201)
 
 
 def test_each_role_needs_a_vehicle():
     with pytest.raises(PlanError, match="role 'left' has no vehicle"):
-        dry_run_together(read(CROSSING.format(height_m=4, apart_m=3)), {"lead": AIRCRAFT})
+        dry_run_together(read(CROSSING.format(height_m=4, minimum_m=3)), {"lead": AIRCRAFT})

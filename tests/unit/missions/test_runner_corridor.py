@@ -9,7 +9,7 @@ from missions.runner.corridor import OUTSIDE_FOR_S, TOLERANCE_M, Corridor, Corri
 from missions.runner.flown import MAX_SAMPLES, FlownTrack, Stopwatch, state_in_mission
 from missions.runner.reading import Reading
 from missions.runner.script import Played
-from tests.support.mission_vehicle import FlownMission
+from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flown, mission
 
 NORTH = Corridor(
@@ -64,7 +64,7 @@ def test_bounds_that_do_not_match_the_path_are_refused(wrong):
 
 
 def test_leaving_and_reentering_the_corridor_are_reported():
-    fake = FlownMission(
+    fake = FakeFlight(
         mission(flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
     ).start()
     fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
@@ -83,7 +83,7 @@ def test_leaving_and_reentering_the_corridor_are_reported():
 
 
 def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
-    fake = FlownMission(mission(flown("step: hold, duration_s: 5"))).start().in_state("flying")
+    fake = FakeFlight(mission(flown("step: hold, duration_s: 5"))).start().in_state("flying")
     track, status = FlownTrack(), fake.status
     sent = Reading(
         position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))

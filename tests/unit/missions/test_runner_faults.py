@@ -4,8 +4,8 @@ import pytest
 
 from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, end_wait, flight
-from tests.support.mission_vehicle import FlownMission
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
+from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flown, mission
 
 
@@ -18,7 +18,7 @@ def test_a_low_battery_triggers_its_action_once(kind, action):
     fake.fly(0.2)
     if action == "continue" or kind == "land":
         assert fake.modes() == before
-        end_wait(fake, kind).in_state("done")
+        answer_wait(fake, kind).in_state("done")
     else:
         assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
         assert fake.status.state == "suspended"
@@ -37,7 +37,7 @@ def test_a_lost_position_triggers_land(kind):
     assert "No valid estimate of position" in str(fake.status.reason)
 
 
-def test_px4_handles_a_lost_position_in_its_take_off_and_the_mission_lands_after_it():
+def test_px4_handles_a_position_lost_during_take_off_and_the_mission_lands_after_it():
     fake = flight("take_off", failure="continue")
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(2.0)
@@ -65,10 +65,10 @@ def test_an_estimate_missing_for_a_moment_changes_nothing():
 
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
-def test_after_a_lost_link_returns_the_documents_action_is_executed(kind, action, modes):
+def test_when_the_link_is_restored_the_missions_action_is_executed(kind, action, modes):
     fake = flight(kind, link_loss=action)
     fake.lose_link()
-    asks_nothing(fake, 10.0)
+    sends_no_request(fake, 10.0)
     fake.set_reading(link_active=True)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
@@ -81,7 +81,7 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
     fake.fly(10.0)
     fake.set_reading(link_active=True, satellites=14)
     fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
-    end_wait(fake, kind).in_state("done")
+    answer_wait(fake, kind).in_state("done")
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
@@ -116,7 +116,7 @@ def test_a_stream_that_ends_by_itself_is_a_failure(action, modes):
 
 
 def test_a_refused_take_off_suspends_the_mission_on_the_ground():
-    fake = FlownMission(mission(flown(FLY)))
+    fake = FakeFlight(mission(flown(FLY)))
     fake.refused[TakeOff] = "Arming denied: no GPS."
     fake.start().fly(1.0)
     assert fake.status.state == "suspended"
@@ -127,7 +127,7 @@ def test_a_refused_take_off_suspends_the_mission_on_the_ground():
 
 
 def test_a_take_off_that_takes_too_long_is_a_failure():
-    fake = FlownMission(mission("- {step: take_off, height_m: 400, timeout_s: 5}\n- {step: land}\n")).start()
+    fake = FakeFlight(mission("- {step: take_off, height_m: 400, timeout_s: 5}\n- {step: land}\n")).start()
     fake.in_state("suspended")
     assert fake.modes() == ["hold"]
 
@@ -138,27 +138,27 @@ def test_a_refused_mode_is_reported_and_the_stream_expires():
     fake.set_reading(battery_share=0.1)
     fake.fly(0.2)
     assert "did not change its mode" in fake.event_texts[-1]
-    steers = fake.count(ChangeScript)
+    changes = fake.count(ChangeScript)
     fake.fly(3.0)
-    assert fake.count(ChangeScript) == steers
+    assert fake.count(ChangeScript) == changes
 
 
 def test_failed_pictures_are_reported_once_and_the_mission_continues():
-    fake = FlownMission(mission(flown("step: photo, count: 5, interval_s: 1", FLY)))
+    fake = FakeFlight(mission(flown("step: photo, count: 5, interval_s: 1", FLY)))
     fake.refused[Photo] = "no camera"
     fake.start().in_state("done")
     assert sum("picture" in text for text in fake.event_texts) == 1
 
 
 def test_a_mission_does_not_start_without_the_estimates_it_needs():
-    fake = FlownMission(mission(flown(FLY)))
+    fake = FakeFlight(mission(flown(FLY)))
     fake.set_reading(estimates=frozenset({"heading"}))
     with pytest.raises(CannotDo, match="position"):
         fake.start()
 
 
 def test_a_flying_step_before_a_take_off_does_not_start_on_the_ground():
-    fake = FlownMission(mission("- {" + FLY + "}\n")).start()
+    fake = FakeFlight(mission("- {" + FLY + "}\n")).start()
     fake.fly(1.0)
     assert fake.status.state == "suspended"
     assert "needs a take-off" in str(fake.status.reason)

@@ -6,8 +6,8 @@ import pytest
 
 from missions.runner.requests import Play, SetMode, StopStream
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, end_wait, flight
-from tests.support.mission_vehicle import FlownMission
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
+from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flown, mission
 
 # --- operator -------------------------------------------------------------------------------------
@@ -24,7 +24,7 @@ def test_paused_it_stops_and_after_resume_it_ends_as_planned(kind):
     fake.fly(20.0)
     assert math.dist(fake.path[-1], there) < 1e-6
     fake.resume()
-    end_wait(fake, kind).in_state("done")
+    answer_wait(fake, kind).in_state("done")
     assert fake.reading.armed is False
     assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
 
@@ -35,7 +35,7 @@ def test_aborted_it_holds_and_requests_nothing_more(kind):
     fake.abort()
     assert fake.status.state == "aborted"
     assert fake.modes()[-1] == "hold"
-    asks_nothing(fake)
+    sends_no_request(fake)
     with pytest.raises(CannotDo, match="has ended"):
         fake.resume()
 
@@ -70,14 +70,14 @@ def test_a_step_of_a_suspended_mission_is_skipped_without_a_command():
 
 
 def test_a_pause_before_the_stream_begins_holds_at_its_start():
-    fake = FlownMission(mission(flown(FLY))).start().in_state("taking_off")
+    fake = FakeFlight(mission(flown(FLY))).start().in_state("taking_off")
     fake.runner.flight.paused = True
     fake.in_state("paused")
     assert fake.path[-1] == pytest.approx((0.0, 0.0, -10.0), abs=0.5)
 
 
 def test_on_the_ground_a_take_off_cannot_be_skipped():
-    fake = FlownMission(mission(flown(FLY))).start()
+    fake = FakeFlight(mission(flown(FLY))).start()
     with pytest.raises(CannotDo, match="on the ground"):
         fake.skip()
 
@@ -103,15 +103,15 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Notify"]
     assert (fake.status.state, fake.event_texts[-1]) == ("suspended", text)
     fake.set_reading(battery_share=0.05, holder=None, estimates=frozenset())
-    asks_nothing(fake, 30.0)
+    sends_no_request(fake, 30.0)
     fake.set_reading(battery_share=0.9, holder="bob", estimates=None, satellites=14)
     fake.resume()
     fake.until(lambda: fake.status.state != "suspended")
-    end_wait(fake, kind).in_state("done")
+    answer_wait(fake, kind).in_state("done")
 
 
 def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
-    fake = FlownMission(mission(flown(FLY))).start()
+    fake = FakeFlight(mission(flown(FLY))).start()
     fake.until(lambda: fake.count(Play) == 1)
     fake.player = None
     fake.set_reading(mode="position", mode_source="pilot", stream="starting", played=None)
@@ -125,7 +125,7 @@ def test_motors_that_stop_in_flight_end_the_mission():
     fake.set_reading(armed=False)
     fake.fly(0.2)
     assert (fake.status.state, fake.status.reason) == ("stopped", "The vehicle disarmed")
-    asks_nothing(fake)
+    sends_no_request(fake)
 
 
 def test_a_suspended_mission_ends_once_the_vehicle_has_landed():
@@ -145,7 +145,7 @@ def test_a_change_of_control_pauses_the_mission(kind):
     assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
     fake.resume()
-    end_wait(fake, kind).in_state("done")
+    answer_wait(fake, kind).in_state("done")
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
@@ -171,7 +171,7 @@ def test_expired_control_triggers_the_documents_action(kind, action, modes):
 )
 def test_expired_control_interrupts_only_what_an_operator_of_this_server_started(started, resumed, action):
     mode, source = started
-    fake = FlownMission(mission(flown(FLY, "step: hold, duration_s: 60")), mode=mode)
+    fake = FakeFlight(mission(flown(FLY, "step: hold, duration_s: 60")), mode=mode)
     fake.set_reading(mode=mode, mode_source=source, armed=True, landed="in_air", position_ned_m=(0, 0, -10))
     fake.start().in_state("flying")
     if resumed is not None:

@@ -19,16 +19,16 @@ LIMITS = MotionLimits()
 EAST = math.pi / 2
 
 
-def points(*places: tuple[float, float, float], **rest: object) -> list[PassPoint]:
-    return [PassPoint(place, **rest) for place in places]  # type: ignore[arg-type]
+def points(*positions: tuple[float, float, float], **rest: object) -> list[PassPoint]:
+    return [PassPoint(position, **rest) for position in positions]  # type: ignore[arg-type]
 
 
 def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) -> float:
     """From rest to rest on a line: maximum jerk in either direction until acceleration or speed reaches its
     limit."""
-    bang_s = (length_m / (2.0 * jerk)) ** (1.0 / 3.0)
-    if jerk * bang_s <= acceleration and jerk * bang_s**2 <= speed:
-        return 4.0 * bang_s
+    jerk_s = (length_m / (2.0 * jerk)) ** (1.0 / 3.0)
+    if jerk * jerk_s <= acceleration and jerk * jerk_s**2 <= speed:
+        return 4.0 * jerk_s
     if speed * jerk >= acceleration**2:
         bend_s = acceleration / jerk
         full_s = (-3.0 * bend_s + math.sqrt(bend_s**2 + 4.0 * length_m / acceleration)) / 2.0
@@ -43,13 +43,13 @@ def test_a_straight_leg_takes_the_shortest_possible_time(seed: int) -> None:
     rng = np.random.default_rng(seed)
     direction = rng.normal(0.0, 1.0, 3) * rng.choice([0.0, 1.0], 3, p=[0.2, 0.8])
     direction = direction / (np.linalg.norm(direction) or 1.0) if direction.any() else np.array([0, 0, -1.0])
-    across, down = float(np.hypot(direction[0], direction[1])), float(direction[2])
+    horizontal, down = float(np.hypot(direction[0], direction[1])), float(direction[2])
     length_m = 10.0 ** rng.uniform(-1.5, 4.0)
     vertical_m_s = LIMITS.descent_m_s if down > 0.0 else LIMITS.climb_m_s
     with np.errstate(divide="ignore"):
-        speed = min(np.divide(LIMITS.speed_m_s, across), np.divide(vertical_m_s, abs(down)))
+        speed = min(np.divide(LIMITS.speed_m_s, horizontal), np.divide(vertical_m_s, abs(down)))
         acceleration = min(
-            np.divide(LIMITS.acceleration_m_s2, across),
+            np.divide(LIMITS.acceleration_m_s2, horizontal),
             np.divide(min(LIMITS.acceleration_up_m_s2, LIMITS.acceleration_down_m_s2), abs(down)),
         )
     n, e, d = (float(axis) for axis in direction * length_m)
@@ -82,10 +82,10 @@ def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> N
 
 def test_an_exact_curve_passes_each_point_at_the_stated_time() -> None:
     rng = np.random.default_rng(7)
-    places = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
-    curve = through([PassPoint(tuple(place)) for place in places.tolist()], exact=True)
+    positions = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
+    curve = through([PassPoint(tuple(position)) for position in positions.tolist()], exact=True)
     found = [curve.at(t).position_ned_m for t in curve.point_times_s]
-    assert np.array(found) == pytest.approx(places, abs=1e-6)
+    assert np.array(found) == pytest.approx(positions, abs=1e-6)
     assert curve.point_times_s == tuple(sorted(curve.point_times_s))
 
 
@@ -136,7 +136,7 @@ def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
         assert abs(off) < math.radians(0.5)
 
 
-def test_a_path_over_its_look_at_point_turns_there() -> None:
+def test_the_heading_turns_by_half_a_turn_over_the_look_at_point() -> None:
     curve = through(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
     found = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
     turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
@@ -219,7 +219,7 @@ def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
         ([PassPoint((0, 0, 0))] * 10_001, "the trajectory", "Split it"),
     ],
 )
-def test_an_infeasible_trajectory_is_refused_with_the_field_and_a_fix(
+def test_invalid_points_are_refused_with_the_field_and_a_fix(
     given: list[PassPoint], place: str, fix: str
 ) -> None:
     with pytest.raises(PlanError) as caught:

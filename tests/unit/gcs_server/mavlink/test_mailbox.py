@@ -12,7 +12,7 @@ class Frame:
     msg_id = 22
 
 
-def test_a_flood_of_matches_is_limited_and_a_lost_link_is_still_reported():
+def test_waiting_messages_are_limited_and_a_lost_link_is_still_reported():
     async def run():
         mailbox = Mailbox(lambda frame: frame)
         with mailbox.expect(Frame.msg_id) as waiter:

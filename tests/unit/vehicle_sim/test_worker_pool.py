@@ -11,7 +11,7 @@ from vehicle_sim.worker_pool import VEHICLES_PER_PROCESS, Shard, processes_for, 
 @pytest.mark.parametrize("processes", [1, 2, 3, 8])
 def test_each_vehicle_is_in_exactly_one_shard(vehicles: int, processes: int) -> None:
     parts = split_fleet(vehicles, processes)
-    assert [row for part in parts for row in range(part.first, part.first + part.count)] == list(
+    assert [index for part in parts for index in range(part.first, part.first + part.count)] == list(
         range(vehicles)
     )
     assert len(parts) == min(vehicles, processes)
@@ -29,6 +29,6 @@ def test_few_vehicles_stay_in_one_process() -> None:
     assert split_fleet(3, 1) == [Shard(0, 3)]
 
 
-@pytest.mark.parametrize("together", [["--lockstep"], ["--speed", "max"]])
-def test_options_that_need_one_clock_use_one_process(together: list[str]) -> None:
-    assert options.parse(["--instances", "100", *together]).processes == 1
+@pytest.mark.parametrize("one_clock", [["--lockstep"], ["--speed", "max"]])
+def test_options_that_need_one_clock_use_one_process(one_clock: list[str]) -> None:
+    assert options.parse(["--instances", "100", *one_clock]).processes == 1
