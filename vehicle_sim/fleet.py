@@ -214,9 +214,13 @@ class VehicleSim:
             self._ticks.update(self._active_autopilots)
             if self._script is not None:
                 self._script.step()
-        if tick_due or self._linked:
+        if self._linked:
             for node in self._active_nodes:
-                if node.needs_every_step or (tick_due and (self._linked or node.has_pending)):
+                if tick_due or node.needs_every_step:
+                    node.step()
+        elif tick_due:
+            for node in self._active_nodes:
+                if node.has_pending:
                     node.step()
         for bridge in self._bridges.values():
             bridge.step()

@@ -8,8 +8,10 @@ are overwritten in place every step: read them, do not keep references.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,6 +189,10 @@ class VehicleEstimate(NamedTuple):
     valid_altitude: bool
 
 
+_estimate_of = cast(Callable[[tuple[Any, ...]], VehicleEstimate], partial(tuple.__new__, VehicleEstimate))
+"""Same as `VehicleEstimate._make`, but without a Python function for each vehicle."""
+
+
 def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
     """The estimates of all vehicles as plain numbers, converted together.
 
@@ -204,7 +210,7 @@ def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
     )  # fmt: skip
     columns = (map(tuple, rows.tolist()) for rows in vectors)
     fields = zip(*columns, *(column.tolist() for column in numbers), strict=True)
-    return list(map(VehicleEstimate._make, fields))
+    return list(map(_estimate_of, fields))
 
 
 @dataclass(slots=True)

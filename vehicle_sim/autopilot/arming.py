@@ -56,20 +56,17 @@ def arming_denial(
     return None
 
 
-def auto_disarm_reason(
-    view: VehicleView, *, flew: bool, landed_for_s: float, armed_for_s: float
-) -> Reason | None:
-    """The reason for which a vehicle on the ground disarms automatically now; None: it stays armed.
+def auto_disarm_after_s(view: VehicleView, *, flew: bool) -> float:
+    """Time after which a vehicle on the ground disarms automatically; infinite: it stays armed.
 
     Args:
-        flew: whether the vehicle has taken off since arming.
-        landed_for_s: time since the landing; 0: no automatic disarming after the landing.
+        view: the vehicle.
+        flew: whether it has taken off since arming: the time counts from the landing, otherwise from arming.
     """
-    landing_s, preflight_s = view.parameter("COM_DISARM_LAND"), view.parameter("COM_DISARM_PRFLT")
-    if flew:
-        return Reason.LANDING if 0.0 < landing_s <= landed_for_s else None
-    waits_s = preflight_s + view.parameter("COM_SPOOLUP_TIME")
-    return Reason.PREFLIGHT if preflight_s > 0.0 and armed_for_s >= waits_s else None
+    wait_s = view.parameter("COM_DISARM_LAND" if flew else "COM_DISARM_PRFLT")
+    if wait_s <= 0.0:
+        return math.inf
+    return wait_s if flew else wait_s + view.parameter("COM_SPOOLUP_TIME")
 
 
 class FlightCount:

@@ -7,16 +7,17 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
-from vehicle_sim.autopilot.flight_numbers import DOWN, SETPOINT_DOWN, TILT, FlightNumbers
+from vehicle_sim.autopilot.flight_numbers import DOWN, RAMP, SETPOINT_DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import WITH_WAYPOINT, Navigator
-from vehicle_sim.autopilot.offboard import LEVELS, Offboard, Setpoint, SetpointKind, kind_of
+from vehicle_sim.autopilot.offboard import Offboard, Setpoint, SetpointKind, kind_of
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow, float_view
+from vehicle_sim.autopilot.steady_ground import ground_task, is_grounded
 from vehicle_sim.autopilot.steady_task import STREAM, SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
@@ -41,7 +42,7 @@ class Autopilot:
     """
 
     def __init__(self, view: VehicleView, numbers: FlightNumbers) -> None:
-        self.view = view
+        self.view, self.row = view, view.row
         self.announcer = Announcer(view.time_boot_ms)
         self._row = SetpointRow(view)
         self.home = Home()
@@ -56,7 +57,7 @@ class Autopilot:
             view, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
         )
         self._manual = Manual(view, self._row, self.sticks, self.home)
-        self.takeoff = TakeoffRamp()
+        self.takeoff = TakeoffRamp(float_view(numbers.motion[view.row, RAMP:]))
         self.land_detector = LandDetector(numbers.detector[view.row], numbers.detector_limits[view.row])
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
@@ -85,6 +86,7 @@ class Autopilot:
 
     def update_after_detection(self) -> None:
         """The part of a tick after the land detector."""
+        self._row.in_air(not self.land_detector.landed)
         self.commander.update(landed=self.land_detector.landed)
         self._fly()
 
@@ -125,13 +127,13 @@ class Autopilot:
 
     def _steady_task(self) -> SteadyTask | None:
         commander, detector = self.commander, self.land_detector
-        if not (self.takeoff.flying and commander.settled):
-            return None
-        if detector.ground_contact or detector.maybe_landed or detector.landed:
-            return None
-        if self._goto.active or self.offboard.has_topics or self.sticks.moved:
+        if not commander.settled or self._goto.active or self.offboard.has_topics or self.sticks.moved:
             return None
         if commander.external.any_mode:
+            return None
+        if is_grounded(self.takeoff, detector):
+            return ground_task(self.view, commander, self.navigator, self.takeoff, detector)
+        if not commander.flew:
             return None
         if commander.active is NavState.OFFBOARD:
             levels = {self.offboard.level, self._control_mode.level}
@@ -146,7 +148,7 @@ class Autopilot:
             self.view.parameter_changes, self.plans.changes, home.set_at_us, home.position_ned_m,
             self.sticks.moved, self._goto.active, self.offboard.has_topics, self.offboard.level,
             commander.external.any_mode,
-            self.navigator.situation(),
+            self.navigator.situation(commander.active),
         )  # fmt: skip
 
     def _fly(self) -> None:
@@ -211,7 +213,6 @@ class Autopilot:
             self._motion[SETPOINT_DOWN],
         )
         self.land_detector.update(self.view.time_s, motion, self._limits())
-        self._row.in_air(not self.land_detector.landed)
 
     def _limits(self) -> LandingThresholds:
         if self._landing_limits is None:
@@ -315,7 +316,7 @@ class Autopilot:
         PX4 a mode runs directly before the position controller: a trajectory between the two is lost.
         """
         self.offboard.put(setpoint)
-        commander, level = self.commander, LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)
+        commander, level = self.commander, setpoint.kind.level
         if not commander.armed or commander.terminated or not self.takeoff.flying:
             return
         streamed = self.by_setpoints

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, arming_denial, auto_disarm_reason
+from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, arming_denial, auto_disarm_after_s
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
@@ -67,9 +67,9 @@ class Commander:
         self._termination: Decision | None = None
         self._after_disarming = NavState.HOLD
         """The last requested mode that allows arming; restored at disarming."""
-        self._armed_at_s = 0.0
-        self._landed_at_s = 0.0
-        self._flew = False
+        self.armed_at_s = 0.0
+        self.landed_at_s = 0.0
+        self.flew = False
         self._ticks = 0
         self._checked_state: tuple[object, ...] = ()
         """The commander's state at the last check."""
@@ -86,8 +86,8 @@ class Commander:
             self._announcer.both(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
             return False
         self.armed = True
-        self._armed_at_s = self._view.time_s
-        self._flew = False
+        self.armed_at_s = self._view.time_s
+        self.flew = False
         self.failsafe_watch.reset()
         self._row.armed(True)
         self.home.armed_or_took_off()
@@ -231,10 +231,11 @@ class Commander:
 
     @property
     def settled(self) -> bool:
-        """Whether the vehicle is armed and in flight without a failsafe, and its state has not changed since
-        the last check."""
-        normal = self.failsafe.action is Action.NONE and self.monitors.quiet and not self.terminated
-        return normal and self.armed and self._flew and self._checked_state == self._state()
+        """Whether the vehicle is armed without a failsafe, and its state has not changed since the last
+        check."""
+        if not self.armed or self.terminated or self.failsafe.action is not Action.NONE:
+            return False
+        return self.monitors.quiet and self._checked_state == self._state()
 
     def _state(self) -> tuple[object, ...]:
         """State whose change makes a check due."""
@@ -289,11 +290,11 @@ class Commander:
         self.landed = landed
         now_s = self._view.time_s
         if landed:
-            self._landed_at_s = now_s
+            self.landed_at_s = now_s
             if self.armed:
                 self._announcer.both(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
-            self._flew = True
+            self.flew = True
             self._flights.took_off()
             self._announcer.both(6, "Takeoff detected", "commander_takeoff_detected")
             self.home.armed_or_took_off()
@@ -312,15 +313,15 @@ class Commander:
         if self.terminated or not self.armed:
             return
         externally_commanded = self.intended is NavState.OFFBOARD or is_external(self.intended)
-        grounded = self.landed and not self._flew and not externally_commanded
+        grounded = self.landed and not self.flew and not externally_commanded
         before = self.failsafe
         decision = self.failsafe_watch.update(
             self.intended,
-            armed_for_s=self._view.time_s - self._armed_at_s,
+            armed_for_s=self._view.time_s - self.armed_at_s,
             may_act=not grounded or self.monitors.attitude_failure,
             overrides=self.external.overrides(self.active),
         )
-        if decision == before:
+        if decision is before or decision == before:
             return
         if decision.action > Action.WARN:
             self._execute(decision.action)
@@ -375,17 +376,13 @@ class Commander:
             return
         now_s = self._view.time_s
         if self.external.overrides(self.active).disable_auto_disarm:
-            self._landed_at_s = now_s
+            self.landed_at_s = now_s
             return
-        in_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
-        reason = auto_disarm_reason(
-            self._view,
-            flew=self._flew,
-            landed_for_s=0.0 if in_mission else now_s - self._landed_at_s,
-            armed_for_s=now_s - self._armed_at_s,
-        )
-        if reason is not None:
-            self.disarm(reason)
+        if self.flew and self.active is NavState.MISSION and not self._navigator.mission.finished:
+            return
+        since_s = self.landed_at_s if self.flew else self.armed_at_s
+        if now_s - since_s >= auto_disarm_after_s(self._view, flew=self.flew):
+            self.disarm(Reason.LANDING if self.flew else Reason.PREFLIGHT)
 
     def landed_state(self) -> LandedState:
         """MAV_LANDED_STATE as EXTENDED_SYS_STATE reports it."""

@@ -9,13 +9,13 @@ import numpy as np
 
 from vehicle_sim.autopilot.land_detector import LIMIT_COUNT, new_state
 from vehicle_sim.autopilot.smoothing import SETTINGS, TRIPLET_SIZE
-from vehicle_sim.autopilot.trajectory import SIZE
+from vehicle_sim.autopilot.trajectory import SIZE, YAW_SIZE
 from vehicle_sim.kernels import Blocks, Rows
 
-DOWN, SETPOINT_DOWN, TILT = range(3)
+DOWN, SETPOINT_DOWN, TILT, RAMP, MOTION_SIZE = range(5)
 """Columns of `motion`: estimated position down at the last tick [m]; vertical velocity of the last trajectory
 setpoint [m/s] (NaN: none; setpoints that press the vehicle to the ground do not count); allowed tilt after
-take-off [rad]."""
+take-off [rad]; progress of the take-off ramp, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class FlightNumbers:
     before_turn_m_s: Rows
     """(N, 1) speed of the trajectory before a turn."""
     yaw: Rows
-    """(N, 3) heading of the trajectory: `YAW`, `YAW_RATE`, `YAW_TARGET`."""
+    """(N, `YAW_SIZE`) heading of the trajectory."""
     seen_heading_rad: Rows
     """(N, 1) the estimated heading when resets of the estimate were last checked."""
     detector: Rows
@@ -39,19 +39,19 @@ class FlightNumbers:
     detector_limits: Rows
     """(N, `LIMIT_COUNT`)."""
     motion: Rows
-    """(N, 3) `DOWN`, `SETPOINT_DOWN`, `TILT`."""
+    """(N, `MOTION_SIZE`) `DOWN`, `SETPOINT_DOWN`, `TILT`, `RAMP`."""
 
     @classmethod
     def of(cls, count: int) -> FlightNumbers:
         """Numbers of vehicles on the ground."""
-        motion = np.zeros((count, 3))
+        motion = np.zeros((count, MOTION_SIZE))
         motion[:, SETPOINT_DOWN] = np.nan
         return cls(
             axes=np.zeros((count, 3, SIZE)),
             settings=np.zeros((count, len(SETTINGS))),
             triplet=np.zeros((count, TRIPLET_SIZE)),
             before_turn_m_s=np.zeros((count, 1)),
-            yaw=np.zeros((count, 3)),
+            yaw=np.zeros((count, YAW_SIZE)),
             seen_heading_rad=np.zeros((count, 1)),
             detector=np.tile(new_state(), (count, 1)),
             detector_limits=np.zeros((count, LIMIT_COUNT)),

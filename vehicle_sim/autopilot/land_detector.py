@@ -132,6 +132,12 @@ class LandDetector:
         """Whether `maybe_landed` has been true for the whole stage."""
         return self._numbers[LANDED] != 0.0
 
+    @property
+    def detected(self) -> float:
+        """The three stages as one number; 0 in flight (`detected_stages`)."""
+        numbers = self._numbers
+        return numbers[CONTACT] + 2.0 * numbers[MAYBE] + 4.0 * numbers[LANDED]
+
     def update(self, now_s: float, motion: Motion, limits: LandingThresholds) -> None:
         """Updates the state; call at 50 Hz."""
         if limits is not self._limits:
@@ -148,6 +154,12 @@ class LandDetector:
             roll_rate, pitch_rate, motion.height_above_ground_m, motion.climb_rate_controlled,
             motion.setpoint_down_m_s,
         )  # fmt: skip
+
+
+@formula
+def detected_stages(state: Column) -> float:
+    """`LandDetector.detected`."""
+    return state[CONTACT] + 2.0 * state[MAYBE] + 4.0 * state[LANDED]
 
 
 @formula

@@ -252,7 +252,7 @@ class Navigator:
 
     def steady_task(self, mode: NavState) -> SteadyTask | None:
         """The motion of the mode until one of its end conditions; None: the mode needs full ticks."""
-        if self._return.checks_rally_points:
+        if self.awaits_rally_check:
             return None
         if mode is NavState.MISSION:
             return self.mission.steady_task()
@@ -260,9 +260,18 @@ class Navigator:
             return self._climb.steady_task(altitude_radius_m=self._view.parameter("NAV_MC_ALT_RAD"))
         return self._descent.steady_task() if mode in LANDING_MODES else None
 
-    def situation(self) -> tuple[object, ...]:
-        """State that commands can change between two ticks."""
-        return self.path.situation(), self.mission.situation()
+    @property
+    def awaits_rally_check(self) -> bool:
+        """Whether new rally points have not been checked yet."""
+        return self._return.checks_rally_points
+
+    def situation(self, mode: NavState) -> tuple[object, ...]:
+        """State of the mode that commands can change between two ticks."""
+        if mode in WITHOUT_TASK:
+            return ()
+        if mode is NavState.MISSION:
+            return self.path.situation(), self.mission.situation()
+        return self.path.situation()
 
     def descend(self) -> None:
         """Descends level at landing speed; used without sticks or without a position."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.control.setpoints import ControlLevel
@@ -30,7 +30,7 @@ GLOBAL_TERRAIN = 11
 
 
 class SetpointKind(Enum):
-    """The highest-level quantity that a stream of setpoints controls."""
+    """The highest-level quantity that a stream of setpoints controls; `level` is the controller for it."""
 
     NONE = "none"
     POSITION = "position"
@@ -41,10 +41,13 @@ class SetpointKind(Enum):
     THRUST_TORQUE = "thrust_torque"
     ACTUATORS = "actuators"
 
+    def __init__(self, name: str) -> None:
+        level = "motors" if name == "actuators" else name
+        self.level = ControlLevel.__members__.get(level.upper(), ControlLevel.TRAJECTORY)
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
-    """The newest setpoint; NaN: not controlled."""
+
+class Setpoint(NamedTuple):
+    """The newest setpoint; NaN: not controlled. A tuple, because it is made at each tick."""
 
     kind: SetpointKind = SetpointKind.NONE
     position_ned_m: Vector = NAN3
@@ -70,17 +73,11 @@ class Setpoint:
         (n, e, d), (vn, ve, vd), (an, ae, ad) = (
             self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2,
         )  # fmt: skip
+        if finite(n + e + d + vn + ve + vd + an + ae + ad):  # the usual case: all are finite
+            return True
         position, velocity, acceleration = finite(n), finite(vn), finite(an)
         pairs = position is finite(e) and velocity is finite(ve) and acceleration is finite(ae)
         return pairs and (position or velocity or acceleration) and (finite(d) or finite(vd) or finite(ad))
-
-
-LEVELS = {
-    SetpointKind.ATTITUDE: ControlLevel.ATTITUDE,
-    SetpointKind.RATES: ControlLevel.RATES,
-    SetpointKind.THRUST_TORQUE: ControlLevel.THRUST_TORQUE,
-    SetpointKind.ACTUATORS: ControlLevel.MOTORS,
-}
 
 
 def _finite(values: Vector) -> bool:
@@ -156,7 +153,7 @@ class Offboard:
     def put(self, setpoint: Setpoint) -> None:
         """Stores a setpoint of PX4's internal topics; Offboard uses it if OffboardControlMode selects its
         level."""
-        self._topics[LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)] = setpoint
+        self._topics[setpoint.kind.level] = setpoint
         if self._flagged is not None:
             self._choose()
 
@@ -319,7 +316,8 @@ class Offboard:
     @property
     def level(self) -> ControlLevel:
         """Control level of the newest setpoint."""
-        return LEVELS.get(self.kind, ControlLevel.TRAJECTORY)
+        flagged = self._flagged
+        return (self.setpoint.kind if flagged is None else flagged).level
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
         """Whether the setpoint requires a take-off."""

@@ -57,8 +57,6 @@ class Path:
         """NaN, here and below: the parameter's value."""
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
-        self._locked_yaw_rad = 0.0
-        """Heading at the start of the flight task."""
         self._resets = EstimateResets(view, numbers.seen_heading_rad[index])
 
     def follow_resets(self) -> None:
@@ -98,7 +96,7 @@ class Path:
             if abs(acceleration) <= MAX_CONTINUED_M_S2:
                 axis.acceleration_m_s2 = acceleration
         self.yaw.reset(estimate.yaw_ned_rad)
-        self.yaw_target_rad = self._locked_yaw_rad = estimate.yaw_ned_rad
+        self.yaw_target_rad = self.yaw.locked_rad = estimate.yaw_ned_rad
         self.face_target = False
         self.target_ned_m = (None, None, None)
 
@@ -211,10 +209,7 @@ class Path:
         corrected heading.
         """
         if not self._controls_heading:
-            yaw_rad = self._view.estimate.yaw_ned_rad
-            self.yaw.reset(yaw_rad)
-            if self.yaw_target_rad == self._locked_yaw_rad:
-                self.yaw_target_rad = self._locked_yaw_rad = yaw_rad
+            self.yaw.follow(self._view.estimate.yaw_ned_rad)
             return
         max_rate_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
         self.yaw.advance(TICK_S, max_rate_rad_s)

@@ -1,8 +1,8 @@
 """Ticks of all autopilots; for vehicles in steady flight they run in compiled loops.
 
-Most ticks decide nothing: an armed vehicle in the air climbs, descends, flies a leg or follows a stream of
-trajectory setpoints, no failsafe acts, no command has arrived, and its item is not finished. The compiled
-loops compute such ticks for all these vehicles together, with the same formulas and results as
+Most ticks decide nothing: an armed vehicle climbs, descends, flies a leg, follows a stream of trajectory
+setpoints or is pressed to the ground, no failsafe acts, no command has arrived, and its item is not finished.
+The compiled loops compute such ticks for all these vehicles together, with the same formulas and results as
 `Autopilot.update`. Geofence and the checks of the commander run at their own rates. A tick that may decide
 something runs in `Autopilot.update`.
 """
@@ -15,12 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.flight_numbers import DOWN, SETPOINT_DOWN, TILT, FlightNumbers
-from vehicle_sim.autopilot.land_detector import CONTACT, LANDED, MAYBE, detect
-from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.autopilot.flight_numbers import DOWN, RAMP, SETPOINT_DOWN, TILT, FlightNumbers
+from vehicle_sim.autopilot.land_detector import detect, detected_stages
+from vehicle_sim.autopilot.path import GROUND_VELOCITY_DOWN_M_S, TICK_S
 from vehicle_sim.autopilot.smoothing import FROM, ONWARD, TO, fly_level, fly_triplet, plan_vertical
 from vehicle_sim.autopilot.steady_task import Motion, SteadyLimits
-from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S
+from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffState, climb_limit
 from vehicle_sim.autopilot.trajectory import (
     ACCELERATION,
     POSITION,
@@ -29,6 +29,7 @@ from vehicle_sim.autopilot.trajectory import (
     YAW_RATE,
     YAW_TARGET,
     fly,
+    follow_heading,
     max_speed_for_distance,
     plan,
     turn,
@@ -41,17 +42,19 @@ from vehicle_sim.state import angles_of
 (
     _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _TOWARDS_NORTH, _TOWARDS_EAST, _TOWARDS_MIN,
     _ABOVE_AMSL, _ABOVE_DOWN, _ARRIVES_NORTH, _ARRIVES_EAST, _ARRIVES_WITHIN, _WAITS_SINCE, _WAITS_FOR,
-) = range(15)  # fmt: skip
+    _TAKEOFF, _DETECTED, _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE,
+) = range(20)  # fmt: skip
 """Columns of the tasks: `SteadyTask`, then home height and origin altitude from which it was computed."""
-_HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE = 15, 16, 17
 (
     _ESTIMATES_HOVER, _ROLL_FAILURE, _PITCH_FAILURE, _TILT_MAX, _YAW_RATE_MAX, _LAND_ALT1, _LAND_ALT2,
-    _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, _TAKEOFF_RAMP,
-) = range(12)  # fmt: skip
+    _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, _TAKEOFF_RAMP, _CLIMB_MAX, _VELOCITY_GAIN,
+) = range(14)  # fmt: skip
 """Columns of the limits: `SteadyLimits`."""
 _UP_SPEED, _DOWN_SPEED, _UP_ACCELERATION, _DOWN_ACCELERATION, _JERK = 2, 3, 5, 6, 7
 """Columns of `smoothing.SETTINGS`."""
 _IS_CLIMB, _IS_DESCENT, _IS_STREAM = int(Motion.CLIMB), int(Motion.DESCENT), int(Motion.STREAM)
+_IS_PRESSED = int(Motion.PRESSED)
+_FLIGHT, _RAMPUP = int(TakeoffState.FLIGHT), int(TakeoffState.RAMPUP)
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 _NEAR_M = 1e-6
 """A vehicle this near to a threshold counts as having reached it; Python then decides exactly."""
@@ -79,18 +82,18 @@ class SteadyTicks:
 
     def update(self, autopilots: Sequence[Autopilot]) -> None:
         """One tick of these autopilots; call it at 50 Hz."""
-        steady = [autopilot.view.row for autopilot in autopilots if autopilot.stays_steady()]
+        steady = [autopilot.row for autopilot in autopilots if autopilot.stays_steady()]
         if steady:
             self._look(steady)
         flies: list[int] = []
-        ready = self._ready
+        ready = self._ready.tolist()  # plain values, because access to single elements of arrays is slow
         for autopilot in autopilots:
             if not autopilot.steady:
                 autopilot.update()
-            elif not ready[autopilot.view.row]:
+            elif not ready[autopilot.row]:
                 autopilot.update_after_detection()
             elif autopilot.update_steady():
-                flies.append(autopilot.view.row)
+                flies.append(autopilot.row)
                 continue
             self._begin(autopilot)
         if flies:
@@ -101,7 +104,7 @@ class SteadyTicks:
         task = autopilot.begin_steady()
         if task is None:
             return
-        row = autopilot.view.row
+        row = autopilot.row
         home_down_m, origin_alt_m = autopilot.home.position_ned_m[2], autopilot.view.origin[2]
         self._tasks[row] = (*task, home_down_m, origin_alt_m)
         self._limits[row] = autopilot.steady_limits
@@ -120,9 +123,8 @@ class SteadyTicks:
             numbers.detector, numbers.detector_limits, numbers.motion, estimate.position_ned_m,
             estimate.velocity_ned_m_s, estimate.q_ned_frd, estimate.rates_frd_rad_s, estimate.alt_amsl_m,
             estimate.origin_alt_amsl_m, estimate.height_above_ground_m, estimate.valid_velocity,
-            estimate.valid_altitude, fusion.heading_good_for_control, fusion.resets,
-            fusion.heading_reset_counter, simulation.setpoints.level, simulation.target.thrust,
-            simulation.target.hover_thrust, self._ready,
+            estimate.valid_altitude, fusion.resets, fusion.heading_reset_counter, simulation.setpoints.level,
+            simulation.target.thrust, simulation.target.hover_thrust, self._ready,
         )  # fmt: skip
 
     def _fly(self, rows: list[int]) -> None:
@@ -132,8 +134,9 @@ class SteadyTicks:
             self._indices(rows), self._tasks, self._limits, numbers.axes, numbers.settings, numbers.triplet,
             numbers.before_turn_m_s, numbers.yaw, numbers.seen_heading_rad, numbers.motion,
             estimate.position_ned_m, estimate.q_ned_frd, estimate.height_above_ground_m,
-            setpoints.position_ned_m, setpoints.velocity_ned_m_s, setpoints.acceleration_ned_m_s2,
-            setpoints.yaw_ned_rad, setpoints.yaw_rate_ned_rad_s, setpoints.tilt_limit_rad,
+            simulation.fusion.heading_good_for_control, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
+            setpoints.acceleration_ned_m_s2, setpoints.yaw_ned_rad, setpoints.yaw_rate_ned_rad_s,
+            setpoints.tilt_limit_rad, setpoints.climb_limit_m_s,
         )  # fmt: skip
 
 
@@ -158,8 +161,8 @@ def _was_reset(before: Integers, resets: IntegerRows, heading_resets: Integers, 
 
 
 @formula
-def _on_ground(detector: Column) -> bool:
-    return detector[CONTACT] != 0.0 or detector[MAYBE] != 0.0 or detector[LANDED] != 0.0
+def _ramp_ends(task: Column, limits: Column, motion: Column) -> bool:
+    return task[_TAKEOFF] == _RAMPUP and motion[RAMP] + TICK_S / limits[_TAKEOFF_RAMP] >= 1.0
 
 
 @formula
@@ -175,8 +178,8 @@ def _look(
     rows: Integers, now_s: float, tasks: Rows, limits: Rows, counts: IntegerRows, detector: Rows,
     detector_limits: Rows, motion: Rows, position: Rows, velocity: Rows, q_ned_frd: Rows, rates: Rows,
     alt_amsl_m: Column, origin_alt_m: Column, height_m: Column, valid_velocity: Flags, valid_altitude: Flags,
-    heading_good: Flags, resets: IntegerRows, heading_resets: Integers, level: Integers, thrust: Column,
-    hover_thrust: Column, ready: Flags,
+    resets: IntegerRows, heading_resets: Integers, level: Integers, thrust: Column, hover_thrust: Column,
+    ready: Flags,
 ) -> None:  # fmt: skip
     """Runs the land detectors; sets `ready` (N,): whether no decision is needed."""
     for row in rows:
@@ -186,16 +189,18 @@ def _look(
         vn, ve = 0.0, 0.0
         if valid_velocity[r]:
             vn, ve = velocity[r, 0], velocity[r, 1]
+        takeoff = tasks[r, _TAKEOFF]
         detect(
-            detector[r], detector_limits[r], now_s, True, thrust[r], hover_thrust[r],
-            limits[r, _ESTIMATES_HOVER] != 0.0, vn, ve, velocity[r, 2], down_m_s, valid_altitude[r],
-            rates[r, 0], rates[r, 1], height_m[r], True, motion[r, SETPOINT_DOWN],
+            detector[r], detector_limits[r], now_s, True, thrust[r] if takeoff >= _RAMPUP else 0.0,
+            hover_thrust[r], takeoff == _FLIGHT and limits[r, _ESTIMATES_HOVER] != 0.0, vn, ve,
+            velocity[r, 2], down_m_s, valid_altitude[r], rates[r, 0], rates[r, 1], height_m[r], True,
+            motion[r, SETPOINT_DOWN],
         )  # fmt: skip
         ready[r] = (
-            heading_good[r]
-            and level[r] == _TRAJECTORY
+            level[r] == _TRAJECTORY
             and origin_alt_m[r] == tasks[r, _ORIGIN_ALT]
-            and not _on_ground(detector[r])
+            and detected_stages(detector[r]) == tasks[r, _DETECTED]
+            and not _ramp_ends(tasks[r], limits[r], motion[r])
             and not _was_reset(counts[r], resets, heading_resets, r)
             and _upright(limits[r], q_ned_frd[r])
             and not _ended(tasks[r], now_s, position[r], alt_amsl_m[r])
@@ -261,6 +266,28 @@ def _descend(
 
 
 @formula
+def _press(axes: Rows, position: Column) -> None:
+    """One tick of `Path.idle`."""
+    for k in range(3):
+        axes[k, :] = 0.0
+        axes[k, POSITION] = position[k]
+    axes[2, VELOCITY] = GROUND_VELOCITY_DOWN_M_S
+
+
+@formula
+def _limit(
+    task: Column, limits: Column, motion: Column, r: int, tilt_limit: Column, climb_limit_m_s: Column
+) -> None:
+    """The limits of a tick: the tilt rises in flight, the climb rate in the take-off ramp."""
+    if task[_TAKEOFF] == _FLIGHT:
+        motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
+        tilt_limit[r] = motion[TILT] if motion[TILT] < limits[_TILT_MAX] else math.nan
+    elif task[_TAKEOFF] == _RAMPUP:
+        motion[RAMP] += TICK_S / limits[_TAKEOFF_RAMP]
+        climb_limit_m_s[r] = climb_limit(motion[RAMP], limits[_CLIMB_MAX], limits[_VELOCITY_GAIN])
+
+
+@formula
 def _face(task: Column, axes: Rows, yaw: Column) -> None:
     """Sets the heading target towards the point of the task."""
     north = task[_TOWARDS_NORTH] - axes[0, POSITION]
@@ -273,19 +300,22 @@ def _face(task: Column, axes: Rows, yaw: Column) -> None:
 def _fly(
     rows: Integers, tasks: Rows, limits: Rows, axes: Blocks, settings: Rows, triplet: Rows,
     before_turn_m_s: Rows, yaw: Rows, seen_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows,
-    range_m: Column, setpoint_position: Rows, setpoint_velocity: Rows, setpoint_acceleration: Rows,
-    setpoint_yaw: Column, setpoint_yaw_rate: Column, tilt_limit: Column,
+    range_m: Column, heading_good: Flags, setpoint_position: Rows, setpoint_velocity: Rows,
+    setpoint_acceleration: Rows, setpoint_yaw: Column, setpoint_yaw_rate: Column, tilt_limit: Column,
+    climb_limit_m_s: Column,
 ) -> None:  # fmt: skip
     """Advances the trajectories by one tick, and writes the setpoints; those of a stream are already
     written."""
     for row in rows:
         r = int(row)
-        motion[r, TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
-        tilt_limit[r] = motion[r, TILT] if motion[r, TILT] < limits[r, _TILT_MAX] else math.nan
+        _limit(tasks[r], limits[r], motion[r], r, tilt_limit, climb_limit_m_s)
         kind = tasks[r, _MOTION]
         if kind == _IS_STREAM:
             continue
         seen_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
+        if kind == _IS_PRESSED:
+            _press(axes[r], position[r])
+            continue
         if kind == _IS_CLIMB:
             _climb(tasks[r], limits[r], axes[r], settings[r], triplet[r], before_turn_m_s[r], position[r])
         elif kind == _IS_DESCENT:
@@ -305,10 +335,13 @@ def _fly(
                 axes[r], settings[r], triplet[r], before_turn_m_s[r], TICK_S, position[r, 0], position[r, 1],
                 tasks[r, _CRUISE], tasks[r, _CLIMB], tasks[r, _DESCENT],
             )  # fmt: skip
-        turn(yaw[r], TICK_S, limits[r, _YAW_RATE_MAX])
+        if heading_good[r]:
+            turn(yaw[r], TICK_S, limits[r, _YAW_RATE_MAX])
+        else:
+            follow_heading(yaw[r], seen_heading_rad[r, 0])
         for k in range(3):
             setpoint_position[r, k] = axes[r, k, POSITION]
             setpoint_velocity[r, k] = axes[r, k, VELOCITY]
             setpoint_acceleration[r, k] = axes[r, k, ACCELERATION]
-        setpoint_yaw[r], setpoint_yaw_rate[r] = yaw[r, YAW], yaw[r, YAW_RATE]
+        setpoint_yaw[r], setpoint_yaw_rate[r] = yaw[r, YAW] if heading_good[r] else math.nan, yaw[r, YAW_RATE]
         motion[r, SETPOINT_DOWN] = axes[r, 2, VELOCITY]

@@ -1,4 +1,5 @@
-"""A motion that needs no decision for many ticks: a climb, a descent, the leg of a mission, or a stream."""
+"""A motion that needs no decision for many ticks: a climb, a descent, the leg of a mission, a stream, or a
+vehicle that is pressed to the ground."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
+from vehicle_sim.autopilot.takeoff import TakeoffState
 from vehicle_sim.vehicle_view import VehicleView
 
 
@@ -17,6 +19,8 @@ class Motion(IntEnum):
     LEG = 3
     STREAM = 4
     """Trajectory setpoints in Offboard; the autopilot writes the newest at each tick."""
+    PRESSED = 5
+    """The vehicle is pressed to the ground, before take-off or after ground contact."""
 
 
 class SteadyTask(NamedTuple):
@@ -45,10 +49,15 @@ class SteadyTask(NamedTuple):
     waits_since_s: float = math.inf
     """The mission item ends `waits_for_s` after this time."""
     waits_for_s: float = 0.0
+    takeoff: TakeoffState = TakeoffState.FLIGHT
+    """A change ends the motion; so does the end of the take-off ramp."""
+    detected: float = 0.0
+    """`LandDetector.detected`; a change ends the motion."""
 
 
 STREAM = SteadyTask(Motion.STREAM, math.nan, math.nan, math.nan)
 """Ends only by what other parts change: the mode, the level of the setpoints, a failsafe."""
+PRESSED = SteadyTask(Motion.PRESSED, math.nan, math.nan, math.nan)
 
 
 class SteadyLimits(NamedTuple):
@@ -68,6 +77,9 @@ class SteadyLimits(NamedTuple):
     land_crawl_m_s: float
     takeoff_speed_m_s: float
     takeoff_ramp_s: float
+    climb_max_m_s: float
+    velocity_gain: float
+    """MPC_Z_VEL_P_ACC."""
 
     @classmethod
     def of(cls, view: VehicleView) -> SteadyLimits:
@@ -81,5 +93,5 @@ class SteadyLimits(NamedTuple):
             math.radians(parameter("MPC_TILTMAX_AIR")), math.radians(parameter("MPC_YAWRAUTO_MAX")),
             parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT3"),
             parameter("MPC_LAND_SPEED"), parameter("MPC_LAND_CRWL"), parameter("MPC_TKO_SPEED"),
-            parameter("MPC_TKO_RAMP_T"),
+            parameter("MPC_TKO_RAMP_T"), parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_P_ACC"),
         )  # fmt: skip

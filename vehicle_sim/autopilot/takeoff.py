@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
+from vehicle_sim.kernels import kernel
+
 GRAVITY_M_S2 = 9.80665
 TILT_LIMIT_RISE_RAD_S = 0.2
 """Rate at which PX4 increases the tilt limit after the take-off ramp."""
@@ -21,14 +23,28 @@ class TakeoffState(IntEnum):
     FLIGHT = 4
 
 
-class TakeoffRamp:
-    """PX4's take-off state machine for one vehicle."""
+@kernel
+def climb_limit(progress: float, speed_m_s: float, velocity_gain: float) -> float:
+    """The allowed climb rate at a progress of the ramp, 0 to 1.
 
-    def __init__(self) -> None:
+    The ramp starts at the speed error that gives zero thrust.
+    """
+    start_m_s = -GRAVITY_M_S2 / velocity_gain if velocity_gain > 0.0 else -1.0
+    return start_m_s + progress * (speed_m_s - start_m_s)
+
+
+class TakeoffRamp:
+    """PX4's take-off state machine for one vehicle.
+
+    Args:
+        progress: one number, the progress of the ramp from 0 to 1.
+    """
+
+    def __init__(self, progress: memoryview[float]) -> None:
         self.state = TakeoffState.DISARMED
         self.climb_limit_m_s = math.nan
-        self._armed_at_s = 0.0
-        self._progress = 0.0
+        self.armed_at_s = 0.0
+        self._progress = progress
 
     def update(
         self,
@@ -46,29 +62,27 @@ class TakeoffRamp:
         """Updates the state; `climb_limit_m_s` is NaN in flight, after the ramp.
 
         Args:
-            velocity_gain: MPC_Z_VEL_P_ACC; the ramp starts at the speed error that gives zero thrust.
+            velocity_gain: MPC_Z_VEL_P_ACC.
         """
         if not armed:
             self.state = TakeoffState.DISARMED
         elif self.state is TakeoffState.DISARMED:
-            self.state, self._armed_at_s = TakeoffState.SPOOLUP, now_s
-        if self.state is TakeoffState.SPOOLUP and now_s - self._armed_at_s >= spoolup_s:
+            self.state, self.armed_at_s = TakeoffState.SPOOLUP, now_s
+        if self.state is TakeoffState.SPOOLUP and now_s - self.armed_at_s >= spoolup_s:
             self.state = TakeoffState.READY
         if self.state is TakeoffState.READY and (wants_to_climb or not landed):
-            self.state, self._progress = TakeoffState.RAMPUP, 0.0
+            self.state, self._progress[0] = TakeoffState.RAMPUP, 0.0
         if self.state is TakeoffState.RAMPUP:
-            self._progress = min(1.0, self._progress + dt_s / ramp_s) if ramp_s > dt_s else 1.0
-            if self._progress >= 1.0:
+            self._progress[0] = min(1.0, self._progress[0] + dt_s / ramp_s) if ramp_s > dt_s else 1.0
+            if self._progress[0] >= 1.0:
                 self.state = TakeoffState.FLIGHT
         elif self.state is TakeoffState.FLIGHT and landed:
             self.state = TakeoffState.READY
-        start = -GRAVITY_M_S2 / velocity_gain if velocity_gain > 0.0 else -1.0
         if self.state is TakeoffState.FLIGHT:
             self.climb_limit_m_s = math.nan
-        elif self.state is TakeoffState.RAMPUP:
-            self.climb_limit_m_s = start + self._progress * (speed_m_s - start)
-        else:
-            self.climb_limit_m_s = start
+            return
+        progress = self._progress[0] if self.state is TakeoffState.RAMPUP else 0.0
+        self.climb_limit_m_s = climb_limit(progress, speed_m_s, velocity_gain)
 
     @property
     def flying(self) -> bool:

@@ -167,8 +167,9 @@ class Axis:
 
 YAW_RATE_TIME_CONSTANT_S = 0.2
 """Time constant of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
-YAW, YAW_RATE, YAW_TARGET = range(3)
-"""The numbers of a heading: the heading [rad], its rate [rad/s] and its target [rad]."""
+YAW, YAW_RATE, YAW_TARGET, YAW_LOCKED, YAW_SIZE = range(5)
+"""The numbers of a heading: the heading [rad], its rate [rad/s], its target [rad] and the heading at the
+start of the flight task [rad]."""
 
 
 @formula
@@ -190,6 +191,15 @@ def turn(yaw: Column, dt_s: float, rate_max_rad_s: float) -> None:
     yaw[YAW] = _wrapped(yaw[YAW] + step)
 
 
+@kernel
+def follow_heading(yaw: Column, heading_rad: float) -> None:
+    """Sets a heading that is not controlled to the estimated one; a target that is the heading at the start
+    of the flight task follows it."""
+    yaw[YAW], yaw[YAW_RATE] = heading_rad, 0.0
+    if yaw[YAW_TARGET] == yaw[YAW_LOCKED]:
+        yaw[YAW_TARGET] = yaw[YAW_LOCKED] = heading_rad
+
+
 class YawRamp:
     """A heading with the rate limit MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass.
 
@@ -200,6 +210,7 @@ class YawRamp:
     yaw_ned_rad = _number_property(YAW)
     rate_rad_s = _number_property(YAW_RATE)
     target_rad = _number_property(YAW_TARGET)
+    locked_rad = _number_property(YAW_LOCKED)
 
     def __init__(self, row: NDArray[np.float64]) -> None:
         self.row = row
@@ -208,6 +219,10 @@ class YawRamp:
     def reset(self, yaw_ned_rad: float) -> None:
         """Sets the heading, with zero rate."""
         self.values[YAW], self.values[YAW_RATE] = yaw_ned_rad, 0.0
+
+    def follow(self, heading_rad: float) -> None:
+        """Follows the estimated heading (`follow_heading`)."""
+        follow_heading(self.row, heading_rad)
 
     def advance(self, dt_s: float, rate_max_rad_s: float) -> None:
         """Turns towards the target for `dt_s`."""

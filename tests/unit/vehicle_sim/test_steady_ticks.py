@@ -130,6 +130,27 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
     assert share > 0.4
 
 
+def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_steady_ticks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Full ticks: before arming, after the disarming, and while the landing brakes."""
+
+    def set_quick(sim: VehicleSim) -> None:
+        for name, value in {"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5}.items():
+            sim.set_parameter(0, name, value)
+
+    script: Script = {
+        0.5: set_quick,
+        1.0: for_each_autopilot(take_off),
+        6.5: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
+    }
+    sims: list[VehicleSim] = []
+    script[6.6] = sims.append
+    share = fly_both_ways(script, 16.5, monkeypatch)
+    assert not any(sim.autopilots[0].commander.armed for sim in sims)
+    assert share > 0.8
+
+
 def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() -> None:
     sim = VehicleSim(links=(), seed=3)
     autopilot = sim.autopilots[0]

@@ -1,0 +1,50 @@
+"""Steady motions of an armed vehicle on the ground and in its take-off ramp."""
+
+from __future__ import annotations
+
+from vehicle_sim.autopilot.arming import auto_disarm_after_s
+from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.autopilot.land_detector import LandDetector
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.navigator import LANDING_MODES, Navigator
+from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.autopilot.steady_task import PRESSED, SteadyTask
+from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
+from vehicle_sim.vehicle_view import VehicleView
+
+
+def ground_task(
+    view: VehicleView,
+    commander: Commander,
+    navigator: Navigator,
+    takeoff: TakeoffRamp,
+    detector: LandDetector,
+) -> SteadyTask | None:
+    """The motion until the state of take-off or landing changes; None: the mode needs full ticks."""
+    mode, state = commander.active, takeoff.state
+    touches = state is TakeoffState.FLIGHT and detector.ground_contact
+    if navigator.awaits_rally_check:
+        return None
+    if mode is NavState.TAKEOFF and state is TakeoffState.RAMPUP:
+        task = navigator.steady_task(mode) if view.parameter("MPC_TKO_RAMP_T") > TICK_S else None
+    elif mode is NavState.TAKEOFF and state is TakeoffState.SPOOLUP:
+        task = PRESSED._replace(
+            waits_since_s=takeoff.armed_at_s, waits_for_s=view.parameter("COM_SPOOLUP_TIME")
+        )
+    elif mode in LANDING_MODES and (touches or state is TakeoffState.READY):
+        task = PRESSED
+    else:
+        return None
+    if task is None:
+        return None
+    task = task._replace(takeoff=state, detected=detector.detected)
+    if commander.landed and state is not TakeoffState.SPOOLUP:  # it ends before the vehicle is disarmed
+        since_s = commander.landed_at_s if commander.flew else commander.armed_at_s
+        wait_s = auto_disarm_after_s(view, flew=commander.flew)
+        task = task._replace(waits_since_s=since_s, waits_for_s=wait_s)
+    return task
+
+
+def is_grounded(takeoff: TakeoffRamp, detector: LandDetector) -> bool:
+    """Whether the vehicle is on the ground or in its take-off ramp."""
+    return not takeoff.flying or detector.detected != 0.0
