@@ -15,10 +15,7 @@ export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 /** The server's text with the form's names of kinds: "thrust and torque" instead of "thrust_torque". */
 export function displayText(text: string): string {
   return KINDS.reduce(
-    (text, one) =>
-      one.kind.includes('_') || one.kind === 'actuators'
-        ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase())
-        : text,
+    (text, one) => (one.kind.includes('_') || one.kind === 'actuators' ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase()) : text),
     text,
   );
 }
