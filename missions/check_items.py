@@ -64,11 +64,11 @@ def _refused_items(context: Context) -> Iterator[Finding]:
                 yield Finding("vtol_item", message, row, fix="Use take-off and land.")
             else:
                 message = f"PX4 refuses item {row + 1} (command {item.command}, frame {item.frame})."
-                yield Finding("command_refused", message, row, fix="Remove it.")
+                yield Finding("command_refused", message, row, fix="Remove this item.")
         elif isinstance(item, SetServo | CameraZoom):
             # Recorded on PX4 v1.16: such an item ends the upload.
             message = f"PX4 refuses {name(row, item).lower()}."
-            fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove it."
+            fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove this item."
             yield Finding("command_refused", message, row, fix=fix)
         elif isinstance(item, SetHome) and item.use_current != 1.0:
             message = f"{name(row, item)} names a position; PX4 accepts only the vehicle's own."

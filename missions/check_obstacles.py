@@ -22,7 +22,7 @@ def _obstacles(context: Context) -> Iterator[Finding]:
         if not is_valid(obstacle, origin):
             what = name_of(obstacle, index)
             message = f"The sides of {what} cross, or it has no area."
-            yield Finding("obstacle_invalid", message, obstacle=index, fix="Draw it again.")
+            yield Finding("obstacle_invalid", message, obstacle=index, fix="Draw the obstacle again.")
     shapes = ObstacleShapes(plan.obstacles, origin, context.home_amsl_m)
     reported: set[tuple[int, int]] = set()
     for line in flown_lines(plan, context.vehicle.return_alt_m):

@@ -94,7 +94,7 @@ def _zones(context: Context) -> Iterator[Finding]:
             shape = Polygon([_local(context, point.lat_deg, point.lon_deg) for point in zone.polygon])
             if not shape.is_valid or shape.area <= 0.0:
                 message = f"The sides of fence zone {index + 1} cross, or it has no area."
-                yield Finding("fence_invalid", message, zone=index, fix="Draw it again.")
+                yield Finding("fence_invalid", message, zone=index, fix="Draw the zone again.")
     for index, rally in enumerate(context.plan.rally_points):
         if rally.altitude.reference == "terrain" and rally.altitude.resolved_amsl_m is None:
             message = f"Rally point {index + 1} has a terrain altitude, which PX4 refuses."

@@ -151,7 +151,7 @@ def _placemark(placemark: Element) -> Iterator[Feature]:
                 ring = _coordinates(geometry, name)
                 if kind == "point" and len(ring) != 1:
                     raise PlanError(
-                        f"placemark {name!r}", "its point must have one coordinate", "Correct it."
+                        f"placemark {name!r}", "its point must have one coordinate", "Correct the point."
                     )
                 yield Feature(kind, (ring,), properties, name, _altitude(geometry))
             case "Polygon":
@@ -160,7 +160,9 @@ def _placemark(placemark: Element) -> Iterator[Feature]:
                 holes = [_coordinates(each, name) for each in _all(geometry, "innerBoundaryIs")]
                 if len(outer) != 1:
                     raise PlanError(
-                        f"placemark {name!r}", "its polygon must have one outer boundary", "Correct it."
+                        f"placemark {name!r}",
+                        "its polygon must have one outer boundary",
+                        "Correct the polygon.",
                     )
                 yield Feature("area", tuple(open_ring(ring) for ring in (*outer, *holes)), properties, name)
             case _:

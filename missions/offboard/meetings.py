@@ -27,7 +27,7 @@ def check_meetings(mission: OffboardMission) -> None:
     meetings_of = {role: meetings.of(role, steps) for role, steps in mission.steps_by_role.items()}
     if not mission.roles:
         if meetings_of[None]:
-            raise PlanError("the steps", "a `meet`, but the mission has no roles", "Remove it.")
+            raise PlanError("the steps", "a `meet`, but the mission has no roles", "Remove the `meet` step.")
         return
     (first, expected), *others = meetings_of.items()
     for role, names in others:

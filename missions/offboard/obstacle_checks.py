@@ -39,7 +39,9 @@ class ObstacleCheck:
             if not is_valid(obstacle, origin):
                 message = f"The sides of {name_of(obstacle, index)} cross, or it has no area."
                 findings.append(
-                    MissionFinding("obstacle_invalid", message, None, "Draw it again.", obstacle=index)
+                    MissionFinding(
+                        "obstacle_invalid", message, None, "Draw the obstacle again.", obstacle=index
+                    )
                 )
         home_amsl_m = start.home_alt_amsl_m
         if home_amsl_m is None:

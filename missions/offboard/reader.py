@@ -123,7 +123,7 @@ class _Reader:
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             raise PlanError(f"line {line}", "anchors and aliases (& and *) are not supported", "Use `call`.")
         if getattr(event, "tag", None) is not None:
-            raise PlanError(f"line {line}", f"the tag {event.tag[:60]} is not supported", "Remove it.")
+            raise PlanError(f"line {line}", f"the tag {event.tag[:60]} is not supported", "Remove the tag.")
         if isinstance(event, yaml.ScalarEvent):
             return _scalar(event, line)
         if isinstance(event, yaml.SequenceStartEvent):
