@@ -35,7 +35,7 @@ class Inserted:
     called: str
     """Name of the list that the new step calls."""
     notes: tuple[str, ...]
-    """What differs from the two missions flown alone, as sentences."""
+    """Differences from flying each mission alone, as sentences."""
 
 
 def insert(
@@ -46,15 +46,15 @@ def insert(
     in_air: bool = False,
     positions: Positions | None = None,
 ) -> Inserted:
-    """Inserts a mission. Lists and tables that the mission has already are used again.
+    """Inserts a mission. Lists and tables that the mission already has are reused.
 
     Args:
         mission: the mission to change.
         added: the mission to insert, for one vehicle.
         at: place of the new step; steps from there on move back by one.
         in_air: leave out the inserted take-off and last landing, because the vehicle is flying there.
-        positions: what positions relative to start or home count from, if the planned starts differ: the
-            start of this mission, or converted to the same places.
+        positions: if the planned starts differ: whether positions relative to start or home are relative to
+            those of `mission`, or are converted so that they stay at the same places.
 
     Raises:
         PlanError: The mission cannot be inserted; the error names the part and the fix.

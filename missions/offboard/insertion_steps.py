@@ -77,7 +77,8 @@ class Adapter:
         mission: the mission to change.
         added: the inserted mission.
         move: as from `move_of`.
-        positions: what relative positions count from; None: refused if it makes a difference.
+        positions: how positions relative to start or home are inserted; None: refused if it makes a
+            difference.
     """
 
     def __init__(
@@ -100,10 +101,10 @@ class Adapter:
         return tuple(self._step(step) for step in steps)
 
     def notes(self) -> list[str]:
-        """What changed for the positions, as sentences."""
+        """Changes of the positions, as sentences."""
         if not self._has_relative or self._added.home is None:
             return []
-        from_start = "Positions relative to start or home now count from the start and home of this mission"
+        from_start = "Positions relative to start or home now refer to the start and home of this mission"
         if self._mission.home is None:
             return [f"{from_start}, which has no planned home."]
         if self._move is None:
@@ -175,8 +176,8 @@ class Adapter:
                 "field positions",
                 f"{self._added.name!r} has positions relative to its start or home, and the planned starts "
                 f"of the two missions are {move.distance_m:.0f} m apart",
-                "Choose from_start (they count from the start of this mission) or same_places (they are "
-                "converted and stay where they were planned).",
+                "Choose from_start (they refer to the start of this mission) or same_places (they are "
+                "converted and stay at the planned places).",
                 field="positions",
             )
         if self._positions == "same_places" and len(move.starts_ned_m) > 1:

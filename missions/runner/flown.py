@@ -42,7 +42,7 @@ class FlownSample:
 
 @dataclass(frozen=True, slots=True)
 class PlannedState:
-    """What the plan says about one moment of the flight."""
+    """The planned values at one moment of the flight."""
 
     place: str | None = None
     """Current step."""
@@ -221,7 +221,7 @@ def planned_by_mission(timeline: Timeline, start_ned_m: Vector3) -> PlannedFligh
 
 
 def state_in_mission(reading: Reading, status: RunnerStatus) -> PlannedState:
-    """What an offboard mission says: its step, and the position that it is sending."""
+    """The planned values of an offboard mission: the current step, and the position that is being sent."""
     played = reading.played
     by_setpoints = reading.stream == "flying"
     sent = played.position_ned_m if played is not None and by_setpoints else None

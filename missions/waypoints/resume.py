@@ -88,7 +88,7 @@ def leg_start(items: Sequence[SimpleItem], item: int, first: int | None) -> int 
 
 
 def resume_point(plan: Plan, item: int) -> ResumePoint | str:
-    """What a start on the ground at an item means; the reason, as a sentence, if PX4 cannot start there.
+    """The start on the ground at an item, or the reason why PX4 cannot start there, as a sentence.
 
     Args:
         plan: the plan on the vehicle.

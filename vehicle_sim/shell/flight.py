@@ -50,7 +50,7 @@ class CommanderCommand:
         )
 
     def run(self, words: Words) -> str:
-        """One `commander …`."""
+        """Runs `commander …`."""
         verb = self._verbs.get(words[0]) if words else None
         if verb is None:
             raise Usage(f"unknown: {words[0]}" if words else "")
@@ -125,7 +125,7 @@ class GimbalCommand:
         self.command = Entry(self.run, self.usage)
 
     def run(self, words: Words) -> str:
-        """One `gimbal …`."""
+        """Runs `gimbal …`."""
         if words == ["start"]:
             if self._gimbal.enabled:
                 return warning("gimbal", "already running")
@@ -190,7 +190,7 @@ class FailureCommand:
         self.command = Entry(self.run, f"{'|'.join(UNITS)} {'|'.join(KINDS)} [-i INSTANCE]")
 
     def run(self, words: Words) -> str:
-        """One `failure …`."""
+        """Runs `failure …`."""
         if words in (["help"], ["help", "-v"]):
             return f"Usage: failure {self.command.usage}\n"
         instance = 0

@@ -44,7 +44,7 @@ class ListenerCommand:
         self.uorb = Command(self.run_uorb, "status | top")
 
     def run(self, words: Words) -> Output:
-        """One `listener …`."""
+        """Runs `listener …`."""
         if not words:
             raise Usage
         name, rest = words[0], words[1:]

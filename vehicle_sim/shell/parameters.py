@@ -43,7 +43,7 @@ class ParamCommand:
         self.command = Command(self.run, USAGE)
 
     def run(self, words: Words) -> str:
-        """One `param …`."""
+        """Runs `param …`."""
         verb = self._verbs.get(words[0]) if words else None
         if verb is None:
             raise Usage(f"unknown: {words[0]}" if words else "")

@@ -118,7 +118,7 @@ def _offer(vehicle: Vehicle, progress: FlightProgress, plan: Plan, point: Resume
 
 
 def _moved(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, ...]:
-    """Whether it takes off elsewhere than the interrupted flight did."""
+    """A caution if the vehicle takes off elsewhere than the interrupted flight did."""
     home = progress.home
     if home is None or here is None:
         return ()
@@ -127,5 +127,5 @@ def _moved(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, 
         return ()
     return (
         f"The vehicle is {away_m:.0f} m from where the interrupted flight took off. Home will be here, and "
-        "altitudes above home count from the ground here.",
+        "altitudes above home are measured from the ground here.",
     )

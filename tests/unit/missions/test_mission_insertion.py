@@ -264,7 +264,7 @@ def test_positions_can_count_from_the_new_start() -> None:
     host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
     found = insert(host, added, ("steps", 1), positions="from_start")
     assert found.mission.missions["Tower"] == added.steps
-    assert "now count from the start and home of this mission" in found.notes[0]
+    assert "now refer to the start and home of this mission" in found.notes[0]
 
 
 def test_a_role_has_its_own_start() -> None:

@@ -62,7 +62,7 @@ export interface InsertedMission {
   readonly called: string;
   readonly notes: readonly string[];
 }
-/** What positions relative to start or home count from, if the planned starts of two missions differ. */
+/** How positions relative to start or home are inserted if the planned starts of two missions differ. */
 export type Positions = NonNullable<Schemas['MissionToInsert']['positions']>;
 
 /** A trajectory as CSV text. */

@@ -77,7 +77,7 @@ describe('inserting a stored mission', () => {
     expect([...session.editor.selected]).toEqual([id]);
   });
 
-  it('asks the person what positions count from if the planned starts differ', async () => {
+  it('asks the person how to insert relative positions if the planned starts differ', async () => {
     const session = new Session();
     session.refusal = APART;
     expect(await session.insertion.insert(TOWER)).toBeNull();

@@ -3,7 +3,7 @@
 import { eastNorth, type EastNorth, type GeoPosition } from '../../../vehicle/geo';
 import { alt_home_m, type Obstacle, type PlannedHome } from '../document/document';
 
-/** A part of the path that crosses the ground plan of an obstacle. */
+/** A part of the path inside the outline of an obstacle. */
 export interface ObstacleSpan {
   /** Horizontal distances from the first point. */
   readonly from_m: number;
