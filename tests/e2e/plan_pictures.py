@@ -87,7 +87,7 @@ def dry_run(at: PictureSetup) -> None:
     room = opened_room(page)
     imported_tower(page, room)
     room.get_by_role("button", name="Conditions").click()
-    for label, value in (("Wind", "4"), ("Wind from", "270"), ("Gusts", "1"), ("Flights (wind", "8")):
+    for label, value in (("Wind", "4"), ("Wind from", "270"), ("Gusts", "1"), ("Flights with", "8")):
         room.get_by_label(label).first.fill(value)
     room.get_by_role("button", name="Conditions").click()
     page.get_by_role("button", name="Zoom in").click()

@@ -48,7 +48,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
 
         simulated = room.get_by_role("region", name="Dry run")
         simulated.get_by_role("button", name="Conditions").click()
-        simulated.get_by_label("Flights (wind, mass and battery vary)").fill("2")
+        simulated.get_by_label("Flights with varied conditions").fill("2")
         simulated.get_by_role("button", name="Conditions").click()
         dry_run(page, room, longest_s=400)
         for role in VEHICLES:

@@ -71,7 +71,7 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'mass_percent', label: 'Mass scale', unit: '%', min: 30, max: 300, step: 5 },
   { name: 'battery_percent', label: 'Battery capacity scale', unit: '%', min: 5, max: 300, step: 5 },
   { name: 'noise_percent', label: 'Sensor noise scale', unit: '%', min: 0, max: 1000, step: 10 },
-  { name: 'flights', label: 'Flights (wind, mass and battery vary)', unit: '', min: 0, max: 200, step: 10 },
+  { name: 'flights', label: 'Flights with varied conditions', unit: '', min: 0, max: 200, step: 10 },
   { name: 'hover_power_w', label: 'Hover power', unit: 'W', min: 1, max: 1e6, step: 10, optional: true },
   { name: 'battery_wh', label: 'Battery capacity', unit: 'Wh', min: 1, max: 1e6, step: 5, optional: true },
   { name: 'mass_kg', label: 'Mass with battery and load', unit: 'kg', min: 0.01, max: 1e4, step: 0.1, optional: true },
