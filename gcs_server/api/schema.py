@@ -119,11 +119,11 @@ def bare_app() -> FastAPI:
         title="Offboard GCS",
         version=__version__,
         description=(
-            "A ground-control station for PX4. Names contain quantity, frame and unit; errors are "
+            "A ground-control station for PX4. Field names contain quantity, frame and unit; errors are "
             "problem+json. "
-            "A command succeeds when the vehicle's own state shows it. Name your program in "
-            "`X-Client` and give it an id of its own in `X-Client-Id`: one client at a time controls a "
-            "vehicle (409 `not_in_control`). "
+            "A command succeeds once the state that the vehicle reports shows its result. "
+            "Name your program in `X-Client` and give it a unique id in `X-Client-Id`: only one client at a "
+            "time controls a vehicle (409 `not_in_control`). "
             "A server that other machines can reach requires its token with every call, as "
             "`Authorization: Bearer …`; without it the answer is 401."
         ),

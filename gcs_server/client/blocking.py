@@ -184,7 +184,7 @@ class SyncGcs(LoopThread):
             despite: codes of error findings that are accepted.
 
         Returns:
-            For each `vehicle` its `mission`, as `offboard_mission.state()`.
+            For each `vehicle` its `mission`, in the form of `offboard_mission.state()`.
 
         Raises:
             Refused: a vehicle cannot start, another client has control of one, or the mission has errors that

@@ -1,7 +1,7 @@
 """Detects TCP connections that do not use MAVLink: web pages and browsers, by their first bytes.
 
 Any web page can make a browser send a request with any body to a TCP port of this computer, and the body
-could be read as MAVLink. However, a page cannot choose the first bytes, which are a method and a blank (RFC
+could be read as MAVLink. However, a page cannot choose the first bytes, which are a method and a space (RFC
 9112, 3), the preface of HTTP/2 (`PRI * HTTP/2.0`, RFC 9113, 3.4), or a TLS record (RFC 8446, 5.1).
 """
 
@@ -95,6 +95,6 @@ class ClosedConnections:
             return ""
         connections = "1 connection" if self._count == 1 else f"{self._count} connections"
         return (
-            f"Closed {connections} that spoke {protocol}, not MAVLink, the last from {host}: a web page or a "
+            f"Closed {connections} that used {protocol}, not MAVLink, the last from {host}: a web page or a "
             "browser tried this port. The server read nothing from it. Close that page."
         )

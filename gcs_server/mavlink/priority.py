@@ -22,7 +22,7 @@ COMMAND_LIFETIME_S = 0.5
 STOP_LIFETIME_S = 1.0
 """Longer than the period at which stop motors is repeated, so that a copy always waits in the queue [s]."""
 HEARTBEAT_LIFETIME_S = 1.0
-REST_LIFETIME_S = 3.0
+OTHER_LIFETIME_S = 3.0
 
 
 class Priority(IntEnum):
@@ -36,13 +36,13 @@ class Priority(IntEnum):
     """Other commands, protocol replies, heartbeats."""
     SETPOINT = 3
     """Offboard setpoints, gimbal and stick inputs: only the newest counts."""
-    REST = 4
+    OTHER = 4
     """Parameters, files, missions, and messages of other stations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Urgency:
-    """Queue class of a message."""
+    """Priority and lifetime of a message in the send queue, and which waiting messages it replaces."""
 
     priority: Priority
     lifetime_s: float
@@ -50,8 +50,8 @@ class Urgency:
     key: Hashable = None
     """A message replaces a waiting message with the same key; None: it replaces none."""
     flight: Hashable = None
-    """Set for a message that changes the flight: the vehicle. Such a message replaces waiting ones for the
-    same vehicle that are not more urgent. Stop motors is never replaced."""
+    """The vehicle whose flight the message changes; None: it changes no flight. Such a message replaces
+    waiting messages with the same `flight` that are not more urgent, but never stop motors."""
 
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
@@ -123,7 +123,7 @@ def classify(msg_id: int, payload: bytes) -> Urgency:
         return Urgency(Priority.COMMAND, HEARTBEAT_LIFETIME_S, "heartbeat")
     if msg_id in REPLIES:
         return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S)
-    return Urgency(Priority.REST, REST_LIFETIME_S, (msg_id, payload))
+    return Urgency(Priority.OTHER, OTHER_LIFETIME_S, (msg_id, payload))
 
 
 def classify_forwarded(frame: Frame) -> Urgency:
@@ -134,8 +134,8 @@ def classify_forwarded(frame: Frame) -> Urgency:
     sender = (frame.system_id, frame.component_id)
     if own.priority in (Priority.STOP, Priority.SETPOINT) or own.key == "heartbeat":
         return Urgency(own.priority, own.lifetime_s, (sender, own.key))
-    if own.priority is Priority.REST:
-        return Urgency(Priority.REST, REST_LIFETIME_S)
+    if own.priority is Priority.OTHER:
+        return Urgency(Priority.OTHER, OTHER_LIFETIME_S)
     return Urgency(Priority.COMMAND, own.lifetime_s)
 
 

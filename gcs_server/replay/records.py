@@ -23,13 +23,13 @@ TIME_BYTES = 8
 MIN_FRAME_BYTES = 8
 BATCH_BYTES = 1 << 18
 PLAUSIBLE_US = (10**14, 10**16)
-"""Valid times, 1973 to 2286, to detect damage."""
+"""Range of plausible times, 1973 to 2286; a time outside it is damaged."""
 SAME_CLOCK_US = 86_400_000_000
 """Maximum time between neighbouring records; if they are farther apart, one is damaged or the clock was
 set."""
 JITTER_US = 2_000_000
-"""Maximum step backwards between two records, because two threads write; after a larger step the clock was
-set."""
+"""Maximum step backwards between two records. Such steps occur because two threads write; a larger step means
+that the clock was set."""
 MAX_UNPACKED_BYTES = 4_000_000_000
 KEEP_FREE_BYTES = 500_000_000
 """Disk space that unpacking must leave free, because a flight may be recorded at the same time."""

@@ -33,7 +33,7 @@ class Label:
     """A name tag at a point of the scene.
 
     Args:
-        side: above or below the point; `sign` is a letter at the point, without a frame.
+        side: where the text is: above or below the point, or (`sign`) at the point and without a frame.
     """
 
     def __init__(self, client: viser.ClientHandle, name: str, colour: str, *, side: Side = "above") -> None:
@@ -61,8 +61,8 @@ class Label:
         )
 
 
-class Board:
-    """All tags of one browser, sent in one element."""
+class LabelLayer:
+    """The HTML element with all name tags of one browser."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._html = client.gui.add_html("")

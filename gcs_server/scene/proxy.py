@@ -1,4 +1,4 @@
-"""The proxy to the 3D view on the server's port, which is the only access to it.
+"""The proxy on the server's port that gives browsers their only access to the 3D view (viser).
 
 `GET /scene/` returns the program, `WS /scene/` is its stream. `POST /scene/view/{token}` sets the content of
 one view, `POST /scene/view/{token}/click` reports a click in it. Over the stream a browser may send the pose
@@ -61,15 +61,15 @@ _decoder = msgspec.msgpack.Decoder(CameraMessage | MovedMessage | ReleasedMessag
 
 STALLED_AFTER_S = 1.0
 TRY_AGAIN = 1013
-"""Close code "try again later": the 3D view does not run now."""
+"""Close code "try again later": the 3D view is not running now."""
 
 ShownView = tuple[str, str | None, str]
 """Content of a view: mode, vehicle (None: the first), theme."""
 
 
 class Bridges:
-    """The open bridges, each a connection between a browser and viser, and which of the browsers do not read.
-    Nothing is drawn for a browser that does not read."""
+    """The open bridges and their state. A bridge is a connection between a browser and viser. It is stalled
+    while the browser does not read; nothing is drawn for that browser."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -93,7 +93,7 @@ class Bridges:
         return frozenset(self._names)
 
     def stalled_names(self) -> list[str]:
-        """Bridges whose browsers do not read."""
+        """Names of the stalled bridges."""
         return [name for name in self._sending_since_s if self.stalled(name)]
 
     def stalled(self, bridge: str) -> bool:
@@ -120,12 +120,12 @@ def parse_message(data: bytes) -> bytes | Drag | None:
         message = _decoder.decode(data)
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None
-    return _camera(message) if isinstance(message, CameraMessage) else drag_of(message)
+    return _encode_camera(message) if isinstance(message, CameraMessage) else drag_of(message)
 
 
-def _camera(message: CameraMessage) -> bytes | None:
-    """Parses a camera message. A camera that is not finite or has no direction would make viser raise an
-    exception later."""
+def _encode_camera(message: CameraMessage) -> bytes | None:
+    """Encodes a camera message for viser; None if a value is not finite or the camera has no direction,
+    because viser would raise an exception later."""
     values = (*message.wxyz, *message.position, *message.look_at, *message.up_direction)
     if not all(map(math.isfinite, (*values, message.fov, message.near, message.far))):
         return None
@@ -146,9 +146,9 @@ def scene_router(
     Args:
         address: returns the address of viser; None while viser does not run.
         set_view: sets the content of the view with a token; raises UnknownVehicle.
-        drag: called with the bridge when a handle was dragged.
-        bridges: the state of sending to each browser.
         click: sends the clicked ground position to the page with the view's token; None: not on the ground.
+        drag: called with the bridge when a handle was dragged.
+        bridges: the bridges to all browsers.
     """
     router = APIRouter(prefix="/scene", include_in_schema=False)
 
@@ -207,7 +207,7 @@ def _require_own(token: str, request: Request) -> None:
         raise Refused("A page of another origin may not control the 3D view.")
     if not TOKEN.fullmatch(token):
         raise Refused(
-            "The token of a view has 1 to 64 letters, digits, - or _.",
+            "The token of a view must have 1 to 64 letters, digits, - or _.",
             remedy="Use the token in the frame's own address, ?view=….",
         )
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gcs_server.clock import Clock
+from gcs_server.scene.browser_scene import BrowserScene
 from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.dry_runs import DryRunMoment, DryRunPath
 from gcs_server.scene.gizmo import Drag, SceneGizmo, dragged
@@ -17,7 +18,6 @@ from gcs_server.scene.host import ViserHost
 from gcs_server.scene.messages import ViserAddress
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
-from gcs_server.scene.stage import Stage
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.view_request import BRIDGE_KEY, MAX_VIEWS, TOKEN, ViewRequest
 from gcs_server.scene.views import CAMERAS, Mode, Preview, View
@@ -51,14 +51,14 @@ class Scene:
         self._host = ViserHost()
         self._tracks = Tracks(fleet, offboard, clock)
         self._views: OrderedDict[str, View] = OrderedDict()
-        self._stages: dict[int, tuple[str, Stage]] = {}
+        self._browser_scenes: dict[int, tuple[str, BrowserScene]] = {}
         self._serial = 0
         self._drawn_s = clock.monotonic_s()
 
     @property
     def viewers(self) -> int:
         """Number of connected browsers."""
-        return len(self._stages)
+        return len(self._browser_scenes)
 
     def faults(self) -> list[str]:
         """Messages about data that cannot be drawn now."""
@@ -67,7 +67,7 @@ class Scene:
     @property
     def followed(self) -> frozenset[str]:
         """Vehicles that views follow."""
-        shown = (self._tracks.shown(self._views[token].vehicle) for token, _ in self._stages.values())
+        shown = (self._tracks.shown(self._views[token].vehicle) for token, _ in self._browser_scenes.values())
         return frozenset(each[0] for each in shown if each is not None)
 
     async def start(self) -> ViserAddress:
@@ -76,7 +76,7 @@ class Scene:
 
     async def stop(self) -> None:
         """Stops viser and its threads."""
-        self._stages.clear()
+        self._browser_scenes.clear()
         await self._host.stop()
 
     def draw(self) -> None:
@@ -87,22 +87,22 @@ class Scene:
 
     def _step(self, now_s: float, dt_s: float) -> None:
         clients = self._host.clients()
-        for gone in [c for c in self._stages if c not in clients]:
-            del self._stages[gone]
+        for gone in [c for c in self._browser_scenes if c not in clients]:
+            del self._browser_scenes[gone]
         reading = {i: c for i, c in clients.items() if not self._stalled(i)}
         if not reading:
             return
         drawn = self._tracks.update(now_s, dt_s, self.followed)
         for client_id, client in reading.items():
-            known = self._stages.get(client_id)
+            known = self._browser_scenes.get(client_id)
             token = known[0] if known is not None else self._token(client_id)
             view = self._views[token]
             if known is None or known[1].theme != view.theme:
                 before = known[1] if known is not None else None
                 if before is not None:
                     before.close()
-                known = (token, Stage(client, view, self._tracks.isolation, before))
-                self._stages[client_id] = known
+                known = (token, BrowserScene(client, view, self._tracks.isolation, before))
+                self._browser_scenes[client_id] = known
             start_m = self._tracks.enu(view.dry_run.paths[0].origin_deg_m) if view.dry_run else None
             known[1].update(view, drawn, now_s, start_m, self._tracks.origin_deg_m)
 
@@ -140,12 +140,12 @@ class Scene:
 
     def drag(self, bridge: str, drag: Drag) -> None:
         """Handles a drag in the browser of this bridge, which moves only the preview of its own view."""
-        for client_id, (token, stage) in self._stages.items():
+        for client_id, (token, browser_scene) in self._browser_scenes.items():
             if self._host.query_of(client_id).get(BRIDGE_KEY) == bridge:
-                self._drag_in(token, stage, drag)
+                self._drag_in(token, browser_scene, drag)
                 return
 
-    def _drag_in(self, token: str, stage: Stage, drag: Drag) -> None:
+    def _drag_in(self, token: str, browser_scene: BrowserScene, drag: Drag) -> None:
         view = self._views[token]
         shown = self._tracks.shown(view.vehicle)
         pose = shown[1].smoother.pose if shown is not None else None
@@ -157,7 +157,7 @@ class Scene:
         moved = dragged(view.preview, drag, origin, pose.position_enu_m)
         if moved is None:
             return
-        stage.set_dragged_handle(changes_yaw=drag.changes_yaw)
+        browser_scene.set_dragged_handle(changes_yaw=drag.changes_yaw)
         self._views[token] = replace(view, preview=moved)
         if self._on_gizmo is not None:
             released = drag.position_enu_m is None
@@ -177,7 +177,8 @@ class Scene:
         return self._is_stalled(self._host.query_of(client_id).get(BRIDGE_KEY, ""))
 
     def _token(self, client_id: int) -> str:
-        """The view's token, and the view that its address requests."""
+        """The token of a browser's view. A view that does not exist yet is created as the browser's address
+        requests."""
         query = self._host.query_of(client_id)
         token = query.get("view", "")
         if not TOKEN.fullmatch(token):
@@ -189,15 +190,15 @@ class Scene:
     def _keep(self, token: str, view: View) -> View:
         self._views[token] = view
         self._views.move_to_end(token)
-        in_use = {t for t, _ in self._stages.values()} | {token}
+        in_use = {t for t, _ in self._browser_scenes.values()} | {token}
         for old in [t for t in self._views if t not in in_use][: max(0, len(self._views) - MAX_VIEWS)]:
             del self._views[old]
         return view
 
 
 def _view_from_query(query: dict[str, str]) -> View:
-    """The view that an address requests; invalid values become the default, because a picture is better than
-    an error.
+    """The view that an address requests; an invalid value becomes the default, so that the browser shows
+    a view and not an error.
     """
     mode: Mode = "chase"
     for known in CAMERAS:

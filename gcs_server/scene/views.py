@@ -17,18 +17,20 @@ from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, 
 
 Mode = Literal["chase", "free", "gimbal", "top"]
 
-HANDLES_FROM_M = 6.0
-"""Distance of the camera for dragging handles [m]; handles have the same size on the screen at any
-distance."""
-MIN_HANDLES_M = 4.5
-"""A camera nearer than this is moved back [m]; the camera of the mode `chase` is always near."""
-HANDLES_WITHIN_RAD = 0.1
-"""Angle from the middle of the picture beyond which a handle may be hidden by a panel, or outside the
-picture."""
-HANDLES_FROM_ABOVE_RAD = 0.55
-"""Elevation of the camera for handles; from lower elevations, the handle along the ground looks like a
-line."""
+HANDLES_DISTANCE_M = 6.0
+"""Distance to which a camera that cannot drag the handles is moved [m]. Handles have the same size on the
+screen at any distance."""
+MIN_HANDLES_DISTANCE_M = 4.5
+"""A camera nearer to the handles than this is moved back [m]; the camera of the mode `chase` is always
+nearer."""
+HANDLES_MAX_OFFSET_RAD = 0.1
+"""Maximum angle between a handle and the middle of the picture. Farther out, a panel may hide the handle, or
+it may be outside the picture."""
+HANDLES_ELEVATION_RAD = 0.55
+"""Elevation to which a camera that is too low is moved. From a low elevation, the horizontal handle looks
+like a line."""
 MIN_ELEVATION_RAD = 0.3
+"""A camera at a lower elevation is moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class WorldPose:
-    """Pose of the world's ENU in the browser's scene."""
+    """Pose of the world's ENU frame in the browser's scene."""
 
     position_m: Vector3 = (0.0, 0.0, 0.0)
     q: Quaternion = IDENTITY
@@ -125,8 +127,8 @@ def camera_for_handles(
         return eye_m, look_at_m
     level_m = math.hypot(ahead[0], ahead[1])
     east, north = (ahead[0] / level_m, ahead[1] / level_m) if level_m > 0.0 else (0.0, 1.0)
-    distance_m = max(HANDLES_FROM_M, 1.6 * math.dist(handles_m, vehicle_m))
-    elevation_rad = max(HANDLES_FROM_ABOVE_RAD, math.atan2(-ahead[2], level_m))
+    distance_m = max(HANDLES_DISTANCE_M, 1.6 * math.dist(handles_m, vehicle_m))
+    elevation_rad = max(HANDLES_ELEVATION_RAD, math.atan2(-ahead[2], level_m))
     back_m, up_m = distance_m * math.cos(elevation_rad), distance_m * math.sin(elevation_rad)
     return (handles_m[0] - east * back_m, handles_m[1] - north * back_m, handles_m[2] + up_m), handles_m
 
@@ -135,10 +137,10 @@ def _can_be_dragged(ahead: Vector3, to_handles: Vector3) -> bool:
     """Whether handles can be dragged well: near the middle of the picture, seen from above, and not too
     near."""
     away_m = math.hypot(*to_handles)
-    if away_m < MIN_HANDLES_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * away_m:
+    if away_m < MIN_HANDLES_DISTANCE_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * away_m:
         return False
     along_m = sum(a * b for a, b in zip(ahead, to_handles, strict=True)) / math.hypot(*ahead)
-    return along_m > math.cos(HANDLES_WITHIN_RAD) * away_m
+    return along_m > math.cos(HANDLES_MAX_OFFSET_RAD) * away_m
 
 
 def _difference(a: Vector3, b: Vector3) -> Vector3:

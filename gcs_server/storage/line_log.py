@@ -18,7 +18,7 @@ class LineLog:
     def __init__(self, path: Path, max_bytes: int) -> None:
         self.path = path
         self._max_bytes = max_bytes
-        self._before = path.with_suffix(f".1{path.suffix}")
+        self._previous = path.with_suffix(f".1{path.suffix}")
 
     def append(self, lines: bytes) -> None:
         """Appends lines and syncs them to disk, completely or not at all.
@@ -28,10 +28,10 @@ class LineLog:
         """
         with suppress(FileNotFoundError):
             if self.path.stat().st_size >= self._max_bytes:
-                self.path.replace(self._before)
+                self.path.replace(self._previous)
         descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
-            size = _repaired(descriptor)
+            size = _drop_incomplete_line(descriptor)
             try:
                 written = os.write(descriptor, lines)
                 if written != len(lines):  # a nearly full disk writes only a part
@@ -47,7 +47,7 @@ class LineLog:
     def tail(self, most_bytes: int) -> list[bytes]:
         """The newest complete lines, oldest first, from at most this many bytes of each file."""
         lines: list[bytes] = []
-        for path in (self._before, self.path):
+        for path in (self._previous, self.path):
             with suppress(OSError), path.open("rb") as file:
                 size = file.seek(0, os.SEEK_END)
                 file.seek(max(0, size - most_bytes))
@@ -56,7 +56,7 @@ class LineLog:
         return lines
 
 
-def _repaired(descriptor: int) -> int:
+def _drop_incomplete_line(descriptor: int) -> int:
     """Removes an incomplete last line, left by a crash or a full disk; returns the size."""
     size = os.fstat(descriptor).st_size
     end = size

@@ -70,12 +70,12 @@ def read_map(path: Path) -> MapInfo:
     except (OSError, sqlite3.Error, struct.error, ValueError, EOFError) as error:
         raise MapError(
             f"The map {path.name} cannot be read: {error}.",
-            remedy="Copy a complete PMTiles (version 3) or MBTiles file there.",
+            remedy="Copy a complete PMTiles (version 3) or MBTiles file into the maps folder.",
         ) from error
 
 
 def read_tile(path: Path, zoom: int, x: int, y: int) -> bytes | None:
-    """A tile of an MBTiles file, y counted from the north; None where the map has none.
+    """A tile of an MBTiles file, y counted from the north; None if the map does not have this tile.
 
     Raises:
         MapError: the file cannot be read.
@@ -98,8 +98,8 @@ def _open(path: Path) -> sqlite3.Connection:
 def _mbtiles(path: Path) -> MapInfo:
     with closing(_open(path)) as database:
         metadata = {str(k): str(v) for k, v in database.execute("SELECT name, value FROM metadata")}
-        first, last = database.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
-    if first is None:
+        min_zoom, max_zoom = database.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
+    if min_zoom is None:
         raise ValueError("it has no tiles")
     kind = metadata.get("format", "png").lower()
     vector = kind == "pbf"
@@ -111,8 +111,8 @@ def _mbtiles(path: Path) -> MapInfo:
         format="mbtiles",
         tiles="vector" if vector else "raster",
         content_type=VECTOR_TYPE if vector else IMAGE_TYPES[kind],
-        min_zoom=int(first),
-        max_zoom=int(last),
+        min_zoom=int(min_zoom),
+        max_zoom=int(max_zoom),
         bounds_deg=_bounds(corners),
         attribution=metadata.get("attribution"),
         layers=_layers(json.loads(metadata["json"])) if vector and "json" in metadata else (),

@@ -121,18 +121,18 @@ class Watched:
     """Records all requests and errors of a page."""
 
     def __init__(self, page: Page, url: str) -> None:
-        self.complaints: list[str] = []
-        self.strangers: list[str] = []
+        self.console_errors: list[str] = []
+        self.foreign_requests: list[str] = []
         self._own = urlsplit(url).netloc
         page.add_init_script(TELL_CSP)
         page.on("console", self._console)
-        page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on("request", lambda request: self._asked(request.url))
-        page.on("websocket", lambda socket: self._asked(socket.url))
+        page.on("pageerror", lambda error: self.console_errors.append(str(error)))
+        page.on("request", lambda request: self._record_request(request.url))
+        page.on("websocket", lambda socket: self._record_request(socket.url))
 
     def _console(self, message: ConsoleMessage) -> None:
         if message.type == "error" and not self._is_expected(message):
-            self.complaints.append(f"{message.text} {message.location['url']}")
+            self.console_errors.append(f"{message.text} {message.location['url']}")
 
     @staticmethod
     def _is_expected(message: ConsoleMessage) -> bool:
@@ -147,15 +147,15 @@ class Watched:
             return True  # viser's client, when it renders slower than labels change: the next update is shown
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]
 
-    def _asked(self, url: str) -> None:
+    def _record_request(self, url: str) -> None:
         parts = urlsplit(url)
         if parts.scheme not in ("data", "blob") and parts.netloc != self._own:
-            self.strangers.append(url)
+            self.foreign_requests.append(url)
 
     def check(self) -> None:
         """Fails if the page sent a request to another machine, logged an error, or violated the policy."""
-        assert not self.strangers, self.strangers
-        assert not self.complaints, self.complaints
+        assert not self.foreign_requests, self.foreign_requests
+        assert not self.console_errors, self.console_errors
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ from tests.station import free_port, running, server_command, wait_for_start
 pytestmark = pytest.mark.browser
 
 ELSEWHERE = "http://elsewhere.example/"
-GREETING = """
+FIRST_MESSAGE_TYPE = """
 () => new Promise((done, fail) => {
   const socket = new WebSocket(`ws://${location.host}/api/v1/telemetry`);
   socket.onmessage = (event) => done(JSON.parse(event.data).type);
@@ -30,7 +30,7 @@ CLICK_ON_FLIGHTS = "() => document.querySelector('button[aria-label=\"Recorded f
 @pytest.fixture
 def link(tmp_path: Path) -> Iterator[str]:
     """A server that listens to other machines: returns the link that it printed."""
-    port, output_file = free_port(socket.SOCK_STREAM), tmp_path / "said.txt"
+    port, output_file = free_port(socket.SOCK_STREAM), tmp_path / "output.txt"
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
         wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
@@ -43,13 +43,13 @@ def visit(browser: Browser, link: str) -> tuple[Page, Watched]:
     page.set_default_timeout(TIMEOUT_MS)
     page.route(
         "**/scene/**", lambda route: route.fulfill(content_type="text/plain", body="")
-    )  # there is no cookie
+    )  # without a cookie, the 3D view would be refused
     return page, Watched(page, link)
 
 
 def check(page: Page, watched: Watched, foreign: list[str]) -> None:
-    assert [text for text in watched.complaints if "status of 401" not in text] == []
-    assert watched.strangers == foreign
+    assert [text for text in watched.console_errors if "status of 401" not in text] == []
+    assert watched.foreign_requests == foreign
     page.context.close()
 
 
@@ -75,24 +75,24 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
         page, watched = visit(browser, link)
         page.goto(link)
         assert page.url == f"{home}/", "the token is not in the address, so in no history and no screenshot"
-        assert page.evaluate(GREETING) == "hello"
+        assert page.evaluate(FIRST_MESSAGE_TYPE) == "hello"
         assert page.evaluate("() => document.cookie") == "", "no script can read it"
         expect(page.get_by_role("button", name="Recorded flights")).to_be_visible()
         page.wait_for_load_state("networkidle")
         page.context.clear_cookies()  # as after a restart with another token
-        page.evaluate(CLICK_ON_FLIGHTS)  # by itself, the page may have asked before
+        page.evaluate(CLICK_ON_FLIGHTS)  # the page may have sent a request by itself before
         expect(page.get_by_label("Token")).to_be_visible()
         check(page, watched, [])
 
-        # A browser sends a strict cookie in no navigation from another site: the page repeats the request
-        # once.
+        # A browser does not send a SameSite=Strict cookie when a page of another site opens the address.
+        # The server's page then repeats the request once, with the cookie.
         page, watched = visit(browser, link)
         there = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
         page.route(f"{ELSEWHERE}**", lambda route: route.fulfill(content_type="text/html", body=there))
-        ways = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
-        for name, address, title in ways:
+        cases = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
+        for name, address, title in cases:
             page.goto(ELSEWHERE)
             page.locator(f"#{name}").click()
             page.wait_for_url(address)
             expect(page).to_have_title(title)
-        check(page, watched, [url for url in watched.strangers if url.startswith(ELSEWHERE)])
+        check(page, watched, [url for url in watched.foreign_requests if url.startswith(ELSEWHERE)])

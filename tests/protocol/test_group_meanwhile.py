@@ -24,8 +24,8 @@ from tests.protocol.group_world import (
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
 
-def during_plan(monkeypatch, number, work):
-    """Runs `work` before the plan with this number (from 1) is finished."""
+def during_prediction(monkeypatch, number, work):
+    """Runs `work` during the prediction with this number (from 1)."""
     in_pieces, count = GroupChecks._in_pieces, 0
 
     async def slowly(self, plan):
@@ -38,8 +38,8 @@ def during_plan(monkeypatch, number, work):
     monkeypatch.setattr(GroupChecks, "_in_pieces", slowly)
 
 
-def leave(at, vehicle_id):
-    """Its pilot takes control."""
+def pilot_takes_over(at, vehicle_id):
+    """The pilot of a vehicle switches it to Position mode."""
     autopilot = at.autopilots[vehicle_id]
     autopilot.mode = autopilot.requested_mode = POSITION
     autopilot.current_mode()
@@ -50,10 +50,10 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monk
         async def meanwhile():
             assert set(modes(at).values()) == {OFFBOARD}
             await seconds(6)  # the server waits for a mode that it has just requested
-            leave(at, "2")
+            pilot_takes_over(at, "2")
             await seconds(6)
 
-        during_plan(monkeypatch, 2, meanwhile)
+        during_prediction(monkeypatch, 2, meanwhile)
         with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
             await begin(at, ALL_NORTH, others_go_on=True)
         assert refused.value.vehicles == ("2",)
@@ -70,7 +70,7 @@ def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
         async def meanwhile():
             await group_routes.hold("1", at.station, BOB)
 
-        during_plan(monkeypatch, 2, meanwhile)
+        during_prediction(monkeypatch, 2, meanwhile)
         with pytest.raises(NotTogether, match="left before the common start, so none moves"):
             await begin(at, ALL_NORTH)
         await seconds(3)
@@ -87,7 +87,7 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monk
             alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
             await offboard_routes.start("3", alone, at.station, ANNA)
 
-        during_plan(monkeypatch, 1, meanwhile)
+        during_prediction(monkeypatch, 1, meanwhile)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
         assert at.vehicles["3"].offboard.status().state == "streaming"
@@ -115,7 +115,7 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypa
             at.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
             await seconds(1)
 
-        during_plan(monkeypatch, 1, meanwhile)
+        during_prediction(monkeypatch, 1, meanwhile)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
             await begin(at, ALL_NORTH)
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
@@ -127,12 +127,12 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypa
 def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jump, monkeypatch, others_go_on):
     async def scenario(at):
         async def meanwhile():
-            leave(at, "2")
+            pilot_takes_over(at, "2")
             await seconds(6)
 
         await begin(at, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
-        during_plan(monkeypatch, 1, meanwhile)
+        during_prediction(monkeypatch, 1, meanwhile)
         with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changes({"1": place(7), "2": place(7)}), at.station, ANNA)
         await seconds(3)
@@ -145,7 +145,7 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jum
 
 def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(jump, monkeypatch):
     async def scenario(at):
-        async def gone(call):
+        async def disconnect_during(call):
             reached = asyncio.Event()
 
             async def meanwhile():
@@ -153,19 +153,21 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
                 await seconds(60)
 
             with monkeypatch.context() as patch:
-                during_plan(patch, 1, meanwhile)
+                during_prediction(patch, 1, meanwhile)
                 waiting = asyncio.ensure_future(call)
                 await reached.wait()
                 waiting.cancel()
                 with pytest.raises(asyncio.CancelledError):
                     await waiting
 
-        await gone(begin(at, ALL_NORTH))
+        await disconnect_during(begin(at, ALL_NORTH))
         assert view(await group_routes.show_all(at.station))["groups"] == []
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
         await begin(at, ALL_NORTH)
         await seconds(1)
-        await gone(group_routes.setpoints("1", changes({"1": place(7)}, valid_for_s=5), at.station, ANNA))
+        await disconnect_during(
+            group_routes.setpoints("1", changes({"1": place(7)}, valid_for_s=5), at.station, ANNA)
+        )
         shown = view(await group_routes.show("1", at.station))
         assert (shown["state"], shown["findings"]) == ("flying", [])
         assert shown["valid_left_s"] > 50

@@ -1,8 +1,9 @@
 """The server's interface to the process that runs all setpoint streams (`worker.py`).
 
-Measured on two cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D
-view (docs/performance.md): a thread of the server was late by 12 ms and more (p99), because the thread with
-the interpreter lock may itself wait for a processor. A process with real-time priority is not late.
+Measured on two cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D view
+(docs/performance.md): a thread of the server sent its setpoints 12 ms late and more (p99), because the thread
+that holds the interpreter lock may itself wait for a processor. A process with real-time priority is not
+late.
 """
 
 from __future__ import annotations
@@ -372,12 +373,13 @@ class StreamProcess(Streams):
         }
 
     def _relay(self, vehicle_id: str, msg_id: int, payload: bytes, created_s: float) -> None:
-        """Runs in a thread: sends over links without datagrams. A setpoint that is too old is not sent."""
+        """Runs in a thread: sends over a link that the process cannot use (serial or TCP). A setpoint that is
+        too old is not sent."""
         self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, created_s=created_s)
 
 
 def _aged(state: StreamState, by_s: float) -> StreamState:
-    """The state with all ages advanced by a time."""
+    """The state after this time without news: its ages are greater, its remaining validity is shorter."""
     if by_s <= 0:
         return state
     left_s = state.valid_left_s

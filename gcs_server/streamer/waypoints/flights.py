@@ -23,8 +23,8 @@ from missions.traffic.path import PredictedPath
 
 PERIOD_S = 0.1
 HOME_WAIT_S = 10.0
-"""A flight that is found in the air (after a restart of the server) waits for the vehicle's home for this
-time; after that it is monitored without comparison."""
+"""Time to wait for the home of a vehicle that is already flying a plan when the server starts. After that the
+flight is monitored, but not compared with the planned path."""
 
 
 class WaypointFlights:
@@ -48,10 +48,10 @@ class WaypointFlights:
         self._expected: dict[str, PredictedPath] = {}
         """Predicted paths of vehicles that are being started."""
         self.comparing = asyncio.Lock()
-        """Held while a start is compared with the other vehicles, so that of two starts at the same time the
-        second is compared with the first."""
+        """Locked while a start is compared with the flights of other vehicles. If two vehicles are started at
+        the same time, the second start is therefore compared with the first."""
         self._found_s: dict[str, float] = {}
-        """When a flight was found in the air that waits for the vehicle's home [s, monotonic]."""
+        """When the server found a vehicle already flying a plan before its home was known [s, monotonic]."""
 
     def attach(self, vehicle: Vehicle) -> None:
         """Sets the vehicle's attribute `waypoint_flight`, and monitors the vehicle."""
@@ -73,10 +73,10 @@ class WaypointFlights:
 
     @contextmanager
     def announced(self, vehicle_id: str, announcement: Announcement) -> Generator[None]:
-        """While a client starts the mission of a vehicle: the flight that begins is the client's.
+        """Used around a client's start of a mission: a flight that begins inside the block is the client's.
 
-        A start that names a dry run begins a new flight, also in the air; without one a flight that is being
-        monitored continues.
+        A start with a dry run always begins a new flight, also for a vehicle in the air. A start without one
+        continues a flight that is already monitored.
         """
         self._announced[vehicle_id] = announcement
         try:
@@ -88,12 +88,13 @@ class WaypointFlights:
             self._expected.pop(vehicle_id, None)
 
     def expect(self, vehicle_id: str, path: PredictedPath) -> None:
-        """The vehicle will fly this path: it is being started. Ends with `announced`."""
+        """Sets the path that a vehicle will fly after its start; valid until the end of the `announced`
+        block."""
         self._expected[vehicle_id] = path
 
     def predicted(self, vehicle_id: str) -> PredictedPath | None:
-        """The rest of the flight of a vehicle that flies its plan or is being started; None: it does neither,
-        or its path is not known."""
+        """Predicted path of a vehicle from now to the end of its plan. None: the vehicle does not fly a plan
+        and is not being started, or its path is not known."""
         if vehicle_id in self._expected:
             return self._expected[vehicle_id]
         flight, vehicle = self._flights.get(vehicle_id), self._vehicles.get(vehicle_id)

@@ -8,10 +8,10 @@ from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.vehicle.samples import GlobalPosition, Home
 from gcs_server.vehicle.services.port import VehiclePort
 
-FRESH_S = 3.0
-"""A position older than this is not used."""
+MAX_POSITION_AGE_S = 3.0
+"""Maximum age of a position [s]."""
 MIN_CLIMB_M = 0.2
-"""A smaller height above the vehicle does not start a take-off of PX4."""
+"""PX4 does not climb to a take-off altitude less than this above the vehicle [m]."""
 
 
 def number(field: str, value: float, low: float, high: float) -> float:
@@ -35,7 +35,7 @@ def position_of(vehicle: VehiclePort) -> GlobalPosition:
     """
     sample = vehicle.topic("global_position")
     age_s = None if sample is None else vehicle.clock.monotonic_s() - sample.received_monotonic_s
-    if sample is None or age_s is None or age_s > FRESH_S:
+    if sample is None or age_s is None or age_s > MAX_POSITION_AGE_S:
         raise Refused(
             f"Vehicle {vehicle.id} reports no global position now.",
             remedy="Wait until GPS and estimator are ready (a clear view of the sky).",
@@ -61,10 +61,10 @@ def home_of(vehicle: VehiclePort) -> Home:
 
 
 def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: float) -> float:
-    """The altitude of a take-off above sea level.
+    """Returns the altitude above sea level of a take-off that makes the vehicle climb.
 
-    PX4 accepts an altitude below the vehicle ("Already higher than takeoff altitude"), and then arms without
-    climbing: it disarms after some seconds, or hovers just above the ground.
+    PX4 also accepts a take-off altitude below the vehicle ("Already higher than takeoff altitude"). It then
+    arms without climbing: it disarms after some seconds, or hovers just above the ground.
 
     Args:
         vehicle: the vehicle, on the ground.

@@ -15,8 +15,8 @@ from gcs_server.errors import GcsError
 
 DATA_BYTES = 239
 PAYLOAD_BYTES = 251
-MAX_SIZE_BYTES = 10
-"""Digits of a file size in a listing, because offsets have 32 bits."""
+MAX_SIZE_DIGITS = 10
+"""Maximum number of digits of a file size in a listing: offsets have 32 bits."""
 _header = struct.Struct("<HBBBBBxI")
 
 
@@ -50,26 +50,27 @@ class FtpError(enum.IntEnum):
 
 
 ERROR_TEXT: dict[int, str] = {
-    FtpError.FAIL: "the vehicle could not do it, for an unknown reason",
-    FtpError.FAIL_ERRNO: "the vehicle's file system refused",
+    FtpError.FAIL: "the vehicle reported a failure without a reason",
+    FtpError.FAIL_ERRNO: "the vehicle's file system refused the request",
     FtpError.INVALID_DATA_SIZE: "the vehicle reported an invalid data size",
     FtpError.INVALID_SESSION: "the file is not open any more",
     FtpError.NO_SESSIONS_AVAILABLE: "the vehicle has no free session: another file is open",
     FtpError.END_OF_FILE: "the end of the file was reached",
-    FtpError.UNKNOWN_COMMAND: "the vehicle does not know this request",
-    FtpError.FILE_EXISTS: "it exists already",
-    FtpError.FILE_PROTECTED: "it is protected",
+    FtpError.UNKNOWN_COMMAND: "the vehicle does not support this request",
+    FtpError.FILE_EXISTS: "the file already exists",
+    FtpError.FILE_PROTECTED: "the file is write-protected",
     FtpError.FILE_NOT_FOUND: "there is no such file or folder",
 }
 REMEDIES: dict[int, str] = {
-    FtpError.NO_SESSIONS_AVAILABLE: "Wait until the other transfer is over; a PX4 serves one at a time.",
-    FtpError.FILE_NOT_FOUND: "List the folder to see what is there.",
-    FtpError.UNKNOWN_COMMAND: "Its firmware may be too old.",
+    FtpError.NO_SESSIONS_AVAILABLE: "Wait until the other transfer has ended; PX4 allows one at a time.",
+    FtpError.FILE_NOT_FOUND: "List the folder to see its files.",
+    FtpError.UNKNOWN_COMMAND: "The vehicle's firmware may be too old.",
 }
 
 
 class FtpFailed(GcsError):
-    """A file of the vehicle could not be read: the vehicle refused, or sent something else than announced."""
+    """A file of the vehicle could not be read: the vehicle refused, or its data did not match its own size or
+    checksum."""
 
     code = "ftp_failed"
 
@@ -113,7 +114,7 @@ def encode(packet: Packet) -> bytes:
 
 
 def decode(payload: bytes) -> Packet | None:
-    """Decodes a payload; None if it is too short or claims too much data."""
+    """Decodes a payload; None if it is too short or its stated size is too large."""
     if len(payload) < _header.size:
         return None
     sequence, session, opcode, size, requested, complete, offset = _header.unpack_from(payload)
@@ -158,7 +159,7 @@ class DirectoryEntry:
 def parse_listing(data: bytes) -> tuple[list[DirectoryEntry], int]:
     """(entries, number of entries in the packet, which is added to the next request's offset).
 
-    `F name TAB size`, `D name`, each ended by NUL; `S` is neither.
+    A file is `F name TAB size`, a folder `D name`, an entry to skip `S`; each entry ends with NUL.
     """
     entries: list[DirectoryEntry] = []
     lines = data.split(b"\0")
@@ -168,7 +169,7 @@ def parse_listing(data: bytes) -> tuple[list[DirectoryEntry], int]:
         kind, name = line[:1], line[1:].decode("utf-8", "replace")
         if kind == b"F":
             name, _, size = name.rpartition("\t") if "\t" in name else (name, "", "")
-            fits = size.isascii() and size.isdigit() and len(size) <= MAX_SIZE_BYTES
+            fits = size.isascii() and size.isdigit() and len(size) <= MAX_SIZE_DIGITS
             entries.append(DirectoryEntry(name, int(size) if fits else 0))
         elif kind == b"D" and name not in (".", ".."):
             entries.append(DirectoryEntry(name, None))

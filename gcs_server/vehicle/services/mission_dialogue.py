@@ -1,9 +1,9 @@
 """The mission protocol as pure state machines with messages and time as input and messages as output.
 
 One dialogue moves one part of a plan (mission, fence or rally points) in one direction. PX4 requests each
-item of an upload, repeats this every 0.25 s, and cancels a transfer after 5 s of silence, with a text but no
-acknowledgement. It stores an upload when the last item has arrived; until then it keeps the previous items.
-https://mavlink.io/en/services/mission.html
+item of an upload, repeats this every 0.25 s, and cancels a transfer after 5 s of silence, with a STATUSTEXT
+but no acknowledgement. It stores an upload when the last item has arrived; until then it keeps the previous
+items. https://mavlink.io/en/services/mission.html
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ TYPE_OF: dict[Part, int] = {
     "rally": d.MAV_MISSION_TYPE_RALLY,
 }
 NAME_OF: dict[Part, str] = {"mission": "mission", "fence": "geofence", "rally": "rally points"}
-"""Names for messages."""
+"""Names in texts for the operator."""
 
 RESEND_S = 0.5
 """Period of the first message of a dialogue until the vehicle answers."""
 ITEM_RESEND_S = 0.3
 """Period of item requests in a download; the protocol suggests 0.25 s."""
 FIRST_ITEM_S = 1.5
-"""If the first item does not arrive by then, the vehicle may have mistaken a late message for the end of this
-download."""
+"""If the first item has not arrived after this time, the vehicle may have mistaken a late message for the end
+of this download."""
 BUSY_RETRIES_S = (1.0, 1.0, 6.0)
 """Waiting times after "busy". The last is longer than PX4's timeout, so that an abandoned transfer of another
 station is over."""
@@ -99,7 +99,7 @@ class Dialogue(ABC):
     @property
     @abstractmethod
     def moved(self) -> int:
-        """Number of transferred items."""
+        """Number of items transferred so far."""
 
     def start(self, now_s: float) -> list[MAVLink_message]:
         """The first messages."""
@@ -112,7 +112,7 @@ class Dialogue(ABC):
 
         Raises:
             NoReply: the vehicle has been silent for too long.
-            Rejected: it is busy for too long.
+            Rejected: the vehicle is busy for too long.
         """
 
     @abstractmethod

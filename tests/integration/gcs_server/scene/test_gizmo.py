@@ -12,7 +12,7 @@ import pytest
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged
 from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
-from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, camera_for_handles
+from gcs_server.scene.views import HANDLES_DISTANCE_M, HANDLES_MAX_OFFSET_RAD, Preview, camera_for_handles
 from missions.frames import q_from_yaw
 from tests.integration.gcs_server.scene.scene_running import MOVED, eventually, open_stream
 from tests.support.viser_camera import CAMERA
@@ -71,14 +71,15 @@ def test_visible_handles_do_not_move_the_camera():
 def test_the_camera_follows_moved_handles_from_the_same_side(eye_m, handles_m):
     eye, look_at = camera_for_handles(eye_m, VEHICLE, handles_m, VEHICLE)
     assert look_at == handles_m
-    assert math.dist(eye, handles_m) >= HANDLES_FROM_M - 1e-9
+    assert math.dist(eye, handles_m) >= HANDLES_DISTANCE_M - 1e-9
     assert eye[0] <= handles_m[0] + 1e-6  # to the east, as before
     assert eye[2] > handles_m[2] + 2.0
     # The vehicle is not behind the camera: both are in the picture, and then nothing moves any more.
     assert math.dist(eye, handles_m) > 1.5 * math.dist(handles_m, VEHICLE)
     assert camera_for_handles(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
     beside = tuple(
-        h + 0.5 * HANDLES_WITHIN_RAD * math.dist(eye, handles_m) * (i == 1) for i, h in enumerate(handles_m)
+        h + 0.5 * HANDLES_MAX_OFFSET_RAD * math.dist(eye, handles_m) * (i == 1)
+        for i, h in enumerate(handles_m)
     )
     assert camera_for_handles(eye, look_at, beside, VEHICLE) == (eye, look_at)
 

@@ -85,7 +85,7 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
                 await eventually(lambda: len(made) == len(running.fleet.vehicles))
 
     monkeypatch.setattr(Scene, "_step", counted)
-    monkeypatch.setattr("gcs_server.scene.stage.VehicleNode", Counted)
+    monkeypatch.setattr("gcs_server.scene.browser_scene.VehicleNode", Counted)
     monkeypatch.setattr(running.fleet, "vehicles", [*running.fleet.vehicles, *more])
     asyncio.run(run())
     places = [index for _, index in made]

@@ -43,8 +43,8 @@ def urgency(message):
             Priority.SETPOINT,
         ),
         (d.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0), Priority.SETPOINT),
-        (d.MAVLink_param_request_list_message(1, 1), Priority.REST),
-        (d.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251), Priority.REST),
+        (d.MAVLink_param_request_list_message(1, 1), Priority.OTHER),
+        (d.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251), Priority.OTHER),
     ],
 )
 def test_each_message_has_its_priority(message, priority):

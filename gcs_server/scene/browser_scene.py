@@ -17,7 +17,7 @@ from gcs_server.isolation import Isolation
 from gcs_server.scene.dry_run_node import DryRunNode
 from gcs_server.scene.dry_runs import pose_at
 from gcs_server.scene.frames import enu_from_ned
-from gcs_server.scene.labels import Board, Label, origin_text
+from gcs_server.scene.labels import Label, LabelLayer, origin_text
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
@@ -41,7 +41,7 @@ CAMERA_STRAYED_M = 0.02
 FAR_M = 20_000.0
 
 
-class Stage:
+class BrowserScene:
     """The scene of one connected browser.
 
     Args:
@@ -52,7 +52,7 @@ class Stage:
     """
 
     def __init__(
-        self, client: viser.ClientHandle, view: View, isolation: Isolation, before: Stage | None = None
+        self, client: viser.ClientHandle, view: View, isolation: Isolation, before: BrowserScene | None = None
     ) -> None:
         self._client = client
         self._isolation = isolation
@@ -86,7 +86,7 @@ class Stage:
             self._marks: Any = None
             self._preview: PreviewNode | None = None
             self._dry_run: list[DryRunNode] = []
-            self._board = Board(client)
+            self._label_layer = LabelLayer(client)
             self._compass = [self._compass_label(i, name) for i, name in enumerate(COMPASS)]
 
     def close(self) -> None:
@@ -97,7 +97,7 @@ class Stage:
             for node in self._vehicles.values():
                 node.remove()
             self._vehicles.clear()
-            self._board.remove()
+            self._label_layer.remove()
             self._remove_preview()
             self._drop_dry_run()
             for handle in (self._marks, self._grid, self._world, self._lights):
@@ -145,9 +145,9 @@ class Stage:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
                 self._show_marks(view.mode)
-            if self._board.is_due(now_s):
+            if self._label_layer.is_due(now_s):
                 origin = origin_text(origin_deg_m)
-                self._board.update(self._labels(), mode=view.mode, scale=self._scale, origin=origin)
+                self._label_layer.update(self._labels(), mode=view.mode, scale=self._scale, origin=origin)
 
     def _labels(self) -> list[Label]:
         preview = [] if self._preview is None else [self._preview.label]
