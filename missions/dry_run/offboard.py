@@ -6,6 +6,7 @@ Each question of the mission is answered immediately, and no other client takes 
 from __future__ import annotations
 
 import math
+from functools import cache
 
 from missions.dry_run.avoidance import SimulatedAvoidance
 from missions.dry_run.findings import DryRunFinding
@@ -35,16 +36,24 @@ RUNNER_EVERY_TICKS = 5
 """The runner runs at 10 Hz, as in the server."""
 STREAMED_BEFORE_S = 0.5
 """Setpoints are streamed for this long before Offboard mode is requested."""
-NAMES: dict[NavState, str] = {
-    NavState.OFFBOARD: "offboard", NavState.HOLD: "hold", NavState.LAND: "land", NavState.RTL: "rtl",
-    NavState.TAKEOFF: "takeoff",
-}  # fmt: skip
+NAMES: dict[NavState, str] = {mode: mode.name.lower() for mode in NavState}
+"""The modes as `Reading.mode` names them."""
 MODES: dict[str, NavState] = {"hold": NavState.HOLD, "land": NavState.LAND, "rtl": NavState.RTL}
 LANDED = {0: None, 1: "on_ground", 2: "in_air", 3: "taking_off", 4: "landing"}
 """MAV_LANDED_STATE as the names that `Reading.landed` uses."""
 STILL_M_S = 0.5
 """A vehicle slower than this counts as holding its position."""
 HOLDER = "the dry run"
+
+
+@cache
+def _estimates(position: bool, velocity: bool, heading: bool, home: bool) -> frozenset[Estimate]:
+    """The names of the valid estimates."""
+    valid: dict[Estimate, bool] = {
+        "position": position, "global_position": position, "velocity": velocity, "heading": heading,
+        "home": home,
+    }  # fmt: skip
+    return frozenset(name for name, is_valid in valid.items() if is_valid)
 
 
 class OffboardPilot:
@@ -153,19 +162,13 @@ class OffboardPilot:
         """The vehicle's current state, as input of the runner."""
         autopilot, simulation = self._vehicle.autopilot, self._vehicle.autopilot.view.simulation
         estimate, commander, row = autopilot.view.estimate, autopilot.commander, autopilot.view.row
-        valid: set[Estimate] = set()
-        if estimate.valid_position:
-            valid |= {"position", "global_position"}
-        if estimate.valid_velocity:
-            valid.add("velocity")
-        if estimate.valid_attitude:
-            valid.add("heading")
-        if autopilot.home.valid:
-            valid.add("home")
+        valid = _estimates(
+            estimate.valid_position, estimate.valid_velocity, estimate.valid_attitude, autopilot.home.valid
+        )
         wind_m_s = commander.monitors.wind_m_s
         distance_m = estimate.height_above_ground_m
         return Reading(
-            mode=NAMES.get(commander.active, commander.active.name.lower()),
+            mode=NAMES[commander.active],
             mode_source="failsafe" if commander.in_failsafe else "command",
             mode_text=None,
             armed=commander.armed,
@@ -173,14 +176,14 @@ class OffboardPilot:
             position_ned_m=self._position_ned_m(),
             velocity_ned_m_s=estimate.velocity_ned_m_s if estimate.valid_velocity else None,
             yaw_ned_rad=estimate.yaw_ned_rad,
-            estimates=frozenset(valid),
+            estimates=valid,
             holder=HOLDER,
             holder_name=HOLDER,
-            battery_share=float(simulation.battery.remaining[row]),
+            battery_share=simulation.battery.remaining.item(row),
             wind_speed_m_s=wind_m_s if math.isfinite(wind_m_s) else None,
             distance_m=distance_m if math.isfinite(distance_m) else None,
-            satellites=int(simulation.sensors.gps_satellites[row]),
-            horizontal_error_m=float(simulation.estimate.horizontal_accuracy_m[row]),
+            satellites=simulation.sensors.gps_satellites.item(row),
+            horizontal_error_m=simulation.estimate.horizontal_accuracy_m.item(row),
             stream=self._stream,
             played=None if self._player is None else self._player.played,
         )

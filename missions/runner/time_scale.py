@@ -55,6 +55,8 @@ class TimeScale:
             velocity: of the path at rate 1 [m/s]; not used if `is_at(goal)`.
             acceleration: of the path at rate 1 [m/s²].
         """
+        if 0.0 < dt_s <= MAX_STEP_S and self.rate == goal and self.change == 0.0:  # the usual case
+            return dt_s * (goal + goal) / 2.0
         passed_s = 0.0
         while dt_s > 0.0:
             part_s = min(dt_s, MAX_STEP_S)

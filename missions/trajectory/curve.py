@@ -17,8 +17,9 @@ from missions.frames import wrap_pi
 from missions.setpoints import Trajectory
 
 Array = NDArray[np.float64]
-Piece = tuple[float, float, tuple[tuple[float, ...], ...]]
-"""Begin and span of one piece, and the coefficients for each axis."""
+Piece = tuple[float, float, float, tuple[tuple[float, ...], ...]]
+"""Begin, span and squared span of one piece, and for each axis the coefficients c0 to c5, then 2 c2, 3 c3,
+4 c4, 6 c3 and 12 c4 for the derivatives."""
 Phase = tuple[float, float, float, float, float]
 """Start time of one phase; path parameter, its speed and acceleration at that time, and its jerk."""
 
@@ -80,15 +81,16 @@ class TimedCurve:
             v = v0 + dt * (a0 + dt * j / 2.0)
             a = a0 + dt * j
         n = max(0, bisect_right(self.begins.data, u) - 1)
-        begin, span, axes = self._pieces.get(n) or self._read_piece(n)
+        begin, span, square, axes = self._pieces.get(n) or self._read_piece(n)
         x = min(1.0, (u - begin) / span)
+        x5, x20 = x * 5, x * 20
         position: list[float] = []
         first: list[float] = []
         second: list[float] = []
-        for c0, c1, c2, c3, c4, c5 in axes:
+        for c0, c1, c2, c3, c4, c5, c2_2, c3_3, c4_4, c3_6, c4_12 in axes:
             position.append(c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))))
-            first.append((c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span)
-            second.append((2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2)
+            first.append((c1 + x * (c2_2 + x * (c3_3 + x * (c4_4 + x5 * c5)))) / span)
+            second.append((c2_2 + x * (c3_6 + x * (c4_12 + x20 * c5))) / square)
         north, east, down, yaw = position
         vv = v * v
         return Trajectory(
@@ -107,8 +109,11 @@ class TimedCurve:
         return phase
 
     def _read_piece(self, n: int) -> Piece:
-        axes = tuple(map(tuple, self.coefficients[n].T.tolist()))
-        piece = self._pieces[n] = (self.begins.item(n), self.spans.item(n), axes)
+        span = self.spans.item(n)
+        axes = tuple(
+            (*c, 2 * c[2], 3 * c[3], 4 * c[4], 6 * c[3], 12 * c[4]) for c in self.coefficients[n].T.tolist()
+        )
+        piece = self._pieces[n] = (self.begins.item(n), span, span**2, axes)
         return piece
 
     def sample(self, times_s: Array) -> Samples:

@@ -72,7 +72,7 @@ def time_law(pieces: Pieces, limits: MotionLimits) -> TimeLaw:
     """The fastest variant to fly a path, from rest at every stop to rest at the next."""
     bounds = Bounds.of(pieces)
     stops = np.flatnonzero(pieces.stops)
-    variants = [_zones(pieces, bounds, limits, stops, *variant) for variant in VARIANTS]
+    variants = _variants(pieces, bounds, limits)
     times = np.stack([_between_stops(zones, stops) for zones in variants])
     best = times.argmin(axis=0)
     columns: list[list[Any]] = []
@@ -90,17 +90,23 @@ def _between_stops(zones: _Zones, stops: NDArray[np.int64]) -> Array:
     return np.add.reduceat(zones.time_s, first_zones)
 
 
+def _variants(pieces: Pieces, bounds: Bounds, limits: MotionLimits) -> list[_Zones]:
+    """The zones of each variant; on a straight path most variants are equal, and are computed once."""
+    known: dict[tuple[bytes, bytes], _Zones] = {}
+    variants: list[_Zones] = []
+    for bend_share, jerk_share, min_ratio in VARIANTS:
+        ceilings = _ceilings(bounds, limits, bend_share, jerk_share)
+        first = _first_pieces(ceilings, pieces.stops, min_ratio)
+        key = ceilings.tobytes(), first.tobytes()
+        if key not in known:
+            known[key] = _zones(pieces, bounds, limits, ceilings, first)
+        variants.append(known[key])
+    return variants
+
+
 def _zones(
-    pieces: Pieces,
-    bounds: Bounds,
-    limits: MotionLimits,
-    stops: NDArray[np.int64],
-    bend_share: float,
-    jerk_share: float,
-    min_ratio: float,
+    pieces: Pieces, bounds: Bounds, limits: MotionLimits, ceilings: Array, first: NDArray[np.int64]
 ) -> _Zones:
-    ceilings = _ceilings(bounds, limits, bend_share, jerk_share)
-    first = _first_pieces(ceilings, pieces.stops, min_ratio)
     counts = np.diff(np.append(first, len(ceilings)))
     ceiling = np.minimum.reduceat(ceilings, first)
     accelerations, jerks = _budgets(bounds, limits, np.repeat(ceiling, counts))
