@@ -106,7 +106,7 @@ class Checks:
             self.logging,
             sensors.silent("baro"),
             sensors.silent("mag"),
-            bool(view.simulation.fusion.gnss_pos[view.row]),
+            view.simulation.fusion.gnss_pos.item(view.row),
             "" if armed else sensors.gps_problem(),
             2 if view.simulation.world.lidars.forward else 1,
             self._external.health(),

@@ -85,7 +85,7 @@ class FailsafeWatch:
             can_run=lambda mode: self._can_run(intended, mode),
             delay_s=self._view.parameter("COM_FAIL_ACT_T"),
         )
-        if self.decision != before:
+        if self.decision is not before and self.decision != before:
             self._announce(before, self.decision, intended)
         return self.decision
 

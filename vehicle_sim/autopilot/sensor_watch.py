@@ -38,7 +38,7 @@ class SensorWatch:
                 reason, word = (STALE, "STALE") if stale else (TIMEOUT, "TIMEOUT")
                 self._announcer.text(0, f"{name.upper()} #0 failed:  {word}!\t")
                 self._announcer.event(f"sensor_failover_{name}", "BH", 0, reason)
-        used = bool(view.simulation.fusion.gnss_pos[i])
+        used = view.simulation.fusion.gnss_pos.item(i)
         if used != self._gnss_used:
             if armed:
                 self._announcer.event(f"check_estimator_gnss_fusion_{'started' if used else 'stopped'}")

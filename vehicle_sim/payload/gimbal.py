@@ -213,6 +213,9 @@ class Gimbal:
 
     def update(self, dt_s: float) -> None:
         """Advances the simulation by `dt_s`."""
+        fixed = self._rate_setpoints is None and self._roi is None and self._waypoint_offsets is None
+        if fixed and self._inputs() == self._servo_inputs:
+            return
         if self._rate_setpoints is not None:
             pitch_limit = math.radians(90.0)
             pitch = self.setpoint.pitch_rad + self._rate_setpoints[0] * dt_s
@@ -239,21 +242,18 @@ class Gimbal:
         actual.pitch_rad += rates.pitch_rad_s * dt_s
         actual.yaw_rad = wrap_angle(actual.yaw_rad + rates.yaw_rad_s * dt_s)
 
+    def _inputs(self) -> tuple[float, ...]:
+        """The inputs of the servo angles without the vehicle's attitude."""
+        setpoint, view = self.setpoint, self._view
+        landed = view.simulation.setpoints.landed.item(view.row)
+        return setpoint.roll_rad, setpoint.pitch_rad, setpoint.yaw_rad, landed, view.parameter_changes
+
     def _set_servos(self) -> None:
         stabilisation, setpoint = self._view.choice("MNT_DO_STAB"), self.setpoint
-        landed = bool(self._view.simulation.setpoints.landed[self._view.row])
-        key = None
-        if stabilisation not in (STABILISE_ALL, STABILISE_YAW) and self._rate_setpoints is None:
-            key = (
-                setpoint.roll_rad,
-                setpoint.pitch_rad,
-                setpoint.yaw_rad,
-                landed,
-                self._view.parameter_changes,
-            )
-            if key == self._servo_inputs:
-                return
-        self._servo_inputs = key
+        inputs = self._inputs()
+        landed = bool(inputs[3])
+        depends_on_attitude = stabilisation in (STABILISE_ALL, STABILISE_YAW)
+        self._servo_inputs = None if depends_on_attitude or self._rate_setpoints is not None else inputs
         estimate = self._view.estimate
         vehicle = (estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad)
         absolute = [

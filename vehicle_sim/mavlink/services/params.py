@@ -91,11 +91,11 @@ class ParamService:
         self._limits.apply()
 
     def _on_change(self, name: str, _value: ParameterValue) -> None:
+        if self._parameters.change is Change.COUNT:  # no part of the simulation uses a statistic
+            return
         why = self._context.view.simulation.reload_parameters(self._context.view.row)
         if why is not None:
             self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
-        if self._parameters.change is Change.COUNT:
-            return
         if self._parameters.change is Change.RESET:
             self._unsaved.discard(name)
         else:
