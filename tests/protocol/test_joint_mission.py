@@ -17,12 +17,10 @@ from gcs_server.plans.work import PlanWork
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from missions.offboard import document
 from missions.offboard.reader import read
-from tests.protocol.api_calls import ANNA, BOB, WorkHere, lines, station_of, view
+from tests.protocol import two_vehicles
+from tests.protocol.api_calls import ANNA, BOB, lines, view
 from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.support.snapshot import snapshot
-from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.fleet import VehicleSim
+from tests.protocol.simulated_world import until
 
 APART_M = 20.0
 MEET, LAND = "{step: meet, meeting: up}", "{step: land}"
@@ -44,37 +42,7 @@ def steps(height_m, east_m):
     return f"[{{step: take_off, height_m: {height_m}}}, {MEET}, {fly(6, east_m, height_m)}, {LAND}]"
 
 
-@functools.cache
-def ready():
-    """Two vehicles that can be armed."""
-    places = np.array([[0.0, 0.0, 0.0], [0.0, APART_M, 0.0]])
-    sim = VehicleSim(2, links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
-    while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
-        assert sim.time_s < 40
-        sim.step(0.5)
-    for row in range(2):
-        sim.drain(row, "gcs")
-    return sim
-
-
-def stage(jump, story):
-    """Runs a test with the vehicles and the server's routes."""
-
-    async def run():
-        world = SimulatedWorld(2, sim=snapshot(ready()))
-        try:
-            vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
-            station = station_of(world)
-            station.plan_work = WorkHere()
-            for vehicle in vehicles:
-                station.missions.attach(vehicle)
-            station.missions.start()
-            station.authority.start()
-            await story(SimpleNamespace(world=world, station=station, vehicles=vehicles))
-        finally:
-            await world.close()
-
-    jump(run)
+stage = functools.partial(two_vehicles.stage, apart_m=APART_M)
 
 
 async def start(at, mission, by=ANNA, **more):
@@ -105,6 +73,7 @@ async def crossing(at, **heights):
     await reach(at, "flying", "flying")
 
 
+@pytest.mark.story
 def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(jump):
     async def story(at):
         await start(at, show())
@@ -141,6 +110,7 @@ def outside_m(at):
     return [vehicle.offboard_mission.status().outside_corridor_m for vehicle in at.vehicles]
 
 
+@pytest.mark.story
 def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
     async def story(at):
         at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0, left=APART_M))
@@ -196,6 +166,7 @@ def test_hold_of_one_vehicle_holds_the_other_and_ends_the_mission(jump):
     stage(jump, story)
 
 
+@pytest.mark.story
 def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump):
     async def story(at):
         await crossing(at)
@@ -259,6 +230,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
     stage(jump, story)
 
 
+@pytest.mark.story
 def test_a_mission_for_several_vehicles_cannot_be_started_on_one(jump):
     async def story(at):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})

@@ -3,9 +3,7 @@
 import asyncio
 import functools
 import json
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from gcs_server.api import (
@@ -20,12 +18,10 @@ from gcs_server.errors import PlanFindings
 from missions.geodesy import LocalOrigin
 from missions.offboard import document
 from missions.offboard.reader import read
-from tests.protocol.api_calls import ANNA, WorkHere, station_of, view
+from tests.protocol import two_vehicles
+from tests.protocol.api_calls import ANNA, view
 from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.support.snapshot import snapshot
-from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.fleet import VehicleSim
+from tests.protocol.simulated_world import until
 
 ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
 APART_M = 40.0
@@ -51,35 +47,7 @@ ACROSS = {"items": OVER, "fence": [ZONE]}
 """Vehicle 2 over the position of vehicle 1, through an area that it must not fly in."""
 
 
-@functools.cache
-def ready():
-    """Two vehicles that can be armed."""
-    places = np.array([[0.0, 0.0, 0.0], [0.0, APART_M, 0.0]])
-    sim = VehicleSim(2, links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
-    while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
-        assert sim.time_s < 40
-        sim.step(0.5)
-    for row in range(2):
-        sim.drain(row, "gcs")
-    return sim
-
-
-def stage(jump, story):
-    """Runs a test with the vehicles and the server's routes."""
-
-    async def run():
-        world = SimulatedWorld(2, sim=snapshot(ready()))
-        try:
-            vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
-            station = station_of(world)
-            station.plan_work = WorkHere()
-            station.waypoint_flights.start()
-            station.missions.start()
-            await story(SimpleNamespace(world=world, station=station, one=vehicles[0], two=vehicles[1]))
-        finally:
-            await world.close()
-
-    jump(run)
+stage = functools.partial(two_vehicles.stage, apart_m=APART_M)
 
 
 async def upload(at, vehicle_id, plan):
@@ -162,6 +130,7 @@ def test_a_failed_start_is_not_expected_to_fly(jump):
     stage(jump, story)
 
 
+@pytest.mark.story
 def test_a_vehicle_that_hovers_in_the_way_or_moves_without_a_known_path(jump):
     async def story(at):
         await upload(at, "2", {"items": OVER})
@@ -185,7 +154,6 @@ async def start_mission(at, vehicle_id, flown, *despite):
     mission = read(f"name: Up\nsteps:\n- {{step: take_off, height_m: 6}}\n{flown}- {{step: land}}\n")
     wanted = {"mission": json.loads(document.write(mission)), "despite": list(despite)}
     body = offboard_mission_models.StartMission.model_validate(wanted)
-    at.station.missions.attach(at.world.fleet.get(vehicle_id))
     await offboard_mission_routes.start(vehicle_id, body, at.station, ANNA)
 
 

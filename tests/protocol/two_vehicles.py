@@ -1,0 +1,34 @@
+"""Two simulated PX4 vehicles beside each other, and the server's routes, on simulated time."""
+
+import functools
+from types import SimpleNamespace
+
+from tests.protocol.api_calls import WorkHere, station_of
+from tests.protocol.simulated_world import SimulatedWorld
+from tests.support.ready_fleet import ready_in_a_row
+from tests.support.snapshot import snapshot
+
+ready = functools.cache(ready_in_a_row)
+
+
+def stage(jump, story, apart_m):
+    """Runs a test with vehicle 2 this far east of vehicle 1; both can be armed."""
+
+    async def run():
+        world = SimulatedWorld(2, sim=snapshot(ready(2, apart_m)))
+        try:
+            vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
+            station = station_of(world)
+            station.plan_work = WorkHere()
+            for vehicle in vehicles:
+                station.missions.attach(vehicle)
+            station.waypoint_flights.start()
+            station.missions.start()
+            station.authority.start()
+            one, two = vehicles
+            at = SimpleNamespace(world=world, station=station, vehicles=vehicles, one=one, two=two)
+            await story(at)
+        finally:
+            await world.close()
+
+    jump(run)

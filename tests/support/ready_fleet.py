@@ -1,0 +1,27 @@
+"""Simulated vehicles in a row on the ground that can be armed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.fleet import VehicleSim
+
+READY_WITHIN_S = 40.0
+
+
+def ready_in_a_row(count: int, apart_m: float) -> VehicleSim:
+    """Vehicles 1, 2, … to the east of each other; what they sent while they started is dropped.
+
+    Raises:
+        AssertionError: one of them cannot be armed in time.
+    """
+    places = np.zeros((count, 3))
+    places[:, 1] = apart_m * np.arange(count)
+    sim = VehicleSim(count, links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
+    while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
+        assert sim.time_s < READY_WITHIN_S
+        sim.step(0.5)
+    for row in range(count):
+        sim.drain(row, "gcs")
+    return sim
