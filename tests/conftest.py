@@ -1,5 +1,7 @@
 """Fixtures and settings for all tests."""
 
+import gc
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,17 @@ settings.load_profile("steady")
 
 REAL_PROCESSES = frozenset({"clients", "e2e", "hostile"})
 """Folders of tests that start servers, vehicles, browsers and programs of others, in real time."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Searches for no garbage while modules are imported, and not in them later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
