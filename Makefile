@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
 	@echo "make test-fast     for every save: what needs no socket, process, browser or long flight; under a minute"
-	@echo "make test          Python, page, browser, and beside them lint and types; under six minutes on two cores"
+	@echo "make test          Python, page, browser, and beside them style; under six minutes on two cores"
 	@echo "make test-clients  long tests: real time, whole stories, outside clients (MAVSDK, MAVProxy), fuzzing"
 	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
@@ -91,9 +91,9 @@ types: $(VENV)/.tested $(VENV)/.node
 lint: $(VENV)/.tested $(VENV)/.node
 	@$(BIN)/python -m tools.checks lint
 
-# Everything that is no test of Python, at a low priority.
+# What is no test of Python, at a low priority; the types, which take two minutes, are left to `make lint`.
 checks: $(VENV)/.tested $(VENV)/.node
-	@$(BIN)/python -m tools.checks
+	@$(BIN)/python -m tools.checks style page
 
 # What waits most comes first, so that what computes fills the waiting.
 SUITE = tests/e2e tests/integration tests/contract tests/unit tests/protocol tests/api
@@ -111,7 +111,7 @@ suite: $(VENV)/.browser web kernels
 	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not $(LONG)" $(SUITE)
 
 test-clients: $(VENV)/.clients web kernels
-	@$(BIN)/python -m pytest -n 2 -m "$(LONG)" $(SUITE)
+	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "$(LONG)" $(filter-out tests/contract,$(SUITE))
 	@$(BIN)/python -m pytest tests/clients
 	@$(BIN)/python -m pytest tests/hostile
 	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_every_answer_is_described.py

@@ -1,6 +1,7 @@
 """Runs all checks except the tests, two at a time: style, imports, types, and the page's checks.
 
-`python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group. A check
+`python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group, which are
+those of `style` and the check of types. A check
 that passes prints its time, a check that fails prints its whole output. Checks run at a low priority, so that
 they do not slow down tests that run at the same time.
 """
@@ -53,17 +54,19 @@ def _page(script: str) -> Check:
     return Check(f"page {script}", command)
 
 
-LINT = (
-    _python("types", "pyright"),
+STYLE = (
     _page("lint:code"),
     _page("lint:format"),
     _python("imports", "lint-imports"),
     _python("format", "ruff", "format", "--check", "."),
     _python("style", "ruff", "check", "."),
 )
+LINT = (_python("types", "pyright"), _page("check:types"), *STYLE)
 """The longest check first, so that the others run on the other processor meanwhile."""
-PAGE = (_page("check:svelte"), _page("check:types"), _page("test"))
-GROUPS = {"lint": LINT, "page": PAGE}
+PAGE = (_page("check:svelte"), _page("test"))
+"""svelte-check also finds errors of types in TypeScript."""
+GROUPS = {"lint": LINT, "page": PAGE, "style": STYLE}
+ALL = ("lint", "page")
 
 
 def run(check: Check) -> Outcome:
@@ -97,7 +100,7 @@ def run_all(checks: Iterable[Check]) -> bool:
 
 
 def main(names: Sequence[str]) -> int:
-    """Runs the named groups, or all groups without a name."""
+    """Runs the named groups, or all checks without a name."""
     unknown = set(names) - GROUPS.keys()
     if unknown:
         print(
@@ -106,7 +109,7 @@ def main(names: Sequence[str]) -> int:
         return 2
     os.nice(PRIORITY)
     build_page.install(REPOSITORY)  # once, before two checks need it
-    return 0 if run_all(check for name in names or GROUPS for check in GROUPS[name]) else 1
+    return 0 if run_all(check for name in names or ALL for check in GROUPS[name]) else 1
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 TYPES = REPOSITORY / "web" / "src" / "api" / "schema.d.ts"
 
 
+@pytest.mark.story
 def test_the_pages_types_match_the_server(tmp_path: Path) -> None:
     if not (REPOSITORY / "web").is_dir():
         pytest.skip("the page's sources are not in this checkout")

@@ -55,6 +55,7 @@ def calls(client):
                 yield method.upper(), "/".join(filled)
 
 
+@pytest.mark.story
 def test_hostile_names_in_paths_never_cause_a_5xx(client):
     answers = {
         (method, path): client.request(method, path, content=b"{}").status_code

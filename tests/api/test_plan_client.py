@@ -51,6 +51,7 @@ def run(tmp_path, story):
     in_jumps(work)
 
 
+@pytest.mark.story
 def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
     async def story(gcs, _pilot):
         plans = gcs.plans()

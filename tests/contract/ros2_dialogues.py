@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from tests.support.ros2_vehicle import TYPES, Ros2Vehicle
 from vehicle_sim.external_modes.arming_checks import REQUEST_IDS
@@ -87,6 +89,18 @@ class TimedDialogue:
 def timed_dialogues(dialogues: list[Dialogue]) -> list[TimedDialogue]:
     """The dialogues with the times between them, calculated from the ids of the requests."""
     return [_timed_dialogue(each, after) for each, after in itertools.zip_longest(dialogues, dialogues[1:])]
+
+
+def params(dialogues: list[TimedDialogue], only_in_long_tests: Callable[[str], bool]) -> list[Any]:
+    """Arguments of a test; whole boots, named by their session, are left to the long tests."""
+    return [
+        pytest.param(
+            each,
+            id=each.dialogue["id"],
+            marks=pytest.mark.broad if only_in_long_tests(each.dialogue["session"]) else (),
+        )
+        for each in dialogues
+    ]
 
 
 def _timed_dialogue(dialogue: Dialogue, after: Dialogue | None) -> TimedDialogue:

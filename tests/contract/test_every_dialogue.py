@@ -25,7 +25,15 @@ SESSIONS: dict[str, list[Dialogue]] = dict(
 )
 """The first few dialogues of most groups; all of them in `make test-clients`, if they are beside the
 checkout."""
-LONGEST = {"arming-0", "arming_denied-1", "armed_ground-1", "calibration-1", "termination-0"}
+LONGEST = {
+    "air-0",
+    "arming-0",
+    "arming_denied-0",
+    "arming_denied-1",
+    "armed_ground-1",
+    "calibration-1",
+    "termination-0",
+}
 """Each takes as long as ten others: only `make test-clients` runs them."""
 DIALOGUES = 602
 ROWS_AT_MOST = 40

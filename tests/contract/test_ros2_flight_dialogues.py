@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.ros2_dialogues import TimedDialogue, compare, load, timed_dialogues
+from tests.contract.ros2_dialogues import TimedDialogue, compare, load, params, timed_dialogues
 from tests.contract.ros2_flight_dialogues import GROUPS, FlightPlayer, landed_s
 
 ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
-"""Boots of PX4 that `make test` repeats, one of each group; `make test-clients` repeats all of them."""
+"""Boots of PX4, one of each group; `make test-clients` repeats all of them."""
+SHORTEST = "x_repl5"
+"""The boot that `make test` repeats, too."""
 IGNORED = frozenset({"pre_flight_checks_pass"})
 """In flight PX4 reports the checks of the failed mode for one cycle of 12 ms, until it has left it."""
 LOW_RETURN = "The return lands earlier here and is disarmed before the next mode is selected."
@@ -38,7 +40,7 @@ def player() -> FlightPlayer:
 
 
 @pytest.mark.parametrize(
-    "timed_dialogue", timed_dialogues(DIALOGUES), ids=lambda timed_dialogue: timed_dialogue.dialogue["id"]
+    "timed_dialogue", params(timed_dialogues(DIALOGUES), lambda session: session != SHORTEST)
 )
 def test_a_replayed_dialogue_in_flight_has_the_recorded_answers_and_states(
     player: FlightPlayer, timed_dialogue: TimedDialogue

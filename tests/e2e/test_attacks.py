@@ -33,6 +33,8 @@ from tests.e2e.fast_station import FAST
 from tests.station import end, free_port, running, server_command, vehicle, wait_for_start, wait_until
 from tests.support.viser_camera import CAMERA
 
+pytestmark = pytest.mark.story
+
 VEHICLE = "101"
 VISER = Subprotocol(f"viser-v{viser.__version__}")
 POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}

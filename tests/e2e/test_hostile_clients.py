@@ -13,6 +13,8 @@ from tests.station import answers, server, wait_until
 MAX_MEMORY_MB = 100
 LONGEST_PAUSE_S = 15.0
 """On a test machine that may be busy with other tests."""
+pytestmark = pytest.mark.story
+
 QUICK = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest_json", "unread_websocket"}
 
 

@@ -30,6 +30,7 @@ from tests.station import answers, end, free_port, running, server, server_comma
 pytestmark = pytest.mark.browser
 
 FLIGHT_MS = 90_000
+LONGER_THAN_ANY_HOLD_MS = 2_000
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +61,7 @@ def pill(page: Page) -> Any:
     return page.locator(".pill b")
 
 
+@pytest.mark.story
 def test_a_flight_by_mouse(browser: Browser, landed: Station) -> None:
     drone = landed.drone
     with opened(browser, landed.url, scene=False) as page:
@@ -167,6 +169,15 @@ def test_a_flight_by_keyboard_and_a_refusal_beside_its_button(browser: Browser, 
         expect(pill(page)).to_have_text("Holding")
         assert drone.status()["mode"] == "hold"
 
+        page.keyboard.press("Shift+K")
+        question = page.get_by_role("alertdialog")
+        question.get_by_role("button", name="Cancel").focus()
+        page.keyboard.down("Space")
+        page.wait_for_timeout(LONGER_THAN_ANY_HOLD_MS)
+        page.keyboard.up("Space")
+        expect(question).to_be_hidden()
+        assert drone.status()["armed"]
+
         page.keyboard.press("o")
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
@@ -230,6 +241,7 @@ def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
         wait_until(drawn, "a picture in the small 3D view")
 
 
+@pytest.mark.story
 def test_the_page_has_no_serious_accessibility_violations(browser: Browser, landed: Station) -> None:
     with opened(browser, landed.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")

@@ -39,6 +39,7 @@ POSITION_IN_3D = """
 """Position in the frame of a point of viser's world [px]; null while the view is not ready."""
 
 
+@pytest.mark.story
 def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
@@ -292,6 +293,7 @@ def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
     assert len(station.gcs.request("GET", "/plans")["plans"]) == 2
 
 
+@pytest.mark.story
 def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)

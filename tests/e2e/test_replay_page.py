@@ -116,6 +116,7 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     assert int(clock) > 0
 
 
+@pytest.mark.story
 def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, station: str) -> None:
     log = Log(shared / "px4" / "tlogs" / FLIGHT)
     with opened(browser, station, scene=False) as page:

@@ -63,6 +63,7 @@ def bare(links: list[str], data: Path) -> list[str]:
     return [*server_command(free_port(socket.SOCK_STREAM), links, data), "--no-scene"]
 
 
+@pytest.mark.story
 def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_remedy(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

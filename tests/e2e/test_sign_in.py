@@ -53,6 +53,7 @@ def check(page: Page, watched: Watched, foreign: list[str]) -> None:
     page.context.close()
 
 
+@pytest.mark.story
 def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
     token = link.partition("token=")[2]
     home = f"http://{urlsplit(link).netloc}"

@@ -214,6 +214,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
     with_vehicle(jump, scenario)
 
 
+@pytest.mark.story
 def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(jump):
     async def scenario(world, vehicle):
         home = vehicle.topic("home").value

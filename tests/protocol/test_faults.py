@@ -68,6 +68,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
     with_routes(jump, scenario, loss=loss, seed=seed)
 
 
+@pytest.mark.story
 def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
     async def scenario(at):
         with at.station.authority.connected(ANNA):  # the browser keeps its socket open, the page does not run
@@ -91,7 +92,7 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
     with_routes(jump, scenario)
 
 
-@pytest.mark.parametrize("agreed", ["nothing", "hold"])
+@pytest.mark.parametrize("agreed", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
 def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed):
     async def scenario(at):
         with at.station.authority.connected(ANNA):

@@ -114,13 +114,10 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
     return jump(run)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize(
     ("seed", "late_s", "names"),
-    [
-        (2, 0.4, ("head_on",)),
-        pytest.param(2, 0.4, tuple(ENCOUNTERS), marks=pytest.mark.broad),
-        pytest.param(1, 0.0, tuple(ENCOUNTERS), marks=pytest.mark.broad),
-    ],
+    [(2, 0.4, ("head_on",)), (2, 0.4, tuple(ENCOUNTERS)), (1, 0.0, tuple(ENCOUNTERS))],
 )
 def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(jump, seed, late_s, names):
     nearest_m = encounters(jump, seed, late_s, 4.0, names)

@@ -60,6 +60,7 @@ def test_an_endless_burst_without_data_is_cancelled(kit, jump):
     )
 
 
+@pytest.mark.story
 def test_a_read_of_one_piece_per_second_is_cancelled(kit, jump):
     def slowly(at, n):
         return [(at + 239 * i, b"x" * 239) for i in range(2000)]

@@ -84,6 +84,7 @@ def test_a_list_that_repeats_one_parameter_endlessly_is_cancelled(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 6000, nothing, raises="repeats values", every_s=0.001)
 
 
+@pytest.mark.story
 def test_a_list_that_never_completes_is_cancelled(kit, jump):
     refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 2000, nothing, raises="not complete within", every_s=0.45)
 

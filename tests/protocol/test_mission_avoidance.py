@@ -65,6 +65,7 @@ async def highest_over_the_box_m(missions, at):
     return highest_m
 
 
+@pytest.mark.story
 def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_step(jump, tmp_path):
     async def story(missions, vehicle, at):
         assert vehicle.offboard.status().avoidance.on
@@ -80,6 +81,7 @@ def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_s
     through_the_box(jump, tmp_path, story, "plan")
 
 
+@pytest.mark.story
 def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(jump, tmp_path):
     async def story(missions, vehicle, at):
         assert vehicle.offboard.status().avoidance.way == "around"

@@ -30,6 +30,7 @@ async def shown(missions, vehicle):
     return answer["flown"]
 
 
+@pytest.mark.story
 def test_an_ended_mission_is_shown_beside_its_plan(jump, tmp_path):
     async def story():
         world = SimulatedWorld()

@@ -98,6 +98,7 @@ def test_selected_on_the_ground_and_armed_the_mission_takes_off_flies_and_lands(
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.story
 def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_again(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await selected(at, {**MISSION, "steps": [TAKE_OFF, {"step": "land"}]})
@@ -113,6 +114,7 @@ def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.story
 def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await selected(at, {**MISSION, "steps": [TAKE_OFF, FLY]})
@@ -126,6 +128,7 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(jump:
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("when", ["takeoff", "flying", "land"])
 def test_after_a_takeover_the_executor_sends_nothing_more(jump: Any, when: str) -> None:
     async def story(at: Modes) -> None:
@@ -284,6 +287,7 @@ def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(jump: An
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.story
 @pytest.mark.parametrize("lost", [COMMAND_ACK, MODE_COMPLETED])
 def test_lost_answers_do_not_stop_the_mission(jump: Any, lost: str) -> None:
     async def story(at: Modes) -> None:

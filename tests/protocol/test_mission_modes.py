@@ -58,6 +58,7 @@ def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> No
     fly(jump, story)
 
 
+@pytest.mark.story
 def test_a_mission_mode_can_be_started_repeatedly_by_this_server(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register())["mode"]
@@ -104,6 +105,7 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump
     fly(jump, story)
 
 
+@pytest.mark.story
 def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register(mission=LOITER))["mode"]
@@ -144,6 +146,7 @@ def test_without_arming_check_answers_px4_returns_and_the_operator_is_informed(j
     fly(jump, story)
 
 
+@pytest.mark.story
 def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
     async def story(at: Modes) -> None:
         await at.flying()
@@ -187,6 +190,7 @@ def test_a_mission_without_a_take_off_does_not_start_on_the_ground(jump: Any) ->
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.story
 def test_a_mode_that_cannot_start_holds_and_reports_the_reason(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = (await at.register())["mode"]
@@ -238,6 +242,7 @@ def test_over_mavlink_alone_a_mode_cannot_be_registered(jump: Any) -> None:
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.story
 def test_resuming_the_mission_selects_its_mode(jump: Any) -> None:
     async def story(at: Modes) -> None:
         mode = await at.flying()
@@ -268,6 +273,7 @@ def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None
     fly(jump, story, in_air=False)
 
 
+@pytest.mark.story
 @pytest.mark.parametrize("deferral_s", [0, DEFERRAL_S])
 def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed(
     jump: Any, deferral_s: int

@@ -148,6 +148,7 @@ def test_a_lost_position_makes_all_descend(jump, tmp_path):
     fly(jump, tmp_path, story)
 
 
+@pytest.mark.broad
 def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(jump, tmp_path):
     async def story(air):
         announced = {air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}

@@ -180,6 +180,7 @@ def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(j
     with_socket(jump, scenario, start=False)
 
 
+@pytest.mark.story
 def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
     async def scenario(vehicle, autopilot, socket):
         socket.reads.clear()
@@ -196,7 +197,12 @@ def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
 
 
 @pytest.mark.parametrize(
-    "text", ['{"' + "x" * 500_000 + '": 1}', "[" * 500_000, '{"type": "' + "y" * 500_000 + '"}']
+    "text",
+    [
+        '{"' + "x" * 500_000 + '": 1}',
+        pytest.param("[" * 500_000, marks=pytest.mark.broad),
+        pytest.param('{"type": "' + "y" * 500_000 + '"}', marks=pytest.mark.broad),
+    ],
 )
 def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_stream(jump, text):
     async def scenario(vehicle, autopilot, socket):

@@ -16,6 +16,7 @@ LIST, READ, SET, FTP = (
     d.MAVLINK_MSG_ID_PARAM_SET,
     d.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
 )
+LOSS = [(0.0, 1), (0.05, 2), pytest.param(0.2, 3, marks=pytest.mark.broad)]
 
 
 async def inline(work):
@@ -47,7 +48,7 @@ def true_values(autopilot):
     return dict(autopilot.sim.simulation.parameters[0].items())
 
 
-@pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
+@pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, seed):
     async def work(world, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"

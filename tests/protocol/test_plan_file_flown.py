@@ -81,6 +81,7 @@ async def flown_commands(at):
     return [each.number for each in sent if each.number in COMMANDS_OF_ITEMS]
 
 
+@pytest.mark.story
 @pytest.mark.flight
 @pytest.mark.parametrize(
     "loss", [0.05, *(pytest.param(loss, marks=pytest.mark.broad) for loss in (0.0, 0.3))]

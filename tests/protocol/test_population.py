@@ -45,6 +45,7 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
     run_test(jump, scenario, OffboardWorld)
 
 
+@pytest.mark.story
 def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump):
     async def scenario(world):
         links = [world.link(name) for name in ("a", "b")]

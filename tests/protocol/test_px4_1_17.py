@@ -95,6 +95,7 @@ class NewerPx4:
         return sim.MAVLink_gnss_integrity_message(**dict.fromkeys(fields, 0))
 
 
+@pytest.mark.story
 def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any) -> None:
     async def scenario() -> None:
         world = SimulatedWorld()

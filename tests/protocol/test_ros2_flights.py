@@ -29,6 +29,7 @@ MISSION = """
 """
 
 
+@pytest.mark.story
 def test_an_offboard_mission_takes_off_flies_and_lands(jump: Any, tmp_path: Path) -> None:
     async def run() -> None:
         world = Ros2World()
@@ -65,6 +66,7 @@ def test_a_mission_whose_program_needs_mavlink_is_flown_and_reports_what_was_ref
     jump(run)
 
 
+@pytest.mark.story
 def test_a_group_starts_together_and_holds_together(jump: Any) -> None:
     async def run() -> None:
         world = Ros2World(2)

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import pytest
+
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
 from gcs_server.vehicle.vehicle import Vehicle
@@ -153,6 +155,7 @@ ROWS = [
 ]
 
 
+@pytest.mark.story
 def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
     async def run() -> None:
         world = Ros2World()

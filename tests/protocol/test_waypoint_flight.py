@@ -86,6 +86,7 @@ def story(jump, monkeypatch, work):
     jump(run)
 
 
+@pytest.mark.story
 def test_a_plan_is_simulated_flown_blown_out_of_its_corridor_landed_and_compared(jump, monkeypatch):
     async def work(at):
         assert await flight(at) is None

@@ -10,7 +10,7 @@ from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.question import Question, await_command, refuse_commands
 from tests.station import wait_until
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 LONGER_THAN_ANY_HOLD_MS = 2_000
 
@@ -95,7 +95,6 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
     assert drone.status()["armed"]
 
 
-@pytest.mark.story
 def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) -> None:
     with opened(browser, flying.url, scene=False) as page:
         card = page.get_by_label("Gimbal", exact=True)

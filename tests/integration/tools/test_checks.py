@@ -28,4 +28,4 @@ def test_passed_checks_show_only_their_duration(capsys):
 
 def test_an_unknown_group_is_refused_with_the_list_of_groups(capsys):
     assert main(["lints"]) == 2
-    assert "Choose from lint, page." in capsys.readouterr().err
+    assert "Choose from lint, page, style." in capsys.readouterr().err

@@ -4,6 +4,8 @@ import socket
 import subprocess
 import sys
 
+import pytest
+
 from vehicle_sim.mavlink.framing import FrameParser
 
 
@@ -34,6 +36,7 @@ def test_the_process_streams_and_ends_on_sigterm() -> None:
         assert out.startswith("vehicle 1 ready (instance 0): gcs UDP ")
 
 
+@pytest.mark.story
 def test_a_port_in_use_is_named_and_ends_the_process_if_no_other_is_open() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

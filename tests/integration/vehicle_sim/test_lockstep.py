@@ -5,6 +5,8 @@ import socket
 import subprocess
 import sys
 
+import pytest
+
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 
@@ -55,5 +57,6 @@ def digest_of_lockstep_flight() -> str:
             process.terminate()
 
 
+@pytest.mark.story
 def test_in_lockstep_two_runs_send_the_same_bytes() -> None:
     assert digest_of_lockstep_flight() == digest_of_lockstep_flight()

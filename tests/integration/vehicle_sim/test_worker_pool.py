@@ -10,6 +10,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from tests.bench.process import family
 from vehicle_sim.mavlink.framing import FrameParser
 
@@ -49,6 +51,7 @@ class ProcessFamily:
         return all(ended)
 
 
+@pytest.mark.story
 def test_sigterm_ends_all_processes() -> None:
     with fleet_in_two_processes() as (process, _):
         processes = ProcessFamily(process.pid)
@@ -67,6 +70,7 @@ def test_killing_the_first_process_ends_the_others() -> None:
         assert processes.all_end()
 
 
+@pytest.mark.story
 def test_a_killed_worker_ends_the_others_and_is_reported() -> None:
     with fleet_in_two_processes() as (process, _):
         processes = ProcessFamily(process.pid)

@@ -66,6 +66,7 @@ def test_with_avoidance_the_vehicle_climbs_over_the_box_and_comes_down_behind_it
     assert 0.4 < found.obstacle_distance_m < 2.0
 
 
+@pytest.mark.story
 def test_with_avoidance_that_finds_no_way_the_vehicle_waits_before_the_obstacle() -> None:
     corridor = block(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
     wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")

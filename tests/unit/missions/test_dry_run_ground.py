@@ -94,6 +94,7 @@ def test_a_path_into_rising_ground_ends_there_in_every_flight():
     assert many.chances["obstacle_hit"].count == 1
 
 
+@pytest.mark.story
 @pytest.mark.flight
 def test_a_flight_that_grazes_a_gentle_slope_has_a_finding_with_its_position():
     gentle = GroundGrid(-60.0, -60.0, 10.0, np.repeat(np.arange(25.0)[:, None] * 0.8, 13, axis=1))
@@ -105,6 +106,7 @@ def test_a_flight_that_grazes_a_gentle_slope_has_a_finding_with_its_position():
     assert 35.0 < finding.position_ned_m[0] < 70.0
 
 
+@pytest.mark.story
 @pytest.mark.flight
 def test_each_vehicle_of_a_mission_starts_on_its_own_ground():
     steps = "[{step: take_off, height_m: 3}, {step: meet, meeting: up}, {step: land}]"

@@ -113,6 +113,7 @@ def varied() -> MonteCarloTogether:
     return monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
 
 
+@pytest.mark.story
 def test_each_role_of_many_flights_has_its_own_corridor(varied):
     for role, east_m in (("lead", 0.0), ("left", APART_M)):
         many = varied.roles[role]
@@ -141,12 +142,14 @@ def test_distances_and_chances_are_those_of_all_flights(varied):
     assert varied.chances["separation"].count >= varied.chances["nearer_than_minimum"].count
 
 
+@pytest.mark.story
 def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(varied):
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
     one = monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5)
     assert one.roles["left"].flights[0] == varied.roles["left"].flights[0]
 
 
+@pytest.mark.story
 def test_vehicles_that_cross_at_one_height_come_too_near_in_every_flight():
     mission = read(CROSSING.format(height_m=3, minimum_m=3))
     found = monte_carlo_together(mission, aircraft(), flights=2)

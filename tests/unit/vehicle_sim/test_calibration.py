@@ -186,6 +186,7 @@ def test_a_gyroscope_calibration_sets_the_offset_measured_at_rest() -> None:
     assert s.calibrated("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
 
 
+@pytest.mark.story
 def test_a_compass_calibration_fails_if_the_vehicle_is_not_turned() -> None:
     s = TurnedVehicle()
     s.command(0, 1)

@@ -103,6 +103,7 @@ def test_a_picture_is_reported_and_stored_and_its_report_can_be_requested_again(
     assert acks_of(station, 2002, 7) == [DENIED]
 
 
+@pytest.mark.story
 def test_a_series_has_its_interval_and_count_and_can_be_stopped(station):
     since_s = station.now_s
     assert acks_of(station, 2000, 0, 1.0, 3) == [ACCEPTED]

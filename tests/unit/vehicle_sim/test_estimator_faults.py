@@ -16,6 +16,8 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 from vehicle_sim.simulation import Simulation
 
+pytestmark = pytest.mark.story
+
 HOVER_M = 10.0
 SETTLED_S = 8.0
 
@@ -230,7 +232,6 @@ IN_THE_SUITE = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "ba
 
 
 @pytest.mark.flight
-@pytest.mark.story
 def test_flights_with_faults_match_the_recordings():
     for compared in faults.compare_all([fault_recordings.load_thin(name) for name in IN_THE_SUITE]):
         assert not compared.late, (compared.name, compared.late)

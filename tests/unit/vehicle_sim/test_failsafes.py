@@ -117,6 +117,7 @@ def flying(height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: f
     return hovering(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise)
 
 
+@pytest.mark.story
 def test_a_return_after_a_lost_link_continues_when_the_link_is_back() -> None:
     s = flying(NAV_DLL_ACT=2, COM_DL_LOSS_T=5, RTL_RETURN_ALT=4.0)
     s.heartbeats = False
@@ -172,6 +173,7 @@ def test_a_flight_longer_than_allowed_returns() -> None:
     assert "check_flight_time_limit" in s.events()
 
 
+@pytest.mark.story
 def test_wind_is_estimated_and_too_strong_wind_triggers_a_landing() -> None:
     # The drag of the airframe (SIH_KDV / SIH_MASS), as identified for a real one.
     drag = {"EKF2_DRAG_CTRL": 1, "EKF2_MCOEF": 1.0, "EKF2_BCOEF_X": 0.0, "EKF2_BCOEF_Y": 0.0}

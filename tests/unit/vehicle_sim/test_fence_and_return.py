@@ -53,6 +53,7 @@ def test_inside_and_outside_of_zones_and_the_cylinder() -> None:
     assert breaches((), LIMITS, 0.0, 51 / DEGREE_M, 131.0) == {Breach.DISTANCE, Breach.ALTITUDE}
 
 
+@pytest.mark.story
 def test_outside_the_fence_the_vehicle_holds_and_then_returns() -> None:
     s = flying(GF_ACTION=3, RTL_RETURN_ALT=5.0, RTL_DESCEND_ALT=4.0)
     assert s.upload([s.item(5001, *corner, p=(4, 0, 0, 0)) for corner in SQUARE], kind=1) == 0
@@ -101,6 +102,7 @@ def test_a_fence_that_only_warns_does_not_act_and_an_operator_can_take_over() ->
     assert s.active_mode == HOLD, "the operator's mode is kept although the fence is still breached"
 
 
+@pytest.mark.story
 def test_the_vehicle_returns_to_the_nearest_rally_point() -> None:
     s = flying(RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=3.0)
     assert s.upload([s.item(5100, 14, 0, 0, frame=3), s.item(5100, 0, 40, 0, frame=3)], kind=2) == 0

@@ -124,6 +124,7 @@ def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> No
     assert s.mode == OFFBOARD
 
 
+@pytest.mark.story
 def test_a_recovered_stream_is_flown_again() -> None:
     s = hovering(Station, 6)
 

@@ -123,6 +123,7 @@ def flying() -> Station:
     return station
 
 
+@pytest.mark.story
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.binary(max_size=400))
 def test_garbage_does_not_affect_a_flight(flying: Station, data: bytes) -> None:
@@ -202,6 +203,7 @@ def test_the_simulator_works_after_extreme_values_to_every_service_in_flight(see
     assert works(sim)
 
 
+@pytest.mark.story
 def test_a_flood_takes_limited_memory_and_the_simulator_works_afterwards() -> None:
     sim = VehicleSim()
     sim.step(1.0)

@@ -190,6 +190,7 @@ def test_a_disabled_gimbal_sends_nothing() -> None:
     assert not s.received("GIMBAL_MANAGER_STATUS")
 
 
+@pytest.mark.story
 def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
     s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
     s.ready_to_arm()

@@ -222,6 +222,7 @@ HALF_SET_POINTS = (
 )
 
 
+@pytest.mark.story
 def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
     """As a real PX4 does; the echoed target is velocity zero."""
     s = hover(3.0)

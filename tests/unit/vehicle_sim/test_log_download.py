@@ -8,7 +8,7 @@ from tests.unit.vehicle_sim.ftp_client import FtpClient
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.mavlink.services import ftp
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 TARGET = {"target_system": 1, "target_component": 1}
 

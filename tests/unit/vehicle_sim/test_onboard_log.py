@@ -60,6 +60,7 @@ def flight(tmp_path_factory):
     return Flight(tmp_path_factory.mktemp("vehicle"))
 
 
+@pytest.mark.story
 def test_a_ground_station_sees_whether_a_log_is_written(flight):
     assert flight.sensors[8] == 0x300402F
     assert flight.sensors[-1] == 0x200402F, "as recorded after a flight"
@@ -172,6 +173,7 @@ def test_sdlog_mode_determines_when_a_log_is_written(mode, expected):
     assert not logger.running
 
 
+@pytest.mark.story
 def test_the_next_arming_opens_a_new_file_and_reports_it():
     station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S)
     station.run(12)

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import pytest
+
 from tests.support.ros2_vehicle import Ros2Vehicle
 
 REGISTER, UNREGISTER = "/fmu/in/register_ext_component_request", "/fmu/in/unregister_ext_component"
@@ -107,6 +109,7 @@ def test_a_mode_that_stops_answering_is_replaced_by_return_until_it_answers_agai
     assert component.status["nav_state"] == MODE
 
 
+@pytest.mark.story
 def test_a_mode_that_cannot_run_is_left_at_once_and_cannot_be_selected_again():
     component = Component()
     component.fly()
@@ -121,6 +124,7 @@ def test_a_mode_that_cannot_run_is_left_at_once_and_cannot_be_selected_again():
     assert component.status["nav_state"] == HOLD
 
 
+@pytest.mark.story
 def test_an_unregistered_mode_is_left_in_flight():
     component = Component()
     component.fly()
@@ -138,6 +142,7 @@ def test_arming_is_denied_in_a_mode_that_does_not_answer():
     assert component.vehicle.acks()[-1] == (ARM, 1)
 
 
+@pytest.mark.story
 def test_without_controllers_the_motors_keep_their_signals():
     component = Component(controllers={})
     component.vehicle.command(ARM, 1.0)
@@ -168,6 +173,7 @@ def test_a_mode_does_not_change_the_setpoint_type_of_offboard_after_it():
         assert (flags["flag_control_rates_enabled"], flags["flag_control_attitude_enabled"]) == (rates, False)
 
 
+@pytest.mark.story
 def test_a_replacement_of_return_is_flown_until_it_stops_answering():
     component = Component(enable_replace_internal_mode=True, replace_internal_mode=RTL)
     component.vehicle.command(ARM, 1.0)
@@ -199,6 +205,7 @@ def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
     assert component.status["executor_in_charge"] == 0
 
 
+@pytest.mark.story
 def test_disable_auto_disarm_keeps_a_landed_vehicle_armed_until_it_is_withdrawn():
     component = Component(register_mode_executor=True)
     component.vehicle.send(OVERRIDE, disable_auto_disarm=True, source_type=1, source_id=1)

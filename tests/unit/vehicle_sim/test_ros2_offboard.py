@@ -73,6 +73,7 @@ def test_every_setpoint_type_is_flown_as_selected_by_the_flag(air):
     assert air.position_ned_m[2] == pytest.approx(-2.5, abs=0.3)
 
 
+@pytest.mark.story
 @pytest.mark.flight
 def test_only_offboard_control_mode_keeps_offboard_alive(air):
     enter(air, flags("position"), trajectory((1.0, 0.0, -2.5)))
@@ -94,6 +95,7 @@ def test_without_any_flag_the_signal_is_lost_at_once(air):
     assert status(air) == (POSITION_MODE, True)
 
 
+@pytest.mark.story
 @pytest.mark.flight
 def test_unusable_setpoints_leave_the_last_one_in_effect(air):
     level = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})
@@ -117,6 +119,7 @@ def test_goto_is_flown_in_hold_and_ends_with_its_messages(air):
     assert air.position_ned_m[1] == pytest.approx(0.0, abs=0.5)
 
 
+@pytest.mark.story
 @pytest.mark.flight
 def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(air):
     pulled_m = []

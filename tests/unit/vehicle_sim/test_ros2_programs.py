@@ -47,6 +47,7 @@ def domain() -> DdsDomain:
     return DdsDomain(DOMAIN)
 
 
+@pytest.mark.story
 def test_the_offboard_node_climbs_to_five_metres_and_lands(domain, capsys):
     namespace = f"node_{os.getpid()}"
     flight = Flight(domain, namespace)
@@ -59,6 +60,7 @@ def test_the_offboard_node_climbs_to_five_metres_and_lands(domain, capsys):
     assert flight.lands()
 
 
+@pytest.mark.story
 def test_the_flow_holds_one_metre_for_twenty_seconds_and_lands(domain):
     namespace = f"flow_{os.getpid()}"
     flight = Flight(domain, namespace)

@@ -13,7 +13,7 @@ from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 
 class Terminal:
@@ -157,7 +157,6 @@ def test_an_invalid_param_command_is_explained(terminal, line, says):
     assert "failed, returned 1" in answer
 
 
-@pytest.mark.story
 def test_commander_commands_arm_take_off_and_land(ready):
     assert "Disarmed" in ready.output_of("commander status")
     assert "Preflight check: OK" in ready.output_of("commander check")
@@ -195,7 +194,6 @@ def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
     assert "MNT_MODE_IN" in terminal.output_of("gimbal start")
 
 
-@pytest.mark.story
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
     states = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
     for name in [topic.layout.name for topic in ARRAY_TOPICS] + states:

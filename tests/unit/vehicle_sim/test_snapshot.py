@@ -21,10 +21,9 @@ def continue_flight(station: Station) -> str:
     return repr([(time_s, link, message.name, message.values) for time_s, link, message in station.log])
 
 
+@pytest.mark.story
 @pytest.mark.flight
-@pytest.mark.parametrize(
-    "fleet", [{"links": BOTH, "camera": True}, pytest.param({}, marks=pytest.mark.broad)], ids=["both", "gcs"]
-)
+@pytest.mark.parametrize("fleet", [{"links": BOTH, "camera": True}, {}], ids=["both", "gcs"])
 def test_copies_continue_like_the_original(fleet: dict[str, Any]) -> None:
     original = Station(seed=4, **fleet)
     original.fly_to(3.0)

@@ -198,6 +198,7 @@ def stream(end_s: float) -> Script:
     return script
 
 
+@pytest.mark.story
 def test_a_stream_of_setpoints_is_flown_the_same_by_steady_and_by_full_ticks_until_it_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -5,7 +5,7 @@ import pytest
 from tests.unit.vehicle_sim.prepared_stations import on_ground
 from tests.unit.vehicle_sim.sim_station import NAN, Station
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 STORAGE, ARM = 245, 400
 ACCEPTED, TEMPORARILY_REJECTED = 0, 1

@@ -57,6 +57,7 @@ def test_vision_is_ignored_unless_the_parameter_enables_it():
     assert not estimate(station).valid_position[0]
 
 
+@pytest.mark.story
 def test_vision_gives_a_position_which_is_invalid_after_vision_stops():
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 15})
     truth(station).position_ned_m[0] = (4.0, -3.0, 0.0)

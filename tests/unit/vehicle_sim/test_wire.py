@@ -236,6 +236,7 @@ def test_every_streamed_message_is_known_to_the_dialect() -> None:
     assert set(GCS) | set(API) <= set(BY_NAME)
 
 
+@pytest.mark.story
 def test_extreme_values_in_commands_and_setpoints_do_not_end_the_simulation() -> None:
     """Extreme values in all numbers that a station can send, in flight."""
     s = Station()

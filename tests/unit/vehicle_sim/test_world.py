@@ -126,6 +126,7 @@ def test_distant_obstacles_do_not_change_a_flight():
     assert np.array_equal(plain.truth.position_ned_m, far.truth.position_ned_m)
 
 
+@pytest.mark.story
 def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     station = Station(world=load_world("obstacle-box"), links=BOTH)
     station.fly_to(2.5)

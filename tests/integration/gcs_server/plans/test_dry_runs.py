@@ -98,6 +98,7 @@ roles:
 """
 
 
+@pytest.mark.story
 def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     lead = request(hop())["aircraft"]
     left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
@@ -125,6 +126,7 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     assert reports[0] == "1 s are simulated; 0 of 4 vehicles have ended."
 
 
+@pytest.mark.story
 def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
     async def story():
         plan = hop().model_copy(update={"items": ()})

@@ -94,11 +94,23 @@ def flooding(publisher: Publisher) -> None:
 @pytest.mark.parametrize(
     ("fault", "text"),
     [
-        (invalid_values, "A message on /bad/fmu/out/vehicle_status_v1 cannot be used"),
-        (wrong_type, "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
-        (unknown_version, "/bad/fmu/out/vehicle_status_v7 is of another version of PX4"),
+        pytest.param(
+            invalid_values,
+            "A message on /bad/fmu/out/vehicle_status_v1 cannot be used",
+            marks=pytest.mark.broad,
+        ),
+        pytest.param(
+            wrong_type,
+            "has the type px4_msgs::msg::dds_::HomePosition_ instead of",
+            marks=pytest.mark.broad,
+        ),
+        pytest.param(
+            unknown_version,
+            "/bad/fmu/out/vehicle_status_v7 is of another version of PX4",
+            marks=pytest.mark.broad,
+        ),
         (silent, "bad has a writer of /fmu/out/vehicle_status_v1, but sends no message"),
-        (flooding, None),
+        pytest.param(flooding, None, marks=pytest.mark.broad),
     ],
 )
 def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(

@@ -32,6 +32,7 @@ def wait_for(page, condition) -> None:
         page.wait_for_timeout(50)
 
 
+@pytest.mark.story
 @pytest.mark.browser
 def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
     requested: list[str] = []

@@ -145,6 +145,7 @@ def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder()
     asyncio.run(run())
 
 
+@pytest.mark.story
 def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeypatch):
     monkeypatch.setattr(scene_process, "HUNG_AFTER_S", 1.0)
     monkeypatch.setattr("gcs_server.scene.handle.END_TIMEOUT_S", 0.2)

@@ -299,6 +299,7 @@ def test_an_invalid_view_token_is_refused(running):
 
 
 def test_the_number_of_stored_views_is_limited(running):
-    for i in range(MAX_VIEWS + 20):
-        httpx.post(f"{running.url}view/many{i}", json={})
+    with httpx.Client() as client:
+        for i in range(MAX_VIEWS + 20):
+            client.post(f"{running.url}view/many{i}", json={})
     assert len(running.scene._views) <= MAX_VIEWS
