@@ -65,7 +65,7 @@ def test_a_web_page_that_connects_by_tcp_is_disconnected_before_a_frame_is_read(
             assert not frames
             info = router.links()[0]
             assert (info.state, info.frames_received, info.bytes_received) == ("open", 0, 0)
-            assert "spoke" in info.detail
+            assert "used" in info.detail
             assert "127.0.0.1" in info.detail
             assert ("link", "radio", info.detail) in router.warnings()
             await loop.sock_sendall(vehicle, BEAT[:1])

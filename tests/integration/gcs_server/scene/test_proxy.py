@@ -276,10 +276,12 @@ def test_a_new_theme_rebuilds_the_scene(running):
             await eventually(lambda: running.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
                 await client.post(running.url + "view/page2", json={"theme": "light"})
-            stages = running.scene._stages
+            browser_scenes = running.scene._browser_scenes
             camera = next(iter(running.host.clients().values())).camera
             was = tuple(camera.position)
-            await eventually(lambda: all(s.theme == "light" for _, s in stages.values()) and stages)
+            await eventually(
+                lambda: all(s.theme == "light" for _, s in browser_scenes.values()) and browser_scenes
+            )
             assert tuple(camera.position) == was
 
     asyncio.run(run())

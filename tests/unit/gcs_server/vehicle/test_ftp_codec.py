@@ -88,7 +88,7 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
     assert {"parameters.json.xz", "component_general.json.xz"} <= {e.name for e in extras}
     for name, words in (
         ("ftp_open_missing", "no such file"),
-        ("ftp_unknown_opcode", "does not know"),
+        ("ftp_unknown_opcode", "does not support this request"),
         ("ftp_open_no_session_free_slash", "another file is open"),
         ("ftp_rmdir_not_empty", "not empty"),
     ):
