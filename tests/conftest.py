@@ -20,6 +20,8 @@ settings.load_profile("steady")
 
 REAL_PROCESSES = frozenset({"clients", "e2e", "hostile"})
 """Folders of tests that start servers, vehicles, browsers and programs of others, in real time."""
+REAL_TIME_MARKS = ("browser", "realtime")
+"""Marks of such tests in other folders."""
 
 
 @pytest.hookimpl(wrapper=True)
@@ -39,7 +41,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     On a busy machine a process may stand still for longer than a timeout of PX4 or of a client.
     """
     for item in items:
-        if item.nodeid.split("/")[1] in REAL_PROCESSES:
+        in_real_time = any(item.get_closest_marker(mark) for mark in REAL_TIME_MARKS)
+        if in_real_time or item.nodeid.split("/")[1] in REAL_PROCESSES:
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 

@@ -24,6 +24,16 @@ def ground_distance_m(click) -> float:
     return math.hypot(north_m, (click.lon_deg - 8.545594) * 75_400)
 
 
+def send_and_wait(page, message) -> None:
+    """Sends a message to the frame; returns when the frame has received it (messages keep their order)."""
+    page.evaluate(
+        "(message) => new Promise((resolve) => {"
+        " frames[0].addEventListener('message', (event) => { if (event.data.isLast) resolve(); });"
+        " for (const each of [message, { isLast: true }]) frames[0].postMessage(each, location.origin); })",
+        message,
+    )
+
+
 def wait_for(page, condition) -> None:
     """Waits for a condition; `time.sleep` would stop Playwright's event loop."""
     end_s = time.monotonic() + 30
@@ -88,9 +98,9 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         root = page.frames[1].locator("html")
         assert root.get_attribute("data-gcs-origin") == "47.397742000,8.545594000,488.000"
         page.evaluate(
-            "() => { addEventListener('message', (event) => { window.clicked = event.data.gcsClick; });"
-            " frames[0].postMessage({ gcsEditing: true }, location.origin); }"
+            "() => addEventListener('message', (event) => { window.clicked = event.data.gcsClick; })"
         )
+        send_and_wait(page, {"gcsEditing": True})
         page.mouse.click(*low)
         wait_for(page, lambda: page.evaluate("window.clicked"))
         assert page.evaluate("window.clicked") == pytest.approx(
