@@ -94,12 +94,9 @@ def timed_dialogues(dialogues: list[Dialogue]) -> list[TimedDialogue]:
 def params(dialogues: list[TimedDialogue], only_in_long_tests: Callable[[str], bool]) -> list[Any]:
     """Arguments of a test; whole boots, named by their session, are left to the long tests."""
     return [
-        pytest.param(
-            each,
-            id=each.dialogue["id"],
-            marks=pytest.mark.broad if only_in_long_tests(each.dialogue["session"]) else (),
-        )
+        pytest.param(each, id=each.dialogue["id"], marks=pytest.mark.broad if is_long else ())
         for each in dialogues
+        for is_long in (only_in_long_tests(each.dialogue["session"]),)
     ]
 
 

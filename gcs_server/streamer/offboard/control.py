@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, Refused, Rejected
@@ -70,7 +70,9 @@ class OffboardControl:
         self._streams = streams
         self._find = find
         self._estimates = VehicleEstimates(vehicle)
-        self._availability = Availability(self._estimates, self._protocol, self._unusable_topics)
+        self._availability = Availability(
+            self._estimates, self._protocol, lambda: unusable_topics(vehicle.endpoints)
+        )
         self._configuration = OffboardConfiguration(clock, vehicle, self._estimates)
         self.operator = limits
         self.avoidance = AvoidanceControl(clock, vehicle, self._estimates)
@@ -347,9 +349,6 @@ class OffboardControl:
     def _protocol(self) -> str:
         return protocol_in_use(self.vehicle.endpoints, ROS2)
 
-    def _unusable_topics(self) -> Mapping[str, str]:
-        return unusable_topics(self.vehicle.endpoints)
-
     def check(self, request: StreamRequest) -> None:
         """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         setpoint = request.setpoint
@@ -372,16 +371,13 @@ class OffboardControl:
         )
 
     def check_segments(self, segments: Sequence[Segment], mode: str) -> None:
-        """Raises Refused if these segments of a mission leave the position limits, or if the vehicle has
-        their topics in unknown versions for this mode."""
+        """Raises Refused if segments leave the position limits, or need a topic in an unknown version."""
         self.require_topics(segments, in_offboard=mode == OFFBOARD)
-        limited = self.operator.limits.needs_position
-        check_segments(segments, self.snapshot(), has_position_limits=limited)
+        check_segments(segments, self.snapshot(), has_position_limits=self.operator.limits.needs_position)
 
     def require_topics(self, segments: Sequence[Segment], *, in_offboard: bool) -> None:
         """Raises Refused if the vehicle has a topic of these segments' setpoints in an unknown version."""
-        holds = Position.type  # at a pause, and after the last segment
-        types = {holds, *(each.at(0.0).type for each in segments)}
+        types = {Position.type, *(each.at(0.0).type for each in segments)}  # a position at a pause
         self._availability.require_topics(types, in_offboard=in_offboard)
 
     def _check_leader(self, follow: Follow) -> None:
