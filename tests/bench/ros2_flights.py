@@ -7,6 +7,7 @@ of the most similar reference flight.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 from . import flight_replay, ros2_recordings
@@ -57,11 +58,35 @@ MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
 """How each flight is evaluated, and the reference flight with its spread."""
 
 
+NOISY_FLIGHTS = 4
+
+
 def measure(wanted: list[str] | None = None) -> list[Comparison]:
     """Flies and compares these flights (default: all)."""
     recordings = [ros2_recordings.load(name, MANOEUVRES[name][1]) for name in wanted or MANOEUVRES]
     flown = flight_replay.fly(recordings)
     return [compare(each, flown[each.name], MANOEUVRES[each.name][0]) for each in recordings]
+
+
+def noise_within() -> Iterator[int]:
+    """Number of flights within their limits if simulated flights with noise take the recordings' place.
+
+    A limit comes from one pair of flights, so not every pair of PX4's own flights would be within it. This
+    shows how many are expected to be.
+    """
+    recordings = [ros2_recordings.load(name, like) for name, (_, like) in MANOEUVRES.items()]
+    flown = flight_replay.fly(recordings)
+    for seed in range(NOISY_FLIGHTS):
+        noisy = flight_replay.fly(recordings, noise=True, seed=seed)
+        compared = [
+            compare(
+                dataclasses.replace(each, t_s=noisy[each.name].t_s, columns=noisy[each.name].columns),
+                flown[each.name],
+                MANOEUVRES[each.name][0],
+            )
+            for each in recordings
+        ]
+        yield sum(each.near and each.rises_alike for each in compared)
 
 
 def table() -> Iterator[str]:
@@ -70,3 +95,9 @@ def table() -> Iterator[str]:
         yield "The recordings (../shared/px4/dds/flights) are not beside this checkout."
         return
     yield from rows(measure())
+    yield ""
+    within = ", ".join(str(each) for each in noise_within())
+    yield (
+        f"In place of the recordings, simulated flights with sensor noise (seeds 0 to {NOISY_FLIGHTS - 1}) "
+        f"have {within} of {len(MANOEUVRES)} within the same limits."
+    )

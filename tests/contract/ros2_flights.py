@@ -7,9 +7,11 @@ import gzip
 import itertools
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from tests.contract.ros2_dialogues import RECORDED, SLACK_S, STATUS, fields_at, flat_fields
 from tests.support.ros2_vehicle import ADDRESSES, AT_ONCE, Ros2Vehicle
@@ -26,11 +28,17 @@ STEP_S = 0.004
 COMPARED_EVERY_S = 0.5
 RETURNING_M = 2.0
 """A vehicle that is recorded further than this from its setpoint, in Offboard, was still flying there."""
-RETURNS_FROM = 2.05
-"""Where the replay of its return begins, in recorded distances from the setpoint. PX4 switches its
-controllers at 2 Hz since the change of mode; from here the simulated one switches at the recorded times."""
+RETURNS_FROM = 2.5
+"""Where the replay of its return begins, in recorded distances from the setpoint: the simulated vehicle then
+passes the first recorded position at the recorded 7.9 m/s."""
+SWITCHES_EVERY_S = 0.5
+"""PX4 switches its controllers at 2 Hz since the change of mode."""
+SAME_PHASE_S = 0.008
+CALM_S, MAX_RETURNS = 5.0, 5
+FALLS_BEFORE_S = 3.0
 NOISY_BOOT_S = 12.0
 CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
+SWITCHED = "/fmu/out/vehicle_control_mode"
 Place = tuple[float, float, float]
 Track = list[tuple[float, Place]]
 States = list[tuple[float, int, int]]
@@ -46,6 +54,10 @@ class Flight:
     stimulus: list[dict[str, Any]]
     track: Track
     states: States
+    switched_s: float
+    """Time of the first recorded change of the controllers; NaN: none is recorded."""
+    fall: list[tuple[float, float, float]]
+    """(time, z, vz) of the estimate until the vehicle left the ground [s, m, m/s]."""
 
     @classmethod
     def load(cls, name: str) -> Flight:
@@ -56,7 +68,10 @@ class Flight:
         at, axes = column["t_s"], [column[axis] for axis in "xyz"]
         track = [(row[at], (row[axes[0]], row[axes[1]], row[axes[2]])) for row in rows]
         states = [(row[at], int(row[column["nav_state"]]), int(row[column["arming_state"]])) for row in rows]
-        return cls(name, raw["header"], raw["stimulus"], track, states)
+        switched = (each["dt_s"] for each in raw["messages"] if each.get("topic") == SWITCHED)
+        grounded = itertools.takewhile(lambda row: row[column["landed"]], rows)
+        fall = [(row[at], row[column["z"]], row[column["vz"]]) for row in grounded]
+        return cls(name, raw["header"], raw["stimulus"], track, states, next(switched, math.nan), fall)
 
     @property
     def in_air(self) -> bool:
@@ -88,6 +103,11 @@ class Flight:
             return self.track[0][0]
         return -BEFORE_S if self.in_offboard else -1.0
 
+    @property
+    def vehicle_seconds_per_s(self) -> float:
+        """The recorded vehicle's clock was slower than the recorder's, which the times are of."""
+        return self.header["vehicle_seconds_per_wall_second"] or 1.0
+
     def sends(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
         """(time, topic, fields) of each message to the vehicle, from the beginning of the replay."""
         for sent in self.stimulus:
@@ -108,17 +128,23 @@ class Flight:
 class _Vehicle(Ros2Vehicle):
     """A vehicle that decodes only the compared topics."""
 
+    switched_s = math.nan
+    """When it last published the active controllers."""
+
     def publish(self, topic: str, data: bytes) -> None:
+        if topic == SWITCHED:
+            self.switched_s = self.sim.time_s
         if topic in (STATUS, POSITION):
             super().publish(topic, data)
 
 
-def fly(flight: Flight, *, noise: int | None = None) -> tuple[Track, States]:
+def fly(flight: Flight, *, noise: int | None = None, falls: bool = False) -> tuple[Track, States]:
     """Replays a flight.
 
     Args:
         flight: what was recorded.
         noise: seed of the sensor noise; None: no noise.
+        falls: gives the GPS the error of the recorded estimate, as long as the recorded vehicle stood.
 
     Returns:
         What the simulated vehicle published.
@@ -131,26 +157,43 @@ def fly(flight: Flight, *, noise: int | None = None) -> tuple[Track, States]:
     if flight.in_air:
         _take_off(vehicle, -flight.track[0][1][2])
     sends = sorted(flight.sends(), key=lambda sent: sent[0])
+    begins_s = flight.begins_s - (FALLS_BEFORE_S if falls else 0.0)
     if flight.returns:
         _return(vehicle, flight)
     elif flight.in_offboard:
         fields = ADDRESSES | {"command": SET_MODE, "param1": 1.0, "param2": 6.0}
         bisect.insort(sends, (OFFBOARD_AT_S, COMMAND, fields), key=lambda sent: sent[0])
-    # the recorded vehicle's clock was slower than the recorder's, which the times are of
-    per_s = flight.header["vehicle_seconds_per_wall_second"] or 1.0
-    zero_s = vehicle.sim.time_s - flight.begins_s * per_s
+    zero_s = vehicle.sim.time_s - begins_s * flight.vehicle_seconds_per_s
     seen, last_s = len(vehicle.received), flight.track[-1][0]
-    while (now_s := (vehicle.sim.time_s - zero_s) / per_s) < last_s:
+    while (now_s := (vehicle.sim.time_s - zero_s) / flight.vehicle_seconds_per_s) < last_s:
         while sends and sends[0][0] <= now_s:
             _, topic, fields = sends.pop(0)
             vehicle.send(topic, fields)
+        if falls:
+            _fall(vehicle, flight, now_s)
         vehicle.run(STEP_S)
-    received = [((at_s - zero_s) / per_s, topic, each) for at_s, topic, each in vehicle.received[seen:]]
+    received = [
+        ((at_s - zero_s) / flight.vehicle_seconds_per_s, topic, each)
+        for at_s, topic, each in vehicle.received[seen:]
+    ]
     track = [(at_s, (each["x"], each["y"], each["z"])) for at_s, topic, each in received if topic == POSITION]
     states = [
         (at_s, each["nav_state"], each["arming_state"]) for at_s, topic, each in received if topic == STATUS
     ]
     return track, states
+
+
+def _fall(vehicle: Ros2Vehicle, flight: Flight, now_s: float) -> None:
+    """Gives the GPS the recorded height and vertical speed of a standing vehicle; the height stays then.
+
+    Before the recording the height fell at the first recorded speed.
+    """
+    first_s, first_m, first_m_s = flight.fall[0]
+    at_s, z_m, vz_m_s = (np.array(column) for column in zip(*flight.fall, strict=True))
+    before_m = first_m_s * min(0.0, now_s - first_s)
+    faults = vehicle.sim.simulation.sensor_faults
+    faults.gps_offset_ned_m[0, 2] = before_m + np.interp(now_s, at_s, z_m) - first_m
+    faults.gps_offset_ned_m_s[0, 2] = np.interp(now_s, at_s, vz_m_s, right=0.0)
 
 
 def _take_off(vehicle: Ros2Vehicle, height_m: float) -> None:
@@ -164,32 +207,47 @@ def _take_off(vehicle: Ros2Vehicle, height_m: float) -> None:
     vehicle.run(2.0)
 
 
-def _return(vehicle: Ros2Vehicle, flight: Flight) -> None:
-    """Flies in Offboard to a point far away, and back until the first recorded distance from the setpoint."""
+def _return(vehicle: _Vehicle, flight: Flight) -> None:
+    """Flies in Offboard to a point far away, and back until the first recorded distance from the setpoint.
+
+    This is repeated until the controllers switch at the recorded times, relative to the first event.
+    """
     setpoint, recorded = flight.setpoint_ned_m, flight.track[0][1]
+    distance_m = math.dist(recorded[:2], setpoint[:2])
     north_m, east_m = (
         there + RETURNS_FROM * (here - there) for here, there in zip(recorded[:2], setpoint[:2], strict=True)
     )
+    far = (north_m, east_m, setpoint[2])
     fields = next(fields for _, topic, fields in flight.sends() if topic == TRAJECTORY)
 
-    def stream(position_ned_m: Place, seconds: float) -> None:
-        messages = (CONTROL_MODE, {"position": True}), (TRAJECTORY, fields | {"position": position_ned_m})
-        vehicle.stream(seconds, 10.0, *messages)
+    def stream_while(going_on: Callable[[], bool], position_ned_m: Place) -> None:
+        for step in itertools.count():
+            if not going_on():
+                return
+            if step % round(0.1 / STEP_S) == 0:
+                vehicle.send(CONTROL_MODE, position=True)
+                vehicle.send(TRAJECTORY, fields, position=position_ned_m)
+            vehicle.run(STEP_S)
 
-    far = (north_m, east_m, setpoint[2])
-    stream(far, 1.0)
+    def stream_until(at_s: float) -> None:
+        stream_while(lambda: vehicle.sim.time_s < at_s, far)
+
+    vehicle.stream(1.0, 10.0, (CONTROL_MODE, {"position": True}), (TRAJECTORY, fields | {"position": far}))
     vehicle.command(SET_MODE, 1.0, 6.0)
-    while math.dist(vehicle.position_ned_m, far) > 0.5:
-        stream(far, 0.1)
-    stream(far, 2.0)
-    distance_m = math.dist(recorded[:2], setpoint[:2])
-    for step in itertools.count():
-        if math.dist(vehicle.position_ned_m[:2], setpoint[:2]) <= distance_m:
+    switches_in_s = (flight.switched_s - flight.begins_s) * flight.vehicle_seconds_per_s
+    takes_s = 0.0
+    for _ in range(MAX_RETURNS):
+        stream_while(lambda: math.dist(vehicle.position_ned_m, far) > 0.5, far)
+        stream_until(vehicle.sim.time_s + CALM_S)
+        switches_s = vehicle.sim.time_s + takes_s + switches_in_s
+        stream_until(vehicle.sim.time_s + (vehicle.switched_s - switches_s) % SWITCHES_EVERY_S)
+        left_s = vehicle.sim.time_s
+        stream_while(lambda: math.dist(vehicle.position_ned_m[:2], setpoint[:2]) > distance_m, setpoint)
+        takes_s = vehicle.sim.time_s - left_s
+        late_s = vehicle.sim.time_s + switches_in_s - vehicle.switched_s
+        if abs(math.remainder(late_s, SWITCHES_EVERY_S)) <= SAME_PHASE_S:
             return
-        if step % round(0.1 / STEP_S) == 0:
-            vehicle.send(CONTROL_MODE, position=True)
-            vehicle.send(TRAJECTORY, fields, position=setpoint)
-        vehicle.run(STEP_S)
+    raise AssertionError(f"{flight.name}: no return with the recorded phase")
 
 
 def changes(states: States) -> States:
@@ -240,6 +298,16 @@ def largest_excess(flown: Sequence[Track], recorded: Track) -> tuple[float, floa
         horizontal_m = max(horizontal_m, math.hypot(north_m, east_m))
         vertical_m = max(vertical_m, down_m)
     return horizontal_m, vertical_m
+
+
+def farthest_m(track: Track, from_s: float) -> tuple[float, float]:
+    """Largest horizontal distance and largest height of a track, relative to its place at a time [m]."""
+    north_m, east_m, down_m = _at(track, from_s)
+    later = [place for at_s, place in track if at_s > from_s]
+    return (
+        max(math.hypot(place[0] - north_m, place[1] - east_m) for place in later),
+        max(down_m - place[2] for place in later),
+    )
 
 
 def _at(track: Track, at_s: float) -> Place:
