@@ -273,9 +273,10 @@ def corridor_for(
 def check_findings(name: str, findings: list[dict[str, Any]], despite: Sequence[str]) -> None:
     unaccepted = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
     if unaccepted:
+        reasons = tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in unaccepted)
         raise PlanFindings(
-            f"The mission {name!r} has errors: {unaccepted[0]['text']}",
+            f"The mission {name!r} has errors. {reasons[0]}",
             codes=tuple(dict.fromkeys(each["code"] for each in unaccepted)),
-            reasons=tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in unaccepted),
+            reasons=reasons,
             remedy="Correct the mission, or name the codes in `despite` if you accept them.",
         )
