@@ -15,8 +15,8 @@ _ROUTE_TARGETS = (
 """Documentation addresses (RFC 5737 and 3849), used only to look up the route; nothing is sent there."""
 
 
-def links(
-    host: str, port: int, token: str | None, own: list[str] | None = None, *, contained: bool | None = None
+def page_urls(
+    host: str, port: int, token: str | None, own: list[str] | None = None, *, in_container: bool | None = None
 ) -> list[str]:
     """URLs of the page, the most likely one first.
 
@@ -24,33 +24,32 @@ def links(
         host: address that the server is bound to.
         token: added to the URLs; None if no token is required.
         own: this computer's addresses; default: detected.
-        contained: whether this process runs in a container, whose addresses cannot be reached from outside;
-            default: detected.
+        in_container: whether this process runs in a container, whose addresses cannot be reached from
+            outside; default: detected.
     """
     names = [host]
     if host in WILDCARD_HOSTS:
         names = ["localhost"]
-        if not (in_container() if contained is None else contained):
+        if not (_runs_in_container() if in_container is None else in_container):
             names += own_addresses() if own is None else own
     elif _is_loopback(host):
         names = ["localhost" if host == "127.0.0.1" else host]
-    end = f"/?token={quote(token, safe='')}" if token is not None else ""
-    return [f"http://{f'[{name}]' if ':' in name else name}:{port}{end}" for name in names]
+    query = f"/?token={quote(token, safe='')}" if token is not None else ""
+    return [f"http://{f'[{name}]' if ':' in name else name}:{port}{query}" for name in names]
 
 
-def in_container() -> bool:
-    """Whether this process runs in a container."""
+def _runs_in_container() -> bool:
     return Path("/.dockerenv").exists() or Path("/run/.containerenv").exists()
 
 
 def own_addresses() -> list[str]:
     """This computer's address on each default route."""
     addresses: list[str] = []
-    for address_family, elsewhere in _ROUTE_TARGETS:
+    for address_family, target in _ROUTE_TARGETS:
         try:
             # Connecting a datagram socket sends nothing: it only looks up the route.
             with socket.socket(address_family, socket.SOCK_DGRAM) as probe:
-                probe.connect((elsewhere, 9))
+                probe.connect((target, 9))
                 addresses.append(str(probe.getsockname()[0]))
         except OSError:
             continue

@@ -74,7 +74,8 @@ log = logging.getLogger(__name__)
 
 COMPONENT_ID = 190
 STREAM_COMPONENT_ID = 191
-"""Component id of setpoints. Another process sends them, and MAVLink counts frames per component."""
+"""Component id of the process that sends setpoints. It needs its own id, because
+MAVLink numbers the frames of each component."""
 STATIC = Path(__file__).resolve().parent / "static"
 NO_PAGE = """The page has not been built yet.
 
@@ -146,7 +147,7 @@ class Server:
             else None
         )
         journal = Journal(clock, folder.journal)
-        terms = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
+        lease_times = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
         plans = PlanStore(folder.plans, clock, self._publish_plan_change)
         self.station = Station(
@@ -155,7 +156,7 @@ class Server:
             fleet=self.fleet,
             hub=Hub(clock, self.fleet),
             journal=journal,
-            authority=Authority(clock, self.fleet, journal, self.supervisor, terms),
+            authority=Authority(clock, self.fleet, journal, self.supervisor, lease_times),
             replays=replays,
             streamer=self.streamer,
             missions=missions,
@@ -241,13 +242,13 @@ class Server:
     async def _stop_streams(self) -> None:
         for stopped in await self.streamer.stop_all():
             error = stopped.error
-            detail = str(error) if error is not None else "The server ended."
+            detail = str(error) if error is not None else "The server was stopped."
             result = error.code if error is not None else "ok"
             self.station.journal.add(
                 "server", "offboard/stop", stopped.vehicle, {}, result, detail, stopped.duration_s
             )
             if error is None:
-                log.info("vehicle %s was put into Hold: the server ends", stopped.vehicle)
+                log.info("vehicle %s was put into Hold: the server is stopping", stopped.vehicle)
             else:
                 log.warning("vehicle %s: %s", stopped.vehicle, error)
 
@@ -326,8 +327,8 @@ def create_app(
 
     Args:
         settings: the server's settings.
-        clock: the system clock unless given.
-        more_links: additional links (a replay).
+        clock: default: the system clock.
+        more_links: URLs of additional links (a replay).
         static: folder of the built page.
 
     Raises:
@@ -349,14 +350,14 @@ def create_app(
     app.state.station = server.station
     app.state.server = server
 
-    def note_invalid(request: Request, detail: str) -> None:
+    def journal_invalid(request: Request, detail: str) -> None:
         if request.method in ("POST", "PUT"):
             vehicle, command = request.path_params.get("v"), command_of(request)
             if command.journaled:
                 caller = principal_of(request).name
                 server.station.journal.add(caller, command.name, vehicle, {}, "invalid_request", detail, 0.0)
 
-    app.state.note_invalid = note_invalid
+    app.state.journal_invalid = journal_invalid
     in_control = server.station.authority.controls_any
     connections = Connections(clock, in_control=in_control)
     app.state.connections = connections

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from gcs_server import key_command
-from gcs_server.addresses import links
+from gcs_server.addresses import page_urls
 from gcs_server.api.connections import Connections
 from gcs_server.app import create_app
 from gcs_server.clock import SystemClock
@@ -49,7 +49,7 @@ examples:
 
 Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_SIM_ARGS,
 GCS_DATA, GCS_TOKEN, GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with
-`schema_version = 1`. Flags go before environment, environment before file.
+`schema_version = 1`. Flags override the environment, which overrides the file.
 """
 
 
@@ -81,7 +81,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     simulated = serve.add_mutually_exclusive_group()
     simulated.add_argument("--sim", type=int, metavar="N", help="simulated vehicles to start (default 1)")
-    simulated.add_argument("--no-sim", dest="sim", action="store_const", const=0, help="start none")
+    simulated.add_argument(
+        "--no-sim", dest="sim", action="store_const", const=0, help="start no simulated vehicle"
+    )
     serve.add_argument(
         "--sim-args",
         metavar="ARGS",
@@ -110,8 +112,8 @@ def _serving_flags(parser: argparse.ArgumentParser) -> None:
         "--token-file",
         type=Path,
         metavar="FILE",
-        help="file with the access token; created if missing. Without this option: GCS_TOKEN; else, with "
-        "--host, a file in the data folder; else (this machine only) no token",
+        help="file with the access token; created if missing. Without this option, GCS_TOKEN is the token. "
+        "If it is not set either, --host uses a file in the data folder; this machine alone needs no token",
     )
     parser.add_argument(
         "--trusted-proxy",
@@ -141,7 +143,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = vars(parsed)
     command = options.pop("command")
     if command == "key":
-        return _reported(lambda: key_command.run(parsed))
+        return _run_and_report(lambda: key_command.run(parsed))
     config = options.pop("config")
     verbose = options.pop("verbose")
     logging.basicConfig(
@@ -152,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         handler.addFilter(limit)
     for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
-    return _reported(lambda: _serve(command, options, config))
+    return _run_and_report(lambda: _serve(command, options, config))
 
 
 def _serve(command: str, options: dict[str, Any], config: Path | None) -> int:
@@ -166,7 +168,7 @@ def _serve(command: str, options: dict[str, Any], config: Path | None) -> int:
     return serve(settings, more_links)
 
 
-def _reported(work: Callable[[], int]) -> int:
+def _run_and_report(work: Callable[[], int]) -> int:
     try:
         return work()
     except GcsError as error:
@@ -214,18 +216,20 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     port = listener.getsockname()[1]
     token = token_of(settings)
     if not settings.loopback_only:
-        print(_exposed(settings, port), file=sys.stderr, flush=True)
+        print(_exposure_warning(settings, port), file=sys.stderr, flush=True)
     clock = SystemClock()
     app = create_app(settings, clock, more_links=more_links)
     connections: Connections = app.state.connections
     connections.limits = connections.limits.within(descriptors.for_connections())
-    server = HttpServer(app, connections, clock, links(settings.host, port, token), settings.trusted_proxies)
+    server = HttpServer(
+        app, connections, clock, page_urls(settings.host, port, token), settings.trusted_proxies
+    )
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises the signal again after its shutdown
         server.run(sockets=[listener])
     return 0 if server.started else 1
 
 
-def _exposed(settings: Settings, port: int) -> str:
+def _exposure_warning(settings: Settings, port: int) -> str:
     if settings.token is not None:
         source = "The token was set by GCS_TOKEN or the settings' file."
     else:

@@ -14,7 +14,7 @@
     ├── InvalidRequest           the request is invalid; names the field
     ├── NotPermitted             the caller's role does not include the command
     ├── Refused                  not sent: this server's check refused it, with reason and remedy
-    │   ├── NotVerified          this autopilot or airframe is shown, not commanded
+    │   ├── NotVerified          commands are not verified for this autopilot or airframe
     │   ├── NotInControl         another client holds control of the vehicle
     │   ├── PlanFindings         a plan has errors that the caller has not accepted
     │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two would come too near

@@ -8,7 +8,7 @@ from collections.abc import Callable
 LINES = 5
 PERIOD_S = 10.0
 MAX_LINE_LENGTH = 4000
-MAX_PLACES = 1000
+MAX_SOURCE_LINES = 1000
 
 
 class LogLimit(logging.Filter):
@@ -21,23 +21,23 @@ class LogLimit(logging.Filter):
     def __init__(self, monotonic_s: Callable[[], float]) -> None:
         super().__init__()
         self._monotonic_s = monotonic_s
-        self._places: dict[tuple[str, int, str], tuple[float, int]] = {}
+        self._source_lines: dict[tuple[str, int, str], tuple[float, int]] = {}
         """Start of the period and number of lines since then, by file, line and error."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether this line is written."""
         now_s = self._monotonic_s()
         error = record.exc_info[0].__name__ if record.exc_info and record.exc_info[0] else ""
-        place = (record.pathname, record.lineno, error)
-        since_s, count = self._places.get(place, (now_s, 0))
+        source_line = (record.pathname, record.lineno, error)
+        since_s, count = self._source_lines.get(source_line, (now_s, 0))
         if now_s - since_s >= PERIOD_S:
             if count > LINES:
                 record.msg = f"{record.getMessage()} ({count - LINES} more such lines since the last one)"
                 record.args = ()
             since_s, count = now_s, 0
-        if len(self._places) >= MAX_PLACES and place not in self._places:
-            self._places.clear()
-        self._places[place] = (since_s, count + 1)
+        if len(self._source_lines) >= MAX_SOURCE_LINES and source_line not in self._source_lines:
+            self._source_lines.clear()
+        self._source_lines[source_line] = (since_s, count + 1)
         if count >= LINES:
             return False
         text = record.getMessage()

@@ -1,4 +1,4 @@
-"""Parses `Origin` and `Host` headers; invalid values count as foreign.
+"""Parses `Origin` and `Host` headers; an invalid origin belongs to no server.
 
 Pure functions on text; used by `api/access.py` for all requests, and by `scene/proxy.py` for the 3D view.
 """
@@ -38,11 +38,11 @@ def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
         host: the Host header of the same request.
         secure: whether the request used https; the page must then have used https, too.
     """
-    scheme, mark, asking = origin.lower().partition("://")
-    if not mark or scheme not in _DEFAULT_PORTS or (secure and scheme != "https"):
+    scheme, separator, origin_host = origin.lower().partition("://")
+    if not separator or scheme not in _DEFAULT_PORTS or (secure and scheme != "https"):
         return False
     default = _DEFAULT_PORTS[scheme]
-    return bool(asking) and asking.removesuffix(default) == host.lower().removesuffix(default)
+    return bool(origin_host) and origin_host.removesuffix(default) == host.lower().removesuffix(default)
 
 
 def is_same_origin(headers: Headers) -> bool:

@@ -66,8 +66,8 @@ def first_port(arguments: Sequence[str]) -> int:
 
 
 def is_simulator(pid: int) -> bool | None:
-    """Whether the process with this pid is running and is a simulator, because pids are reused. None: the
-    process cannot be identified now (no free descriptors).
+    """Whether a process with this pid is running and is a simulator. The system reuses pids, so a stored pid
+    may belong to another program. None: the process cannot be identified now (no free descriptors).
     """
     try:
         os.kill(pid, 0)
@@ -109,13 +109,13 @@ class SimulatorProcess:
         self._pid: int | None = None
         self._warning: str | None = None
         self._start_again = False
-        """Whether `watch` must find or start one again."""
+        """Whether `watch` must find or start a simulator again."""
         self.found = False
         """Whether an already running simulator is used."""
 
     @property
     def pid(self) -> int | None:
-        """Process id, if this server started the simulator."""
+        """Process id of a simulator that this server, or its previous run, started; None: none."""
         return self._pid
 
     def start(self) -> None:

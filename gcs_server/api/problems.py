@@ -202,7 +202,7 @@ def install(app: FastAPI) -> None:
         assert isinstance(error, RequestValidationError)
         errors = validation_errors(error)
         detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
-        note = getattr(request.app.state, "note_invalid", None)
+        note = getattr(request.app.state, "journal_invalid", None)
         if note is not None:
             note(request, detail)
         return problem(

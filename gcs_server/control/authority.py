@@ -79,8 +79,8 @@ class VehicleControl:
             can_be_asked=lease.can_be_asked,
             on_expiry=lease.on_expiry,
             requests=lease.requests(),
-            lease_s=lease.terms.lease_s,
-            answer_s=lease.terms.answer_s,
+            lease_s=lease.times.lease_s,
+            answer_s=lease.times.answer_s,
             mode_cause=self._vehicle.mode_cause,
         )
 
@@ -93,7 +93,7 @@ class Authority:
         fleet: the vehicles; each gets its `control`.
         journal: records each change of control.
         supervisor: owns the task of each expiry action.
-        terms: durations of leases and answers.
+        lease_times: durations of leases and answers.
     """
 
     def __init__(
@@ -102,13 +102,13 @@ class Authority:
         fleet: Fleet,
         journal: Journal,
         supervisor: Supervisor,
-        terms: LeaseTimes | None = None,
+        lease_times: LeaseTimes | None = None,
     ) -> None:
         self._clock = clock
         self._fleet = fleet
         self._journal = journal
         self._supervisor = supervisor
-        self._terms = terms or LeaseTimes()
+        self._lease_times = lease_times or LeaseTimes()
         self._connected: Counter[str] = Counter()
         self._controls: dict[str, VehicleControl] = {}
         """Controls by vehicle id."""
@@ -191,27 +191,27 @@ class Authority:
             return
         lease = self._lease(vehicle_id)
         if lease is not None:
-            lease.intervened(principal, command.label)
+            lease.report_intervention(principal, command.label)
 
     def control(self, vehicle_id: str) -> VehicleControl:
         """The control of a vehicle.
 
         Raises:
-            UnknownVehicle: there is none of that id.
-            Refused: it is a recording.
+            UnknownVehicle: no vehicle has this id.
+            Refused: the vehicle belongs to a recording.
         """
         vehicle = self._fleet.get(vehicle_id)
         if vehicle.identity.replayed:
             raise Refused(f"Vehicle {vehicle_id} is a recording; nobody controls it.")
         return self._controls[vehicle_id]
 
-    # --- the parts ------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------
 
     def _attach(self, vehicle: Vehicle) -> None:
         lease = Lease(
             self._clock,
             vehicle.id,
-            self._terms,
+            self._lease_times,
             lambda client: client.key in self._connected,
             lambda change: self._changed(vehicle, control, change),
         )

@@ -49,7 +49,7 @@ class Command:
     """The vehicles for which control is needed."""
     confirmed: bool = False
     """Whether the page asks the operator for confirmation."""
-    words: str | None = None
+    confirm_text: str | None = None
     """Required text of the request's `confirm`, with placeholders for names."""
     journaled: bool = True
     label: str = ""
@@ -67,14 +67,14 @@ class Command:
             "control": self.control,
             "vehicles": self.vehicles or None,
             "confirmed": self.confirmed,
-            "confirm": self.words,
+            "confirm": self.confirm_text,
             "journaled": self.journaled,
         }
 
     def confirmation_text(self, **names: str) -> str:
         """The required text of `confirm` for these names."""
-        assert self.words is not None
-        return self.words.format(**names)
+        assert self.confirm_text is not None
+        return self.confirm_text.format(**names)
 
     def require_confirmation(self, confirmation: str, **names: str) -> None:
         """Checks the confirmation before anything is sent.
@@ -104,14 +104,25 @@ def _views(name: str, *calls: str) -> Command:
 
 
 def _flies(
-    name: str, *calls: str, vehicles: str = "the vehicle", confirmed: bool = False, words: str | None = None
+    name: str,
+    *calls: str,
+    vehicles: str = "the vehicle",
+    confirmed: bool = False,
+    confirm_text: str | None = None,
 ) -> Command:
-    return Command(name, "fly", calls, "lease", vehicles, confirmed, words)
+    return Command(name, "fly", calls, "lease", vehicles, confirmed, confirm_text)
 
 
-def _stops(name: str, label: str, *calls: str, words: str | None = None) -> Command:
+def _stops(name: str, label: str, *calls: str, confirm_text: str | None = None) -> Command:
     return Command(
-        name, "stop", calls, "open", "the vehicle", confirmed=words is not None, words=words, label=label
+        name,
+        "stop",
+        calls,
+        "open",
+        "the vehicle",
+        confirmed=confirm_text is not None,
+        confirm_text=confirm_text,
+        label=label,
     )
 
 
@@ -145,13 +156,13 @@ ALL: tuple[Command, ...] = (
         "mission/upload",
         "POST /vehicles/{v}/mission/upload",
         confirmed=True,
-        words="vehicle {vehicle} flies the new mission at once",
+        confirm_text="vehicle {vehicle} flies the new mission at once",
     ),
     _flies(
         "mission/clear",
         "DELETE /vehicles/{v}/mission",
         confirmed=True,
-        words="vehicle {vehicle} loses the mission that it flies",
+        confirm_text="vehicle {vehicle} loses the mission that it flies",
     ),
     _flies("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True),
     _flies("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True),
@@ -198,8 +209,8 @@ ALL: tuple[Command, ...] = (
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # allowed to all clients: anyone who sees a danger may stop a vehicle
     _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
-    _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", words="vehicle {vehicle} lands now"),
-    _stops("kill", "Kill", "POST /vehicles/{v}/kill", words="motors stop, vehicle {vehicle} falls"),
+    _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", confirm_text="vehicle {vehicle} lands now"),
+    _stops("kill", "Kill", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"),
     # payload
     *(_gimbal(action) for action in ("take", "release", "angles", "rates", "roi", "roi/clear")),
     Command("camera/picture", "payload", ("POST /vehicles/{v}/camera/picture",), "lease", "the vehicle"),
@@ -227,7 +238,7 @@ ALL: tuple[Command, ...] = (
         ("DELETE /links/{name}",),
         "not_anothers",
         "every vehicle connected over the link",
-        words="link {link} closes, vehicle {vehicles} in flight loses its last link",
+        confirm_text="link {link} closes, vehicle {vehicles} in flight loses its last link",
     ),
     Command("vehicles/remove", "station", ("DELETE /vehicles/{v}",), "not_anothers", "the vehicle"),
     # recordings
@@ -347,7 +358,7 @@ def table() -> str:
             CONTROL_TEXT[c.control],
             c.vehicles or "–",
             "yes" if c.confirmed else "no",
-            f"`{c.words}`" if c.words is not None else "–",
+            f"`{c.confirm_text}`" if c.confirm_text is not None else "–",
             "yes" if c.journaled else "no",
         )
         lines.append(f"| {' | '.join(cells)} |")

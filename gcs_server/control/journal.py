@@ -177,9 +177,9 @@ class Journal:
         """Writes all waiting lines now and waits for it; a write error becomes `warning`."""
         self._settle_repeats(at_once=True)
         for file_lines in (self._commands, self._refusals):
-            self._written(file_lines, taken := file_lines.take(), _append(file_lines, taken))
+            self._after_write(file_lines, taken := file_lines.take(), _append(file_lines, taken))
 
-    # --- inside -------------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------------
 
     def _is_repeated(self, entry: JournalEntry) -> bool:
         key = (entry.client, entry.command, entry.vehicle, entry.result, entry.detail)
@@ -225,12 +225,12 @@ class Journal:
                 except BaseException:
                     file_lines.put_back(taken)  # the server shuts down: `flush` may write some lines twice
                     raise
-                self._written(file_lines, taken, problem)
+                self._after_write(file_lines, taken, problem)
             if self._commands.unwritten or self._refusals.unwritten:
                 await self._clock.sleep(RETRY_S if self.warning is not None else 0.0)
                 self._wake.set()
 
-    def _written(self, file_lines: _FileLines, taken: list[JournalEntry], problem: str | None) -> None:
+    def _after_write(self, file_lines: _FileLines, taken: list[JournalEntry], problem: str | None) -> None:
         if problem is None:
             if file_lines is self._commands or not self._commands.unwritten:
                 self.warning = None

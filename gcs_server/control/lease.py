@@ -82,14 +82,14 @@ class Lease:
 
     Args:
         vehicle_id: id for messages.
-        terms: durations of leases and answers.
+        times: durations of leases and answers.
         reachable: whether a client has an open telemetry socket, so that it can be asked.
         on_change: called with each change.
     """
 
     clock: Clock
     vehicle_id: str
-    terms: LeaseTimes
+    times: LeaseTimes
     reachable: Callable[[Principal], bool]
     on_change: Callable[[ControlChange], None]
     _holding: _Holding | None = None
@@ -118,7 +118,7 @@ class Lease:
         """Time until control ends if the holder sends no request [s]."""
         if self._holding is None:
             return None
-        return max(0.0, self._holding.last_request_s + self.terms.lease_s - self.clock.monotonic_s())
+        return max(0.0, self._holding.last_request_s + self.times.lease_s - self.clock.monotonic_s())
 
     @property
     def can_be_asked(self) -> bool:
@@ -153,7 +153,7 @@ class Lease:
             )
         elif self._holding.client.key == client.key:
             self.renew(client)
-        elif self._yields(self._holding):
+        elif self._can_be_replaced(self._holding):
             before = self._holding.client
             text = f"{client} commands vehicle {self.vehicle_id} and has taken control from {before}."
             self._give(client, "taken", client, text)
@@ -164,7 +164,7 @@ class Lease:
         """The error for a command of this client; None: allowed. Changes nothing."""
         self.expire_due()
         holding = self._holding
-        if holding is None or holding.client.key == client.key or self._yields(holding):
+        if holding is None or holding.client.key == client.key or self._can_be_replaced(holding):
             return None
         return self._not_in_control(holding)
 
@@ -191,13 +191,13 @@ class Lease:
         if holding is None:
             self._give(client, "taken", client, f"{client} has taken control of vehicle {self.vehicle_id}.")
         elif holding.client.key != client.key:
-            if not force and not self._yields(holding):
+            if not force and not self._can_be_replaced(holding):
                 raise self._not_in_control(holding)
-            if self._yields(holding):
+            if self._can_be_replaced(holding):
                 text = f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client}."
                 self._give(client, "taken", client, text)
             else:
-                self._may_force(client, holding)
+                self._check_force(client, holding)
                 text = (
                     f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client} by force."
                 )
@@ -219,14 +219,14 @@ class Lease:
             NotInControl: `client` does not have control.
             Refused: no client of that name has requested control.
         """
-        holding = self._own(client)
+        holding = self._require_holder(client)
         pending = self._request_of(to)
         text = f"{holding.client} has given control of vehicle {self.vehicle_id} to {pending.client}."
         self._give(pending.client, "granted", client, text)
 
     def deny(self, client: Principal, to: str, reason: str | None = None) -> None:
         """Denies a request; the requesting client may then take control by force. Raises as `grant`."""
-        holding = self._own(client)
+        holding = self._require_holder(client)
         pending = self._request_of(to)
         pending.denied, pending.lifetime_start_s = True, self.clock.monotonic_s()
         because = f": {reason}" if reason else ""
@@ -257,7 +257,7 @@ class Lease:
         """Requests control from the holder; takes it immediately if no client has it."""
         self.expire_due()
         holding = self._holding
-        if holding is None or (self._yields(holding) and holding.client.key != client.key):
+        if holding is None or (self._can_be_replaced(holding) and holding.client.key != client.key):
             self.take(client)
             return
         if holding.client.key == client.key:
@@ -274,7 +274,7 @@ class Lease:
         text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{because}."
         self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
 
-    def intervened(self, client: Principal, command_label: str) -> None:
+    def report_intervention(self, client: Principal, command_label: str) -> None:
         """Reports to the holder that another client has sent a command that needs no control."""
         self.expire_due()
         holding = self._holding
@@ -297,9 +297,9 @@ class Lease:
             return
         if self.reachable(holding.client):
             holding.last_request_s = now_s
-        elif now_s - holding.last_request_s > self.terms.lease_s:
+        elif now_s - holding.last_request_s > self.times.lease_s:
             text = (
-                f"{holding.client} sent nothing for {self.terms.lease_s:g} s: "
+                f"{holding.client} sent nothing for {self.times.lease_s:g} s: "
                 f"its control of vehicle {self.vehicle_id} has ended."
             )
             self._end(
@@ -308,7 +308,7 @@ class Lease:
                 )
             )
 
-    # --- the parts ------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------
 
     def _give(self, client: Principal, action: str, by: Principal, text: str) -> None:
         previous = None if self._holding is None else self._holding.client
@@ -331,11 +331,12 @@ class Lease:
             text = f"{waiting.client} requested control of vehicle {self.vehicle_id} and has it now."
             self._give(waiting.client, "taken", waiting.client, text)
 
-    def _yields(self, holding: _Holding) -> bool:
-        """Whether the holder has no client id and never took control explicitly."""
+    def _can_be_replaced(self, holding: _Holding) -> bool:
+        """Whether the next command of another client takes control: the holder has no client id, and took
+        control only by a command."""
         return not (holding.taken_explicitly or holding.client.identified or self.reachable(holding.client))
 
-    def _own(self, client: Principal) -> _Holding:
+    def _require_holder(self, client: Principal) -> _Holding:
         self.expire_due()
         if self._holding is None:
             raise Refused(f"Nobody controls vehicle {self.vehicle_id}.", remedy="Take control of it first.")
@@ -352,7 +353,8 @@ class Lease:
         if matching:
             keys = ", ".join(a.client.key for a in matching)
             raise Refused(
-                f"{len(matching)} clients named {to!r} request it.", remedy=f"Give the key of one: {keys}."
+                f"{len(matching)} clients named {to!r} request control.",
+                remedy=f"Give the key of one: {keys}.",
             )
         names = ", ".join(f"{a.client} ({a.client.key})" for a in pending) or "nobody"
         raise Refused(
@@ -362,9 +364,9 @@ class Lease:
     def _answer_left_s(self, pending: PendingRequest) -> float:
         if not self.can_be_asked:
             return 0.0
-        return max(0.0, pending.holder_asked_s + self.terms.answer_s - self.clock.monotonic_s())
+        return max(0.0, pending.holder_asked_s + self.times.answer_s - self.clock.monotonic_s())
 
-    def _may_force(self, client: Principal, holding: _Holding) -> None:
+    def _check_force(self, client: Principal, holding: _Holding) -> None:
         if not self.can_be_asked:
             return
         pending = self._requests.get(client.key)
@@ -372,7 +374,7 @@ class Lease:
             raise Refused(
                 f"{holding.client} has control of vehicle {self.vehicle_id} and has not been asked for it.",
                 remedy="Request control first (control/request); a denial, or "
-                f"{self.terms.answer_s:g} s without an answer, lets you force it. Hold, Land now and Kill "
+                f"{self.times.answer_s:g} s without an answer, lets you force it. Hold, Land now and Kill "
                 "need no control.",
             )
         left_s = self._answer_left_s(pending)

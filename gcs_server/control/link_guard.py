@@ -44,7 +44,7 @@ class LinkGuard:
             confirm: confirmation text, if a flying vehicle would lose its last link.
 
         Raises:
-            UnknownLink: there is none of that name.
+            UnknownLink: no link has this name.
             NotInControl: another client controls a vehicle that is connected over this link.
             Refused: a flying vehicle would lose its last link, and the confirmation is missing.
         """
@@ -61,7 +61,8 @@ class LinkGuard:
             many = len(last) > 1
             raise Refused(
                 f"Vehicle{'s' if many else ''} {', '.join(last)} {'are' if many else 'is'} armed or flown by "
-                f"setpoints, and link {name!r} is its last link. The link stays open.",
+                f"setpoints, and link {name!r} is {'their' if many else 'its'} last link. The link stays "
+                "open.",
                 remedy=f"To close it anyway, send confirm={expected!r}.",
             )
 

@@ -22,23 +22,23 @@ OPENING_FAILED = "The link could not be opened: a fault in this server (see its 
 
 @dataclass(frozen=True, slots=True)
 class DdsAddress:
-    """A vehicle's ROS 2 topics."""
+    """The DDS domain, network interface and namespace of a vehicle's ROS 2 topics."""
 
     domain_id: int
     interface: str | None
     """Network interface; None: loopback."""
     namespace: str
-    """Empty: the topics have none."""
+    """Namespace of the topics; empty: none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The remote end: `host:port` for UDP, one for the whole link otherwise."""
+    """A remote end of a link. A UDP link has one peer for each `host:port`, any other link has one peer."""
 
     name: str
     address: tuple[str, int] | None = None
     dds: DdsAddress | None = None
-    """Its ROS 2 topics, to which another process may send too; None over MAVLink."""
+    """Address of its ROS 2 topics, to which another process may also send; None over MAVLink."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class LinkInfo:
     name: str
     url: str
     state: str
-    """connecting, open, waiting (it will try again), closed, ended (a replay at its end)."""
+    """connecting, open, waiting (the server tries again), closed, ended (a replay at its end)."""
     detail: str
     """The problem and what to do about it; empty if there is no problem."""
     replay: bool
@@ -213,7 +213,7 @@ class Link(ABC):
         """Sends bytes with the lowest priority and without expiry; otherwise like `submit`."""
         return self.submit(Packet(peer, len(data), lambda: data))
 
-    def datagrams(self) -> socket.socket | None:
+    def datagram_socket(self) -> socket.socket | None:
         """The open socket of a datagram link, with which another process may also send; otherwise None."""
         return None
 
@@ -298,7 +298,7 @@ class Link(ABC):
         self._retry_s = min(self._retry_s * 2, MAX_RETRY_S)
 
     def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
-        """Passes received bytes to the receiver; errors of the receiver do not end the link.
+        """Passes received bytes to the handler; errors of the handler do not end the link.
 
         Args:
             now_s: the event loop's time, if the caller knows it.

@@ -13,8 +13,8 @@ MAX_READ_S = 0.02
 """Maximum time spent on one link per iteration of the event loop [s]. The remaining data wait in the system's
 buffer; if it overflows, bytes are lost on this link only."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
-"""(pieces per second, seconds between two reads). A busy link is read less often, because each wake-up costs
-as much as reading dozens of pieces."""
+"""(pieces per second, seconds between two reads). A piece is a datagram, or the bytes of one read. A busy
+link is read less often, because each wake-up costs as much as reading dozens of pieces."""
 
 
 def pace(pieces_per_s: float) -> float:

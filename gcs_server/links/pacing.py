@@ -73,12 +73,13 @@ class LinePacer:
         self._driver_limit = UNPACED_DRIVER_BYTES if unlimited else self._ahead + DRIVER_SLACK_BYTES
         self._on_line = 0.0
         """Bytes written but not sent yet, assuming that the line is never idle."""
-        self._at_s = 0.0
+        self._updated_s = 0.0
+        """Time of the last change of `_on_line`."""
 
     def wait_s(self, now_s: float) -> float:
         if self._on_line:
-            self._on_line = max(0.0, self._on_line - (now_s - self._at_s) * self._bytes_per_s)
-            self._at_s = now_s
+            self._on_line = max(0.0, self._on_line - (now_s - self._updated_s) * self._bytes_per_s)
+            self._updated_s = now_s
             ready_in_s = (self._on_line - self._ahead) / self._bytes_per_s
             if ready_in_s > TIMER_STEP_S:
                 return ready_in_s
@@ -87,7 +88,7 @@ class LinePacer:
     def wrote(self, size_bytes: int, now_s: float) -> None:
         if not math.isinf(self._bytes_per_s):
             self._on_line += size_bytes
-            self._at_s = now_s
+            self._updated_s = now_s
 
 
 class AckPacer:

@@ -22,7 +22,8 @@ class 0 waits."""
 LAST_LIMIT_BYTES = 64_000
 """Limit of the least urgent class: further packets are dropped."""
 CLASS_LIMIT = 512
-"""Limit of each class between; packets of class 0 are never dropped."""
+"""Maximum number of packets in each class between the first and the last; packets of class 0 are never
+dropped."""
 
 
 def _nothing(_data: bytes) -> None:
@@ -94,9 +95,8 @@ class SendQueue:
             self._counts.frames_replaced += 1
             if packet.priority == LAST:
                 self._last_bytes += packet.size_bytes - older.size_bytes
-            waiting[name] = (
-                packet  # the new packet takes the position of the old one, so that vehicles take turns
-            )
+            # the new packet takes the position of the old one, so that vehicles take turns
+            waiting[name] = packet
             return True
         if self._is_full(packet):
             self.purge(now_s)

@@ -52,7 +52,7 @@ class TlogLink(Link):
     the previous vehicles and their state are removed.
 
     Args:
-        index: index of this file; if not given, a process makes it.
+        index: index of this file; None: a separate process creates it.
     """
 
     replay = True
@@ -209,19 +209,19 @@ class TlogLink(Link):
 
     def _play_due(self, playback: PlaybackPosition, clock: ReplayClock) -> None:
         position_us = playback.position_us(self._loop.time())
-        everything = self._speed == 0 and playback.playing(self._loop.time())
+        full_speed = self._speed == 0 and playback.playing(self._loop.time())
         due: list[Record] = []
         pending = self._pending
-        while pending and (pending[0].time_us <= position_us or everything):
-            if everything and len(due) >= RECORDS_PER_TICK:
+        while pending and (pending[0].time_us <= position_us or full_speed):
+            if full_speed and len(due) >= RECORDS_PER_TICK:
                 break
             due.append(pending.popleft())
         if len(pending) < READ_AHEAD and not self._at_end:
             self._read_on()
-        if not everything and len(due) > CONDENSE_FROM:
+        if not full_speed and len(due) > CONDENSE_FROM:
             due = condense(due)
         pending.extendleft(reversed(due[RECORDS_PER_TICK:]))
-        is_behind = everything or len(due) > RECORDS_PER_TICK
+        is_behind = full_speed or len(due) > RECORDS_PER_TICK
         self._feed(due[:RECORDS_PER_TICK], clock)
         if not pending and not self._at_end:
             return  # the file is read more slowly than it is played
@@ -237,7 +237,7 @@ class TlogLink(Link):
         for record in records:
             clock.time_us = max(clock.time_us, record.time_us)
             self._received(record.raw, self._peer, clock.monotonic_s())
-            if not self._should_be_open:  # the receiver closed the link
+            if not self._should_be_open:  # the handler closed the link
                 return
 
     def _read_on(self) -> None:
@@ -295,7 +295,7 @@ class TlogLink(Link):
         self._rebuild(deque(restored.records), clock, time_us, jump_count)
 
     def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, jump_count: int) -> None:
-        """Feeds the frames that restore the vehicles' state, in several turns of the event loop."""
+        """Feeds the frames that restore the vehicles' state, in several iterations of the event loop."""
         if self._playback is None or jump_count != self._jump_count:
             return
         self._feed([records.popleft() for _ in range(min(len(records), RECORDS_PER_TICK))], clock)

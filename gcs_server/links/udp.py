@@ -49,7 +49,7 @@ class UdpLink(HostLink):
         self._full_until_s = float("-inf")
         self._sweep: asyncio.TimerHandle | None = None
 
-    def datagrams(self) -> socket.socket | None:
+    def datagram_socket(self) -> socket.socket | None:
         return self._socket
 
     def _resolved(self, address: Address) -> None:
@@ -74,7 +74,7 @@ class UdpLink(HostLink):
         )
         self._reader = ThrottledReader(self._loop, sock.fileno(), self._read_available, self.faults)
         if self._outgoing:
-            self._fixed = self._peer(address).name
+            self._fixed = self._new_peer(address).name
         self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
         self._opened()
 
@@ -119,7 +119,7 @@ class UdpLink(HostLink):
     def _add_peer(self, address: Address, now_s: float) -> Peer | None:
         """Adds a new peer; None if there are too many already."""
         if len(self._peers) < MAX_PEERS:
-            return self._peer(address)
+            return self._new_peer(address)
         if now_s < self._full_until_s:
             return None
         longest_silent = min(
@@ -127,12 +127,12 @@ class UdpLink(HostLink):
         )
         if now_s - self._last_received_s[longest_silent] > EVICT_AFTER_S:
             self._forget_peer(longest_silent)
-            return self._peer(address)
+            return self._new_peer(address)
         self._full_until_s = now_s + RECHECK_PERIOD_S
         self._set_state("open", f"{MAX_PEERS} addresses send on this link; further ones are ignored.")
         return None
 
-    def _peer(self, address: Address) -> Peer:
+    def _new_peer(self, address: Address) -> Peer:
         peer = Peer(f"{address[0]}:{address[1]}", address)
         self._by_address[address] = peer
         self._peers[peer.name] = peer

@@ -31,11 +31,11 @@ from gcs_server.links.tlog import TlogLink
 from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
-ANY_LIVE = frozenset({"forward", "key", "signing"})
+LIVE_OPTIONS = frozenset({"forward", "key", "signing"})
 """Options of all links except recordings."""
 KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
 LinkMaker = Callable[[str, str | None, SplitResult, dict[str, str]], Link]
-"""(url, name, its parts, its options) → link. Raises as `make_link`."""
+"""(URL, name of the link, parts of the URL, options of the URL) → link. Raises as `make_link`."""
 NO_OTHERS: Mapping[str, LinkMaker] = {}
 REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev/ttyACM0?baud=57600."
 
@@ -46,7 +46,7 @@ def make_link(url: str, name: str | None = None, others: Mapping[str, LinkMaker]
     Args:
         url: a link URL.
         name: name of the link; None: derived from the URL.
-        others: further kinds of links, by the beginning of their URL.
+        others: functions that create further kinds of links, by URL scheme.
 
     Raises:
         InvalidRequest: the URL or the name is not valid.
@@ -76,7 +76,7 @@ def _link(url: str, name: str | None, others: Mapping[str, LinkMaker]) -> Link:
         raise InvalidRequest(
             "url", f"{url!r} is not a link: it must begin with one of {kinds}.", remedy=REMEDY
         )
-    allowed = {"serial": {"baud", *ANY_LIVE}, "tlog": {"speed"}}.get(kind, ANY_LIVE)
+    allowed = {"serial": {"baud", *LIVE_OPTIONS}, "tlog": {"speed"}}.get(kind, LIVE_OPTIONS)
     for key in options.keys() - allowed:
         raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)
     forward = _flag(url, options.get("forward", "0"))

@@ -54,6 +54,7 @@ class LinkWriter:
         self._partial: tuple[Packet, bytes] | None = None
         """The partly sent frame, and its remaining bytes."""
         self._lost: Packet | None = None
+        """The packet that could not be sent during the current `submit`."""
         self._timer: asyncio.TimerHandle | None = None
         self._timer_wanted = False
         self._next_purge_s = 0.0
@@ -167,7 +168,7 @@ class LinkWriter:
         with contextlib.suppress(RuntimeError):  # the event loop and the server have ended
             self._loop.call_soon_threadsafe(callback, argument)
 
-    # --- in the loop ------------------------------------------------------------------------------
+    # --- in the event loop ---------------------------------------------------------------------------
 
     def _set_timer(self, at_s: float) -> None:
         if not self._closed and self._loop is not None:

@@ -73,7 +73,7 @@ class FrameParser:
         self.bytes_skipped = 0
         self.crc_errors = 0
         self.lost: dict[tuple[int, int], int] = {}
-        """Number of missed frames per (system, component), counted by gaps in the sequence numbers."""
+        """Number of lost frames per (system, component), counted by gaps in the sequence numbers."""
         self._last_seq: dict[int, int] = {}
         """The last sequence number by system id * 256 + component id."""
         self._rest = b""
@@ -130,7 +130,11 @@ class FrameParser:
         self._rest = data[position:]
         return frames
 
-    def _check(self, data: bytes, at: int, header: int, end: int, whole: int, now_s: float) -> Frame | None:
+    def _check(
+        self, data: bytes, at: int, header: int, checksum_end: int, frame_end: int, now_s: float
+    ) -> Frame | None:
+        """The frame at a position of `data`; None if its checksum is wrong. A signature is between
+        `checksum_end` and `frame_end`."""
         if header == HEADER_V2:
             msg_id = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
             seq, system_id, component_id = data[at + 4], data[at + 5], data[at + 6]
@@ -139,21 +143,24 @@ class FrameParser:
             seq, system_id, component_id = data[at + 2], data[at + 3], data[at + 4]
         extra = CRC_EXTRA.get(msg_id)
         if extra is None:
-            if whole < len(data) and data[whole] not in (STX_V1, STX_V2):
+            if frame_end < len(data) and data[frame_end] not in (STX_V1, STX_V2):
                 return None
             self.frames_unknown += 1
-        elif _crc(data[at + 1 : end - 2] + extra) != data[end - 2] | data[end - 1] << 8:
+        elif (
+            _crc(data[at + 1 : checksum_end - 2] + extra)
+            != data[checksum_end - 2] | data[checksum_end - 1] << 8
+        ):
             self.crc_errors += 1
             return None
         self._count(system_id, component_id, seq)
-        if whole > end:
+        if frame_end > checksum_end:
             self.frames_signed += 1
         return Frame(
             msg_id,
             system_id,
             component_id,
             seq,
-            data[at:whole],
+            data[at:frame_end],
             now_s,
             extra is not None,
         )

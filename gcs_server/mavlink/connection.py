@@ -171,7 +171,7 @@ class Connection:
 
     def start(self) -> None:
         """Opens the link."""
-        self.link.start(self._bytes, self._peer_gone, lambda: self._on_state(self))
+        self.link.start(self._handle_bytes, self._peer_gone, lambda: self._on_state(self))
 
     async def close(self) -> None:
         """Closes the link and ends the recording."""
@@ -220,7 +220,7 @@ class Connection:
         """Counts by peer."""
         return {name: _counts_of(parser) for name, parser in self._parsers.items()}
 
-    def _bytes(self, data: bytes, peer: Peer, received_s: float) -> None:
+    def _handle_bytes(self, data: bytes, peer: Peer, received_s: float) -> None:
         parser = self._parsers.get(peer.name)
         if parser is None:
             parser = self._parsers[peer.name] = FrameParser()
@@ -228,9 +228,8 @@ class Connection:
         frames = parser.feed(data, received_s)
         if not frames:
             return
-        if (
-            is_new
-        ):  # also if its frames are refused: the vehicle adopts the signing time of this server's heartbeat
+        # also if the frames are refused: the vehicle adopts the signing time of this server's heartbeat
+        if is_new:
             try:
                 self._on_new_peer(self, peer)
             except Exception as error:

@@ -1,8 +1,8 @@
 """Forwards frames between vehicles and other ground stations.
 
 Loops are impossible: frames are never sent back to their source or from one station to another, and frames
-that a station sends with a vehicle's id are dropped. If a vehicle is connected over two links, the frames of
-one link are forwarded.
+that a station sends with a vehicle's id are dropped. If a vehicle is connected over two links, only the
+frames of one of them are forwarded.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ class Forwarder:
 
     def __init__(self, own_system_id: int) -> None:
         self.stations: tuple[Connection, ...] = ()
-        """Connections to other ground stations; without any, `frame` does nothing."""
+        """Connections to other ground stations; without any, `forward` does nothing."""
         self._own_system_id = own_system_id
         self._routes: dict[int, _Route] = {}
 
-    def use(self, connections: Iterable[Connection]) -> None:
+    def set_connections(self, connections: Iterable[Connection]) -> None:
         """Sets all connections, after each change."""
         self.stations = tuple(c for c in connections if c.link.forward)
         if not self.stations:
             self._routes.clear()
 
-    def frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
+    def forward(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         """Forwards a received frame."""
         link = connection.link
         if link.replay or not self.stations:

@@ -125,7 +125,7 @@ class KeyStore:
         except (OSError, ValueError):
             return 0
 
-    def keep_timestamp(self, timestamp: int) -> None:
+    def store_timestamp(self, timestamp: int) -> None:
         """Stores the newest timestamp. Raises OSError."""
         path = self._folder / "timestamp"
         draft = path.with_name(f".{path.name}.{os.getpid()}")

@@ -28,7 +28,7 @@ UNSIGNED_ACCEPTED = frozenset({d.MAVLINK_MSG_ID_RADIO_STATUS})
 guide, "Accepting Unsigned Packets")."""
 WARNED_FOR_S = 60.0
 """Time for which a warning is shown after the last refusal [s]."""
-KEEP_INTERVAL_S = 10.0
+STORE_INTERVAL_S = 10.0
 """Period at which the newest timestamp is stored [s]; the MAVLink guide requires once a minute."""
 MAX_LINK_IDS = 256
 
@@ -41,7 +41,7 @@ _REFUSAL_TEXT = {
     "senders with this key have the same system id, component and link id.",
     Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. "
     "It should adopt this server's time from received frames; if it does not, set its clock.",
-    Refusal.TOO_MANY_STREAMS: "is beyond the maximum number of senders with this key. Restart the server.",
+    Refusal.TOO_MANY_STREAMS: "exceeds the maximum number of senders with this key. Restart the server.",
 }
 
 
@@ -114,13 +114,14 @@ class Signing:
         self.clock = SigningClock(clock.unix_s)
         newest = 0 if store is None else store.newest_timestamp()
         if newest >= self.clock.now():  # the system clock was set back, or a vehicle's clock was ahead of it
-            unwritten = round(KEEP_INTERVAL_S * TICKS_PER_S)
+            unwritten = round(STORE_INTERVAL_S * TICKS_PER_S)
             self.clock = SigningClock(clock.unix_s, newest + unwritten)
         self._verifiers: list[tuple[SecretKey, KeyVerifier]] = []
         """Verifiers stay after the links of a key are closed, because they contain the received
         timestamps."""
         self._link_ids: set[int] = set()
         self._failed = False
+        """Whether the newest timestamp could not be stored at the last attempt."""
 
     @property
     def in_use(self) -> bool:
@@ -135,7 +136,7 @@ class Signing:
         """
         try:
             if self._store is None:
-                raise KeyUnusable("This server keeps no signing keys.")
+                raise KeyUnusable("This server stores no signing keys.")
             key = self._store.read(options.key)
         except KeyUnusable as error:
             raise InvalidRequest("url", error.message, remedy=error.remedy) from None
@@ -160,14 +161,14 @@ class Signing:
         """Called when the link is closed."""
         self._link_ids.discard(signing.signer.link_id)
 
-    def keep(self) -> None:
+    def store_timestamp(self) -> None:
         """Stores the newest timestamp; from any thread."""
         if self._store is None or not self._verifiers:
             return
         try:
-            self._store.keep_timestamp(self.clock.now())
+            self._store.store_timestamp(self.clock.now())
             self._failed = False
         except OSError as error:
             if not self._failed:
-                log.warning("the newest signing timestamp cannot be kept: %s", error.strerror or error)
+                log.warning("the newest signing timestamp cannot be stored: %s", error.strerror or error)
             self._failed = True

@@ -51,7 +51,7 @@ class Urgency:
     """A message replaces a waiting message with the same key; None: it replaces none."""
     flight: Hashable = None
     """The vehicle whose flight the message changes; None: it changes no flight. Such a message replaces
-    waiting messages with the same `flight` that are not more urgent, but never stop motors."""
+    waiting messages with the same `flight` that are not more urgent. It never replaces stop motors."""
 
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT

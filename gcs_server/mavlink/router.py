@@ -16,7 +16,7 @@ from gcs_server.mavlink.codec import Frame, encode_payload
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.forwarding import Forwarder
 from gcs_server.mavlink.key_store import KeyStore
-from gcs_server.mavlink.link_signing import KEEP_INTERVAL_S, Signing
+from gcs_server.mavlink.link_signing import STORE_INTERVAL_S, Signing
 from gcs_server.mavlink.tlog_writer import TlogRecorder
 from gcs_server.supervise import Supervisor
 
@@ -55,7 +55,7 @@ class Router:
     """All links of the server.
 
     Args:
-        others: kinds of links other than those of MAVLink, by the beginning of their URL.
+        others: functions that create links of other protocols than MAVLink, by URL scheme.
     """
 
     def __init__(
@@ -100,10 +100,10 @@ class Router:
         if self._recorder is not None:
             self._recorder.start()
         self._supervisor.start("heartbeats", self._send_heartbeats)
-        self._supervisor.start("signing", self._keep_signing_time)
+        self._supervisor.start("signing", self._store_signing_time)
 
     def add_link(self, url: str, name: str | None = None) -> LinkInfo:
-        """Makes and opens the link of a URL.
+        """Creates and opens the link of a URL.
 
         Raises:
             InvalidRequest: the URL is not valid, or the name is in use.
@@ -112,7 +112,7 @@ class Router:
         return self.add(self.make_link(url, name))
 
     def make_link(self, url: str, name: str | None = None) -> Link:
-        """Makes the link of a URL, not yet opened: a kind of `links/url.py`, or one of the others.
+        """Creates the link of a URL without opening it: a kind of `links/url.py`, or one of `others`.
 
         Raises:
             InvalidRequest, LinkError: see `add_link`.
@@ -147,12 +147,12 @@ class Router:
             on_state=self._changed,
         )
         self._connections[link.name] = connection
-        self._forwarder.use(self._connections.values())
+        self._forwarder.set_connections(self._connections.values())
         try:
             connection.start()
         except BaseException:  # undo the steps so far
             del self._connections[link.name]
-            self._forwarder.use(self._connections.values())
+            self._forwarder.set_connections(self._connections.values())
             if recording is not None:
                 recording.closing = True
             if signing is not None:
@@ -164,11 +164,11 @@ class Router:
         """Closes and removes a link.
 
         Raises:
-            UnknownLink: no link of that name.
+            UnknownLink: no link has this name.
         """
         connection = self.connection(name)
         del self._connections[name]
-        self._forwarder.use(self._connections.values())
+        self._forwarder.set_connections(self._connections.values())
         await connection.close()
         if connection.signing is not None:
             self.signing.release(connection.signing)
@@ -185,7 +185,7 @@ class Router:
         """The connection of a link.
 
         Raises:
-            UnknownLink: no link of that name.
+            UnknownLink: no link has this name.
         """
         if name not in self._connections:
             known = ", ".join(self._connections) or "none"
@@ -216,7 +216,7 @@ class Router:
         return waiting + faults + refused + [("recording", link, why) for link, why in problems]
 
     def on_change(self, callback: Callable[[LinkInfo], None]) -> None:
-        """Sets a function that is called when a link's state or its peers change."""
+        """Adds a function that is called when a link's state or its peers change."""
         self._on_change.append(callback)
 
     async def close(self) -> None:
@@ -225,7 +225,7 @@ class Router:
             await self.remove_link(name)
         if self._recorder is not None:
             self._recorder.close()
-        self.signing.keep()
+        self.signing.store_timestamp()
 
     def _refuse_loop(self, link: Link) -> None:
         by_address = {c.link.url.split("?")[0].split("://")[-1]: c.link for c in self._connections.values()}
@@ -243,7 +243,7 @@ class Router:
         if frame.system_id == self._own_system_id and not link.replay and not link.forward:
             return  # an echo of this server's own frame, or another station with the same id
         if self._forwarder.stations:
-            self._forwarder.frame(frame, connection, peer)
+            self._forwarder.forward(frame, connection, peer)
         if not link.forward:
             self.sink.on_frame(frame, connection, peer)
 
@@ -263,11 +263,11 @@ class Router:
             except Exception as error:
                 connection.link.faults.add(error, "reporting a change")
 
-    async def _keep_signing_time(self) -> None:
+    async def _store_signing_time(self) -> None:
         while True:
-            await self._clock.sleep(KEEP_INTERVAL_S)
+            await self._clock.sleep(STORE_INTERVAL_S)
             if self.signing.in_use:
-                await asyncio.to_thread(self.signing.keep)
+                await asyncio.to_thread(self.signing.store_timestamp)
 
     async def _send_heartbeats(self) -> None:
         next_s = self._clock.monotonic_s()

@@ -89,17 +89,17 @@ class TlogChannel:
 
     def _begin(self, directory: Path, time_us: int) -> None:
         directory.mkdir(parents=True, exist_ok=True)
-        stamp = datetime.fromtimestamp(time_us / 1e6, UTC).strftime("%Y%m%d-%H%M%S")
+        begin_text = datetime.fromtimestamp(time_us / 1e6, UTC).strftime("%Y%m%d-%H%M%S")
         safe = re.sub(r"[^A-Za-z0-9._-]+", "_", self.link)
         for number in range(1000):
-            path = directory / f"{stamp}-{safe}{f'_{number:03}' if number else ''}.tlog"
+            path = directory / f"{begin_text}-{safe}{f'_{number:03}' if number else ''}.tlog"
             try:
                 self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
             except FileExistsError:
                 continue
             self.path, self._size, self._began_unix_s = path, 0, time_us / 1e6
             return
-        raise FileExistsError(errno.EEXIST, f"too many recordings named {stamp}-{safe}")
+        raise FileExistsError(errno.EEXIST, f"too many recordings named {begin_text}-{safe}")
 
     def info(self) -> Recording:
         """The recording's state for `GET /links`; may be called from any thread."""
@@ -182,7 +182,7 @@ class TlogRecorder:
                     channel.problem = ""
                 continue
             if too_full and channel.backlog_frames:
-                self._stopped(channel, too_full)
+                self._stop_channel(channel, too_full)
                 continue
             self._write(channel)
             if channel.closing and not channel.backlog_frames:
@@ -192,7 +192,7 @@ class TlogRecorder:
 
     def _write(self, channel: TlogChannel) -> None:
         if channel.backlog_frames >= BACKLOG_LIMIT_FRAMES:
-            self._stopped(channel, "The disk is too slow: too many frames wait to be written.")
+            self._stop_channel(channel, "The disk is too slow: too many frames wait to be written.")
             return
         data = channel.take()
         if not data:
@@ -201,7 +201,7 @@ class TlogRecorder:
             channel.write(self._directory, data, _time.unpack_from(data)[0], self._max_bytes)
         except OSError as error:
             problem = f"The recording in {self._directory} cannot be written: {error.strerror or error}."
-            self._stopped(channel, problem)
+            self._stop_channel(channel, problem)
 
     def _too_full(self) -> str:
         folder = self._directory
@@ -219,7 +219,7 @@ class TlogRecorder:
             f"continues."
         )
 
-    def _stopped(self, channel: TlogChannel, why: str) -> None:
+    def _stop_channel(self, channel: TlogChannel, why: str) -> None:
         log.warning("recording of %s stopped: %s", channel.link, why)
         channel.stop(why)
 

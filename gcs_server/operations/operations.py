@@ -2,11 +2,11 @@
 permission can cancel it. An operation is an asyncio task with a status. It does not depend on a connection,
 so that a reloaded page or a reconnected client finds it again. It ends when:
 
-- its work returns: `succeeded`, with a small result; its work raises an exception: `failed`, with the error;
-- a client cancels it: `cancelled`, once the work has cleaned up;
-- its vehicle's link is lost, or the vehicle is removed, and the work needs the vehicle: `failed`, by its own
-error, or after `LINK_GRACE_S` with `disconnected`; other work continues;
-- the server stops: `cancelled`. Operations are lost in a restart.
+- its work returns (`succeeded`, with a small result) or raises an exception (`failed`, with the error);
+- a client cancels it (`cancelled`, once the work has cleaned up);
+- its work needs the vehicle, and the vehicle is lost or removed (`failed`, with the work's own error, or with
+`disconnected` after `LINK_GRACE_S`);
+- the server stops (`cancelled`). Operations are lost in a restart.
 
 At most `MAX_RUNNING` operations run at a time. The newest `MAX_ENDED` ended operations are kept.
 """
@@ -91,7 +91,7 @@ class Operations:
     Args:
         clock: the server's clock.
         supervisor: owns the tasks.
-        on_change: called with each change. Operations are not part of a vehicle's history.
+        on_change: called with each change of an operation.
     """
 
     def __init__(self, clock: Clock, supervisor: Supervisor, on_change: Callable[[Operation], None]) -> None:
@@ -225,7 +225,7 @@ class Operations:
         for each in running:
             await each.ended.wait()
 
-    # --- inside -------------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------------
 
     async def _fail(self, affected: list[_Running], vehicle_id: str, reason: str) -> None:
         await self._clock.sleep(LINK_GRACE_S)

@@ -69,8 +69,8 @@ async def run_process(
             if "problem" in value:
                 raise WorkerFailed(str(value["problem"])[:MAX_LINE_LENGTH])
             progress = value.get("progress")
-            share = progress if isinstance(progress, int | float) and 0 <= progress <= 1 else None
-            report(str(value.get("text", "")), share)
+            fraction = progress if isinstance(progress, int | float) and 0 <= progress <= 1 else None
+            report(str(value.get("text", "")), fraction)
         code = await process.wait()
         raise WorkerFailed(f"The process of this operation ended without a result (exit status {code}).")
     except ValueError as error:

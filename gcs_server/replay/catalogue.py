@@ -26,8 +26,8 @@ MAX_NAME_LENGTH = 255
 """Maximum length of a file name [bytes]."""
 _recording_name = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
 
-Stamp = tuple[int, int]
-"""(size, time of the last change [ns]) of a file."""
+FileVersion = tuple[int, int]
+"""(size, time of the last change [ns]) of a file; different if the file was changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class RecordingInfo:
     """Why the recording cannot be played completely; null if it can."""
 
 
-def _is_plain(name: str) -> bool:
+def _is_recording_name(name: str) -> bool:
     """Whether the name is valid for a recording."""
     try:
         length = len(name.encode())
@@ -61,8 +61,8 @@ def _is_plain(name: str) -> bool:
     return is_in_folder and length <= MAX_NAME_LENGTH and name.endswith(SUFFIXES)
 
 
-def stamp_of(path: Path) -> Stamp:
-    """(size, time of the last change) of a file. Raises OSError."""
+def file_version(path: Path) -> FileVersion:
+    """The current version of a file. Raises OSError."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns
 
@@ -72,22 +72,22 @@ class Catalogue:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: dict[str, tuple[Stamp, RecordingInfo]] = {}
+        self._known: dict[str, tuple[FileVersion, RecordingInfo]] = {}
 
     def path(self, name: str) -> Path:
         """Path of a recording.
 
         Raises:
-            UnknownRecording: there is none in the folder.
+            UnknownRecording: the folder has no such recording.
         """
         path = self._folder / name
-        if not _is_plain(name) or path.is_symlink() or not path.is_file():
+        if not _is_recording_name(name) or path.is_symlink() or not path.is_file():
             shown = name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}…"
             raise UnknownRecording(f"There is no recording {shown!r}.")
         return path
 
     def all(self, running: Set[str]) -> list[RecordingInfo]:
-        """Newest first.
+        """All recordings, newest first.
 
         Args:
             running: names of the files that are being written.
@@ -100,14 +100,14 @@ class Catalogue:
         for name in names:
             try:
                 path = self.path(name)
-                stamp = stamp_of(path)
+                version = file_version(path)
             except (UnknownRecording, OSError):
                 continue  # not a file, or deleted since
             known = self._known.get(name)
-            if known is None or known[0] != stamp:
-                known = self._known[name] = stamp, read_info(path, stamp[0])
+            if known is None or known[0] != version:
+                known = self._known[name] = version, read_info(path, version[0])
             is_running = name in running
-            problem = "The recording is still empty." if is_running and not stamp[0] else known[1].problem
+            problem = "The recording is still empty." if is_running and not version[0] else known[1].problem
             found.append(replace(known[1], running=is_running, problem=problem))
         self._known = {name: self._known[name] for name in names if name in self._known}
         return sorted(found, key=lambda i: (i.started_unix_s or 0.0, i.name), reverse=True)

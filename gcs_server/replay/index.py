@@ -112,7 +112,7 @@ class _ChangeFinder:
         self._states: dict[int, bytes] = {}
         self._modes: dict[int, bytes] = {}
 
-    def take(self, record: Record) -> None:
+    def add(self, record: Record) -> None:
         raw, key = record.raw, record.key
         start = 10 if raw[0] == STX_V2 else 6
         payload = raw[start : start + raw[1]]
@@ -180,7 +180,7 @@ def make_index(file: BinaryIO) -> Index:
                 continue
             newest[record.key] = (record.time_us, record.offset)
             if record.key & 0xFFFFFF in EVENT_MESSAGES:
-                finder.take(record)
+                finder.add(record)
         if batch.records:
             begin_us = begin_us or batch.records[0].time_us
             end_us = batch.records[-1].time_us

@@ -97,7 +97,7 @@ def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
                 if vehicle_log is None and frame.msg_id == HEARTBEAT:
                     vehicle_log = vehicle_logs[frame.system_id] = _VehicleLog(frame.component_id, clock)
                 if vehicle_log is not None and frame.component_id == vehicle_log.component_id:
-                    _take(vehicle_log, frame.msg_id, full_payload(frame), clock)
+                    _add_frame(vehicle_log, frame.msg_id, full_payload(frame), clock)
     clock.time_us = index.end_us
     for vehicle_log in vehicle_logs.values():
         vehicle_log.event_logger.tick()
@@ -107,7 +107,7 @@ def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
     )
 
 
-def _take(vehicle_log: _VehicleLog, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
+def _add_frame(vehicle_log: _VehicleLog, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
     if msg_id == STATUSTEXT:
         vehicle_log.event_logger.text(payload, vehicle_log)
     elif msg_id == EVENT:

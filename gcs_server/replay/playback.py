@@ -110,7 +110,7 @@ class RestoredState:
 
 def condense(records: Iterable[Record]) -> list[Record]:
     """Keeps the newest record of each message, and every record of an event or a state change, in order. The
-    kept records restore the same state as all.
+    kept records restore the same state as all of them.
     """
     all_records = list(records)
     newest = {record.key: record.offset for record in all_records}

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from gcs_server.errors import RecordingUnusable, Refused, UnknownRecording
 from gcs_server.links.tlog import TlogLink
 from gcs_server.mavlink.router import Router
-from gcs_server.replay.catalogue import Catalogue, RecordingInfo, Stamp, stamp_of
+from gcs_server.replay.catalogue import Catalogue, FileVersion, RecordingInfo, file_version
 from gcs_server.replay.index import Index, UnreadableRecording, explain
 from gcs_server.replay.index_process import IndexProcess
 from gcs_server.replay.marks import VehicleMarks, make_marks
@@ -28,7 +28,7 @@ READ_AT_ONCE = 2
 MAX_REPLAYS = 8
 
 T = TypeVar("T")
-FileKey = tuple[Path, Stamp]
+FileKey = tuple[Path, FileVersion]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +96,8 @@ class Replays:
         async with self._listing:  # the second of two concurrent callers uses the first one's result
             found = await asyncio.to_thread(self._catalogue.all, running)
         indexes = {
-            (path.name, stamp[0]): future.result()
-            for (path, stamp), future in self._indexes.items()
+            (path.name, version[0]): future.result()
+            for (path, version), future in self._indexes.items()
             if future.done() and not future.cancelled() and future.exception() is None
         }
         return [_with_index(info, indexes.get((info.name, info.bytes))) for info in found]
@@ -120,7 +120,7 @@ class Replays:
         """Whether `index_of_recording` returns immediately. Raises UnknownRecording."""
         path = self.path(name)
         with suppress(OSError):
-            future = self._indexes.get((path, stamp_of(path)))
+            future = self._indexes.get((path, file_version(path)))
             return future is not None and future.done() and not future.cancelled()
         return False
 
@@ -146,7 +146,7 @@ class Replays:
         Raises:
             UnknownRecording: there is no such recording.
             RecordingUnusable: the recording cannot be read.
-            Refused: MAX_REPLAYS are open.
+            Refused: `MAX_REPLAYS` replays are open.
         """
         path = self.path(name)
         link_name = f"replay-{path.name}"
@@ -178,7 +178,7 @@ class Replays:
         that time.
 
         Raises:
-            UnknownRecording: no such replay.
+            UnknownRecording: there is no such replay.
             RecordingUnusable: the recording cannot be played.
         """
         link = self._link(name)
@@ -267,7 +267,7 @@ class Replays:
         one."""
         key = None
         try:
-            key = path, stamp_of(path)
+            key = path, file_version(path)
             future = results.get(key)
             if future is None or future.cancelled():
                 future = results[key] = asyncio.get_running_loop().run_in_executor(self._readers, make)
@@ -286,9 +286,11 @@ class Replays:
 def _with_index(info: RecordingInfo, index: Index | None) -> RecordingInfo:
     if index is None or info.running:
         return info
-    damage = f"{index.bytes_skipped} bytes of it are damaged and left out." if index.bytes_skipped else None
+    damage = (
+        f"{index.bytes_skipped} damaged bytes of the recording are left out." if index.bytes_skipped else None
+    )
     if index.left_out:
-        damage = f"It holds more senders or messages than can be shown; {index.left_out} are left out."
+        damage = f"The recording has too many senders or messages; {index.left_out} records are left out."
     return replace(
         info,
         started_unix_s=index.begin_us / 1e6,

@@ -101,9 +101,8 @@ class Records:
 
 
 def _read(path: Path) -> dict[str, object]:
-    descriptor = os.open(
-        path, os.O_RDONLY | os.O_NONBLOCK
-    )  # non-blocking, because a named pipe must not block the start
+    # non-blocking, because a named pipe must not block the start of the server
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise ValueError("it is not a file")

@@ -8,8 +8,8 @@ is left out; all others are sent.
 
 A vehicle's topic is sent after each of its messages, even if it has not changed, because the time of the
 newest message shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a
-subscription and when it changes; it is valid until the next change. The topics of `ON_REQUEST` cost much, so
-only a subscription that names them gets them.
+subscription and when it changes; it is valid until the next change. The topics of `ON_REQUEST` are
+expensive, so only a subscription that names them gets them.
 """
 
 from __future__ import annotations
@@ -68,15 +68,15 @@ CLOSE_TOO_SLOW = 1013
 
 
 class Socket(Protocol):
-    """The used part of a WebSocket."""
+    """The part of a WebSocket that the hub uses."""
 
     async def send_text(self, data: str) -> None: ...
     async def receive_text(self) -> str: ...
     async def close(self, code: int = 1000, reason: str | None = None) -> None: ...
 
 
-class Encoded:
-    """The encoded samples; each is encoded once."""
+class EncodedSamples:
+    """The newest samples of all vehicles as JSON; each sample is encoded once."""
 
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
@@ -142,7 +142,7 @@ class Encoded:
             checked = self._checked.get(key)
             if held is not None and checked is not None and now_s - checked[0] < PERIODS_S[topic]:
                 return held
-            value = self._own(vehicle, topic)
+            value = self._server_value(vehicle, topic)
             if value is None:
                 return None
             if held is None or checked is None or checked[1] != value:
@@ -162,7 +162,8 @@ class Encoded:
         all_held[topic] = fresh
         return fresh
 
-    def _own(self, vehicle: Vehicle, topic: str) -> object | None:
+    def _server_value(self, vehicle: Vehicle, topic: str) -> object | None:
+        """The current value of a topic of the server; None if the vehicle does not have it."""
         if topic == "ros2_topics":
             return self.inspect(vehicle)
         if topic == "identity":
@@ -183,10 +184,10 @@ class Encoded:
 class Subscriber:
     """One telemetry client: its subscription, what it has received, and its waiting events."""
 
-    def __init__(self, clock: Clock, socket: Socket, encoded: Encoded) -> None:
+    def __init__(self, clock: Clock, socket: Socket, samples: EncodedSamples) -> None:
         self._clock = clock
         self._socket = socket
-        self._encoded = encoded
+        self._samples = samples
         self._wants: Subscribe | None = None
         self._topics: tuple[str, ...] = ()
         self._seen: dict[str, dict[str, float]] = {}
@@ -196,7 +197,7 @@ class Subscriber:
         self._events_size = 0
         self._errors = 0
         self._wake = asyncio.Event()
-        self.overflown = False
+        self.overflowed = False
 
     def offer_event(self, event: Event, text: str) -> None:
         """Queues an event; if the queue is full, the client is disconnected."""
@@ -208,7 +209,7 @@ class Subscriber:
     def offer_text(self, text: str) -> None:
         """Queues a frame that must not be skipped."""
         if len(self._events) >= EVENT_QUEUE_LENGTH or self._events_size > EVENT_QUEUE_CHARACTERS:
-            self.overflown = True
+            self.overflowed = True
         else:
             self._events.append(text)
             self._events_size += len(text)
@@ -233,8 +234,8 @@ class Subscriber:
         """Sends one frame at a time, until the socket closes or too many events wait."""
         await self._socket.send_text(hello(self._clock.unix_s()))
         next_s = self._clock.monotonic_s()
-        while not self.overflown:
-            while self._events and not self.overflown:
+        while not self.overflowed:
+            while self._events and not self.overflowed:
                 text = self._events.popleft()
                 self._events_size -= len(text)
                 await self._socket.send_text(text)
@@ -242,13 +243,12 @@ class Subscriber:
             now_s = self._clock.monotonic_s()
             wants = self._wants
             if wants is not None and now_s >= next_s:
-                replays = self._encoded.replays_text()
+                replays = self._samples.replays_text()
                 if replays != self._seen_replays:
                     self._seen_replays = replays
                     await self._socket.send_text(replays or replays_frame([]))
-                    if (
-                        self._events
-                    ):  # events are sent first, so that a replaced vehicle is announced before its samples
+                    # events are sent first, so that a replaced vehicle is announced before its samples
+                    if self._events:
                         continue
                 new_samples = self._new_samples(wants)
                 if new_samples:
@@ -271,11 +271,11 @@ class Subscriber:
 
     def _new_samples(self, wants: Subscribe) -> list[bytes]:
         new_samples: list[bytes] = []
-        for vehicle in self._encoded.vehicles():
+        for vehicle in self._samples.vehicles():
             if isinstance(wants.vehicles, list) and vehicle.id not in wants.vehicles:
                 continue
             seen = self._seen.setdefault(vehicle.id, {})
-            new_samples.extend(self._encoded.new_samples(vehicle, self._topics, seen))
+            new_samples.extend(self._samples.new_samples(vehicle, self._topics, seen))
         return new_samples
 
 
@@ -284,22 +284,22 @@ class Hub:
 
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
-        self._encoded = Encoded(clock, fleet)
+        self._samples = EncodedSamples(clock, fleet)
         self._clients: set[Subscriber] = set()
-        self._end: Callable[[], None] = fleet.subscribe(self.publish)
+        self._unsubscribe: Callable[[], None] = fleet.subscribe(self.publish)
 
     def watch_replays(self, replays: Callable[[], Sequence[object]]) -> None:
         """Sets the function that returns the open replays."""
-        self._encoded.replays = replays
+        self._samples.replays = replays
 
     def watch_ros2_topics(self, inspect: Callable[[Vehicle], object | None]) -> None:
         """Sets the function that returns the ROS 2 topics of a vehicle, or None if it has no ROS 2 link."""
-        self._encoded.inspect = inspect
+        self._samples.inspect = inspect
 
     def publish(self, event: Event) -> None:
         """Passes an event on to all clients, encoded once."""
         if event.kind == "vehicle_removed" and event.vehicle is not None:
-            self._encoded.forget(event.vehicle)
+            self._samples.forget(event.vehicle)
         if not self._clients:
             return
         try:
@@ -312,7 +312,7 @@ class Hub:
 
     async def serve(self, socket: Socket) -> None:
         """Serves one accepted socket until it closes."""
-        client = Subscriber(self._clock, socket, self._encoded)
+        client = Subscriber(self._clock, socket, self._samples)
         self._clients.add(client)
         try:
             async with asyncio.TaskGroup() as group:
@@ -326,7 +326,7 @@ class Hub:
 
     def close(self) -> None:
         """Stops receiving events."""
-        self._end()
+        self._unsubscribe()
 
     async def _receive(self, socket: Socket, client: Subscriber) -> None:
         while True:

@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from gcs_server.addresses import links
+from gcs_server.addresses import page_urls
 from gcs_server.app import create_app
 from gcs_server.client.address import address_and_token
 from gcs_server.errors import GcsError, InvalidRequest
@@ -166,7 +166,7 @@ def test_settings_never_show_the_token():
 
 
 @pytest.mark.parametrize(
-    ("host", "token", "contained", "expected"),
+    ("host", "token", "in_container", "expected"),
     [
         ("127.0.0.1", None, False, ["http://localhost:80"]),
         ("localhost", "t", False, ["http://localhost:80/?token=t"]),
@@ -177,8 +177,8 @@ def test_settings_never_show_the_token():
         ("0.0.0.0", "t", True, ["http://localhost:80/?token=t"]),
     ],
 )
-def test_the_printed_links_contain_the_token_and_can_be_clicked(host, token, contained, expected):
-    assert links(host, 80, token, ["10.0.0.7"], contained=contained) == expected
+def test_the_printed_links_contain_the_token_and_can_be_clicked(host, token, in_container, expected):
+    assert page_urls(host, 80, token, ["10.0.0.7"], in_container=in_container) == expected
 
 
 @pytest.mark.parametrize(

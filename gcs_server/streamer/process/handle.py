@@ -162,7 +162,7 @@ class WorkerHandle:
             return path.peer.dds
         if path is None or path.peer.address is None:
             return None
-        link_socket = path.connection.link.datagrams()
+        link_socket = path.connection.link.datagram_socket()
         if link_socket is None or link_socket.fileno() < 0:
             return None
         if link_socket not in self._numbers:

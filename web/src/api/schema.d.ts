@@ -7105,7 +7105,7 @@ export interface components {
             readonly url: string;
             /**
              * State
-             * @description connecting, open, waiting (it will try again), closed, ended (a replay at its end).
+             * @description connecting, open, waiting (the server tries again), closed, ended (a replay at its end).
              */
             readonly state: string;
             /**

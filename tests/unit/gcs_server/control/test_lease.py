@@ -261,10 +261,10 @@ def test_the_key_distinguishes_clients_of_the_same_name(setup):
 
 
 def test_the_holder_is_informed_of_open_commands_of_others(setup):
-    setup.lease.intervened(BOB, "Hold")
+    setup.lease.report_intervention(BOB, "Hold")
     setup.lease.command(ANNA)
-    setup.lease.intervened(ANNA, "Hold")
-    setup.lease.intervened(BOB, "Land now")
+    setup.lease.report_intervention(ANNA, "Hold")
+    setup.lease.report_intervention(BOB, "Land now")
     assert setup.actions() == ["taken", "intervened"]
     assert setup.changes[-1].text == "bob commanded Land now of vehicle 7; anna still has control."
     assert setup.lease.holder.key == ANNA.key

@@ -264,7 +264,7 @@ def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
     first = Signing(later, kept)
     first.open("one", SigningOptions("field", required=True))
     used = first.clock.next()
-    first.keep()
+    first.store_timestamp()
     later.unix += 9.9  # not saved, as if the server was killed
     used = max(used, first.clock.next())
     later.unix -= 86_400

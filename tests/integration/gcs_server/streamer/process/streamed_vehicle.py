@@ -34,7 +34,7 @@ class Vehicle:
         self.frames, self.recorded, self.relayed = [], [], []
         self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.datagrams = True
-        link = SimpleNamespace(datagrams=lambda: self.link_socket if self.datagrams else None)
+        link = SimpleNamespace(datagram_socket=lambda: self.link_socket if self.datagrams else None)
         self.way = SimpleNamespace(
             connection=SimpleNamespace(link=link, count_sent_elsewhere=self._record, signing=None),
             peer=Peer("peer", self.receiver.getsockname()),
