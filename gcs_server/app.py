@@ -130,9 +130,9 @@ class Server:
         self.fleet.on_vehicle_removed(self.streamer.detach)
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
-        self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.set_cache(cache))
         held_plans = HeldCache(cache)
-        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.keep_in(held_plans))
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(held_plans))
         dry_runs = DryRuns()
         self.scene = (
             SceneProcess(

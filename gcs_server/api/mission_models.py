@@ -13,7 +13,7 @@ from gcs_server.api.strict_body import AnswerBody, StrictBody
 from gcs_server.streamer.waypoints.resume import ResumeOffer
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference
-from gcs_server.vehicle.services.mission_held import PlanName
+from gcs_server.vehicle.services.mission_held import PlanReference
 from missions.plan import Plan
 
 
@@ -81,7 +81,7 @@ class StartRequest(StrictBody):
 MissionTopic = TOPIC_MODELS["mission"]
 WaypointFlightModel = model_of(WaypointFlightStatus)
 ResumeModel = model_of(ResumeOffer)
-PlanNameModel = model_of(PlanName, "HeldPlanName")
+PlanNameModel = model_of(PlanReference, "HeldPlanName")
 DifferenceModel = model_of(Difference, "PlanDifference")
 
 

@@ -26,7 +26,7 @@ from gcs_server.streamer.waypoints.flight import Announcement
 from gcs_server.vehicle.services.held_plan import plan_of
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
-from gcs_server.vehicle.services.mission_held import Held, Items, PlanName
+from gcs_server.vehicle.services.mission_held import HeldItems, Items, PlanReference
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError
@@ -287,9 +287,9 @@ def _require_confirmation(vehicle: Vehicle, command: str, confirmation: str | No
         BY_NAME[command].require_confirmation(confirmation or "", vehicle=vehicle.id)
 
 
-async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
+async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Plan]:
     if body.plan is not None:
-        return PlanName(None, None, None), body.plan
+        return PlanReference(None, None, None), body.plan
     assert body.plan_id is not None
     head, document = await station.plans.get(body.plan_id, body.version)
     if head.kind != "waypoint_plan":
@@ -299,7 +299,7 @@ async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
             remedy="Start it as an offboard mission, or name a waypoint plan.",
         )
     try:
-        return PlanName(head.id, head.version, head.name), plan_document.read(document)
+        return PlanReference(head.id, head.version, head.name), plan_document.read(document)
     except PlanError as error:
         raise Refused(f"Plan {head.name!r} cannot be read: {error}") from error
 
@@ -321,7 +321,7 @@ def _items(plan: Plan) -> Items:
     return items
 
 
-def _held(vehicle: Vehicle) -> Held:
+def _held(vehicle: Vehicle) -> HeldItems:
     held = vehicle.mission.held
     if held is None:
         raise Refused(

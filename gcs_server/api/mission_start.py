@@ -16,7 +16,7 @@ from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.flight import DryRunPath
 from gcs_server.vehicle.services.held_plan import plan_of
-from gcs_server.vehicle.services.mission_held import Held
+from gcs_server.vehicle.services.mission_held import HeldItems
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError
@@ -145,7 +145,7 @@ def _too_near(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
     )
 
 
-def still_held(vehicle: Vehicle, held: Held) -> bool | None:
+def still_held(vehicle: Vehicle, held: HeldItems) -> bool | None:
     """Whether the vehicle still reports the ids of this transfer; None: it reports no ids."""
     ids = vehicle.mission.ids()
     if ids is None or not any((*ids.values(), *held.ids.values())):
@@ -178,7 +178,7 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
     return [each["text"] for each in check["findings"] if each["code"] in PLACE_CODES]
 
 
-async def _stored_obstacles(station: Station, held: Held) -> tuple[Obstacle, ...]:
+async def _stored_obstacles(station: Station, held: HeldItems) -> tuple[Obstacle, ...]:
     """The obstacles of the stored plan that is on the vehicle, which does not hold them; none if the plan was
     not stored or is deleted."""
     if held.plan is None or held.plan.id is None:

@@ -85,7 +85,7 @@ class ParamRequest(StrictBody):
 
 
 def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
-    facts = vehicle.params.facts(param.name)
+    facts = vehicle.params.metadata_of(param.name)
     return {
         "name": param.name,
         "value": param.value,

@@ -37,7 +37,7 @@ from gcs_server.vehicle.samples import (
     Sample,
 )
 from gcs_server.vehicle.services.gimbal import Roi
-from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
+from gcs_server.vehicle.services.gimbal_limits import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
 LINES_PER_YIELD = 500

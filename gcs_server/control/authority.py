@@ -266,7 +266,7 @@ class Authority:
         """Executes `on_expiry` of a client that is no longer connected, but never while a pilot flies the
         vehicle."""
         action, began_s = change.on_expiry, self._clock.monotonic_s()
-        await vehicle.command.kill_over()  # afterwards the action may be unnecessary
+        await vehicle.command.wait_for_kill()  # afterwards the action may be unnecessary
         status = vehicle.status
         commanded_here = status.mode != "offboard" or vehicle.streaming
         flies_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming

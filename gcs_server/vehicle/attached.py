@@ -21,7 +21,7 @@ class AttachedStream(Protocol):
     """A vehicle's `offboard`."""
 
     def status(self) -> StreamStatus:
-        """Now."""
+        """The current state."""
         ...
 
     def requested_mode(self) -> str | None:
@@ -68,5 +68,5 @@ class AttachedControl(Protocol):
     """A vehicle's `control`."""
 
     def status(self) -> HolderStatus:
-        """Now."""
+        """The current state."""
         ...

@@ -166,7 +166,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     ),
     29532170: Check("check_system_flight_term_active", "the flight was terminated", "Restart the vehicle."),
     17054001: Check("check_system_safety_button", "the safety button is not pressed", "Press it."),
-    24439368: Check("check_system_usb_connected", "a USB cable is connected", "Pull it out."),
+    24439368: Check("check_system_usb_connected", "a USB cable is connected", "Disconnect it."),
     29053220: Check("check_system_no_global_pos", "no valid global position", SKY),
     23268580: Check("check_system_no_home_pos", "there is no home position", SKY),
     22481569: Check("check_system_arm_auth_failed", "arming authorization denied"),
@@ -181,7 +181,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     21225307: Check(
         "check_hardfault_present", "the SD card contains a crash log of the flight software", "Download it."
     ),
-    17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Close unused functions."),
+    17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Stop unused modules."),
     31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),
     23756917: Check("check_rc_min_too_small", "the calibration of an RC channel is invalid", CALIBRATE_RC),
     24624528: Check("check_rc_max_too_high", "the calibration of an RC channel is invalid", CALIBRATE_RC),
@@ -198,4 +198,4 @@ COMPONENTS: tuple[str, ...] = (
     "camera", "gimbal", "payload", "global position", "storage", "parachute", "compass", "accelerometer",
     "gyro", "Open Drone ID", "31",
 )  # fmt: skip
-"""By the index that a check carries (the bit of PX4's health components)."""
+"""Names of PX4's health components, by the index in the arguments of an arming check."""

@@ -58,7 +58,7 @@ class Components:
 
     Args:
         autopilot: the autopilot's component id.
-        clock: the vehicle's.
+        clock: the vehicle's clock.
         report: called with (text, whether it is a loss) when a component other than the autopilot appears, is
             lost or is back. The autopilot's connection is reported as that of the vehicle.
     """
@@ -121,5 +121,5 @@ class Components:
 
     def _name(self, component_id: int) -> str:
         kind = self._kind(component_id)
-        words = "Component" if kind == "other" else kind.capitalize()
-        return f"{words} {component_id}"
+        label = "Component" if kind == "other" else kind.capitalize()
+        return f"{label} {component_id}"

@@ -128,7 +128,7 @@ def global_position(payloads: Payloads) -> Decoded:
 
 
 def gps(payloads: Payloads) -> Decoded:
-    """GPS_RAW_INT. Unknown: satellites 255, HDOP 0xFFFF, accuracy 0."""
+    """GPS_RAW_INT. These values mean unknown: satellites 255, HDOP 0xFFFF, accuracy 0."""
     fields = _gps.unpack_from(payloads[d.MAVLINK_MSG_ID_GPS_RAW_INT])
     hdop, fix_type, satellites, accuracy_mm = fields[4], fields[8], fields[9], fields[11]
     value = samples.Gps(

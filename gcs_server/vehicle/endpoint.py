@@ -127,13 +127,13 @@ def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint
     """The connected endpoints of this protocol; all endpoints if there are none.
 
     A vehicle that is connected over both protocols is commanded over MAVLink, and its state is that of
-    MAVLink. Its setpoints are sent over ROS 2, which has all kinds of them; but over MAVLink if the server
-    does not know the versions of its ROS 2 topics for commands and setpoints.
+    MAVLink. Its setpoints are sent over ROS 2, which has all kinds of setpoints. They are sent over MAVLink
+    if the server does not know the versions of its ROS 2 topics for commands and setpoints.
     """
-    able = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
-    matching = [e for e in able if e.connection.protocol == protocol]
-    if not matching and len(able) < len(endpoints):
-        matching = able
+    usable = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
+    matching = [e for e in usable if e.connection.protocol == protocol]
+    if not matching and len(usable) < len(endpoints):
+        matching = usable
     if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)

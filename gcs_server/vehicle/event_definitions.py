@@ -9,7 +9,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gcs_server.vehicle.foreign import Document, cut
+from gcs_server.vehicle.metadata_limits import Document, cut
 
 UNITS = {"m": " m", "m_v": " m", "m^2": " m²", "m/s": " m/s", "C": " °C"}
 CHECK_GROUPS = ("arming_check", "health")

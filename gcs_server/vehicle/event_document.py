@@ -13,7 +13,7 @@ from typing import Annotated
 import msgspec
 
 from gcs_server.vehicle.event_definitions import Argument, Definition, Slot, Template
-from gcs_server.vehicle.foreign import Document, LeftOut, cut
+from gcs_server.vehicle.metadata_limits import Document, LeftOut, cut
 
 TYPES: dict[str, str] = {
     "uint8_t": "B", "int8_t": "b", "uint16_t": "H", "int16_t": "h", "uint32_t": "I", "int32_t": "i",

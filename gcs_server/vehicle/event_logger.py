@@ -37,7 +37,8 @@ class EventLogger:
         self._feed = feed
         self._clock = clock
         self._texts = TextJoiner()
-        self._waiting: deque[tuple[float, int, str]] = deque()
+        self._waiting_texts: deque[tuple[float, int, str]] = deque()
+        """(arrival time [s], severity, text) of texts that wait for their event."""
         self._unpaired_events: deque[float] = deque(maxlen=8)
         self._seen_events: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_SEQUENCES)
         self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
@@ -51,13 +52,13 @@ class EventLogger:
         arrive."""
 
     def text(self, payload: bytes, source: object) -> None:
-        """STATUSTEXT received from `source` (an endpoint)."""
+        """Logs a STATUSTEXT received from `source` (an endpoint)."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.feed(payload, now_s):
             self._log_text(severity, text, source, now_s)
 
     def event(self, event: VehicleEvent, late: bool = False) -> None:
-        """EVENT that is not part of a report; `late`: it was lost and requested again."""
+        """Logs an EVENT outside a health and arming report; `late`: it was lost and requested again."""
         now_s = self._clock.monotonic_s()
         key = (event.sequence, event.id)
         if key in self._seen_events:
@@ -91,12 +92,12 @@ class EventLogger:
             self._feed.add("mode_changed", self._clock.unix_s(), text, severity=severity, data=data)
 
     def tick(self) -> None:
-        """Called a few times a second: logs texts and events that have waited long enough for their pair."""
+        """Called a few times a second: logs texts and events that were not completed in time."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.expire(now_s):
             self._log_text(severity, text, None, now_s)
-        while self._waiting and now_s - self._waiting[0][0] > PAIR_WITHIN_S:
-            waiting_since_s, severity, text = self._waiting.popleft()
+        while self._waiting_texts and now_s - self._waiting_texts[0][0] > PAIR_WITHIN_S:
+            waiting_since_s, severity, text = self._waiting_texts.popleft()
             self._unpaired_texts.append(now_s)
             self._line("status_text", severity, text, ago_s=now_s - waiting_since_s)
         self._log_undescribed(now_s)
@@ -130,11 +131,11 @@ class EventLogger:
             received_s, event = self._undescribed.pop()
             self._line("event", event.level, text.rstrip("\t"), event, ago_s=now_s - received_s)
             return
-        self._waiting.append((now_s, severity, text.rstrip("\t")))
+        self._waiting_texts.append((now_s, severity, text.rstrip("\t")))
 
     def _take_waiting(self, now_s: float) -> str | None:
         self.tick()
-        return self._waiting.popleft()[2] if self._waiting else None
+        return self._waiting_texts.popleft()[2] if self._waiting_texts else None
 
     def _line(
         self, kind: str, severity: int, text: str, event: VehicleEvent | None = None, *, ago_s: float = 0.0

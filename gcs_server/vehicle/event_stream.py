@@ -78,7 +78,8 @@ class EventStream(Generic[Item]):
         )
 
     def wanted(self, now_s: float) -> tuple[int, int] | None:
-        """(first, last) to request now; None if nothing is missing or the last request is recent."""
+        """(first, last) sequence number to request now; None if nothing is missing, or the last request is
+        recent."""
         missing = self.missing
         if missing is None or now_s < self._next_request_s or self._requests >= MAX_REQUESTS:
             return None
@@ -101,7 +102,7 @@ class EventStream(Generic[Item]):
 
     @property
     def missing(self) -> tuple[int, int] | None:
-        """(first, last) of the first gap."""
+        """(first, last) sequence number of the first gap."""
         if self.expected is None or self.expected in self._held:
             return None
         if self._held:

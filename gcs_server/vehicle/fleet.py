@@ -30,6 +30,7 @@ TICK_S = 0.25
 RECHECK_PERIOD_S = 0.25
 """Period at which a vehicle to remove is searched on a full link [s]."""
 OTHER_MARK = "~"
+"""Separates system id and number in the id of a further vehicle with the same system id: `1~2`."""
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 
@@ -97,20 +98,20 @@ class Fleet(FrameSink):
         return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None
 
     def on_vehicle_added(self, callback: Callable[[Vehicle], None]) -> None:
-        """Sets a function that is called for each existing and each new vehicle."""
+        """Adds a function that is called for each existing and each new vehicle."""
         self._on_added.append(callback)
         for vehicle in self.all():
             callback(vehicle)
 
     def on_vehicle_removed(self, callback: Callable[[Vehicle], None]) -> None:
-        """Sets a function that is called for each removed vehicle, to drop references to it."""
+        """Adds a function that is called for each removed vehicle, to drop references to it."""
         self._on_removed.append(callback)
 
     def remove(self, vehicle_id: str, by: str) -> None:
         """Removes a vehicle that is not connected; if it connects again, it is added again.
 
         Raises:
-            UnknownVehicle: there is none of that id.
+            UnknownVehicle: no vehicle has this id.
             Refused: the vehicle is connected, has a setpoint stream, or belongs to a recording.
         """
         vehicle = self.get(vehicle_id)
@@ -192,7 +193,7 @@ class Fleet(FrameSink):
             if endpoint.version is None and now_s >= endpoint.next_request_s:
                 endpoint.request_version(now_s)
         for vehicle in list(self._vehicles.values()):
-            vehicle.isolation.run("the regular work", vehicle.tick)
+            vehicle.isolation.run("the periodic update", vehicle.tick)
 
     # --- endpoints and vehicles -----------------------------------------------------------------
 
@@ -333,9 +334,8 @@ class Fleet(FrameSink):
             return
         uid = endpoint.unique_uid
         if uid is not None and any(e.unique_uid not in (None, uid) for e in vehicle.endpoints):
-            vehicle.detach(
-                endpoint
-            )  # the endpoint was assigned to the wrong vehicle; assigned again by its uid
+            # the endpoint was assigned to the wrong vehicle; it is assigned again by its uid
+            vehicle.detach(endpoint)
             return
         vehicle.set_version(endpoint.version)
         for other in self.all():

@@ -78,7 +78,7 @@ def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalA
     return [(address, messages) for _, address, messages in sorted(found, key=lambda each: each[0])]
 
 
-def is_of(address: GimbalAddress, component_id: int, device_id: int) -> bool:
+def is_attitude_of(address: GimbalAddress, component_id: int, device_id: int) -> bool:
     """Whether an attitude from this component with this device id is of that gimbal."""
     device = device_of(address.component_id, address.device_id)
     return device_of(component_id, device_id) == device or (

@@ -40,8 +40,8 @@ class Identity:
     vehicle_type: int
     """MAV_TYPE: 2 is a quadrotor."""
     uid: str | None
-    """Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if there is
-    none."""
+    """Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if the
+    vehicle has none."""
     simulated: bool | None
     """None until AUTOPILOT_VERSION is received, and for other autopilots than PX4."""
     replayed: bool
@@ -76,7 +76,7 @@ class Version:
 
 
 def read_version(payload: bytes) -> Version:
-    """From a full AUTOPILOT_VERSION payload."""
+    """Decodes a full AUTOPILOT_VERSION payload."""
     capabilities, uid, software, _, _, board, vendor, product, _, uid2 = _version.unpack(payload)
     shared = uid == PX4_SITL_UID
     text = uid2.hex() if any(uid2) else f"{uid:016x}" if uid else None

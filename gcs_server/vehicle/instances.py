@@ -44,7 +44,7 @@ def instance_of(key: int) -> int:
 
 
 def component_of(key: int) -> int:
-    """Component that sent it; 0: the autopilot."""
+    """Component id of the sender; 0: the autopilot."""
     return key >> 32
 
 

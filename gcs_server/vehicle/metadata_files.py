@@ -14,7 +14,7 @@ import msgspec
 
 from gcs_server.vehicle import event_document, param_document
 from gcs_server.vehicle.event_definitions import Definition
-from gcs_server.vehicle.foreign import Document, LeftOut, cut
+from gcs_server.vehicle.metadata_limits import Document, LeftOut, cut
 from gcs_server.vehicle.param_metadata import ParamMetadata
 
 PARAMETERS, EVENTS = 1, 4

@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from gcs_server.vehicle import metadata_files
-from gcs_server.vehicle.foreign import Document
+from gcs_server.vehicle.metadata_limits import Document
 
 NICENESS = 10
 MEMORY_BYTES = 256_000_000
@@ -50,7 +50,7 @@ class DocumentReader:
             job.stop()
             raise
         if sum(held.size_bytes for held in self._held) + document.size_bytes > MAX_BUFFERED_BYTES:
-            raise ValueError("the server has reached its limit of metadata of vehicles")
+            raise ValueError("the metadata of all vehicles exceeds the server's limit")
         self._held.add(document)
         return document
 

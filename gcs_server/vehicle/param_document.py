@@ -10,7 +10,7 @@ from typing import Annotated
 
 import msgspec
 
-from gcs_server.vehicle.foreign import Document, LeftOut, cut
+from gcs_server.vehicle.metadata_limits import Document, LeftOut, cut
 from gcs_server.vehicle.param_metadata import Choice, ParamMetadata
 
 MAX_PARAMETERS = 5_000

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gcs_server.errors import InvalidRequest
-from gcs_server.vehicle.foreign import Document, cut
+from gcs_server.vehicle.metadata_limits import Document, cut
 
 MAX_NAMED, MAX_NAMED_LENGTH = 20, 60
 """Maximum number of choices in an error text, and maximum number of characters of each."""

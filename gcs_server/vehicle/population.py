@@ -76,9 +76,9 @@ class Refusals:
         link = endpoint.connection.name
         recently_reported = now_s - self._last.get(link, (float("-inf"), ""))[0] <= WARNED_FOR_S
         text = (
-            f"Link {link}: a vehicle with system id {endpoint.system_id} is not shown: {why}. Remove those "
-            "that are no longer connected. If a program sends heartbeats of vehicles that do not exist, "
-            "close the link."
+            f"Link {link}: a vehicle with system id {endpoint.system_id} is not shown: {why}. "
+            "Remove vehicles that are no longer connected. If a program sends heartbeats of vehicles that do "
+            "not exist, close the link."
         )
         self._last[link] = (now_s, text)
         return None if recently_reported else text

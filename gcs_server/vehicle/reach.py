@@ -74,7 +74,7 @@ def require_feature(vehicle_id: str, endpoints: Sequence[Endpoint], feature: Fea
             remedy="Restore the MAVLink link, then try again.",
         )
     raise Refused(
-        f"Vehicle {vehicle_id} is reached over ROS 2 only, which carries no {NEEDS_MAVLINK[feature]}. "
+        f"Vehicle {vehicle_id} is connected over ROS 2 only, which carries no {NEEDS_MAVLINK[feature]}. "
         "Nothing was sent.",
         remedy="This needs a MAVLink link: add one (POST /links, for example udpin://0.0.0.0:14550).",
     )

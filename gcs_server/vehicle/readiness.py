@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from gcs_server.vehicle.check_texts import COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
-from gcs_server.vehicle.foreign import cut
+from gcs_server.vehicle.metadata_limits import cut
 from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 
 ALL_MODES = 0xFFFFFFFF
@@ -109,7 +109,7 @@ class ReportJoiner:
         self._left_out = 0
 
     def begin(self, arguments: bytes) -> None:
-        """Takes the first summary of a chunk."""
+        """Begins a chunk with its first summary."""
         self._chunk = _arming.unpack_from(arguments)
         if self._chunk[0] == 0:
             self._whole, self._next_chunk, self._left_out = None, 0, 0
@@ -121,7 +121,7 @@ class ReportJoiner:
         return self._findings is not None
 
     def add(self, finding: Finding) -> None:
-        """Takes a finding."""
+        """Adds a finding to the chunk."""
         if self._findings is None:
             return
         before = 0 if self._whole is None else len(self._whole.findings)
@@ -131,7 +131,8 @@ class ReportJoiner:
             self._left_out += 1
 
     def end(self, arguments: bytes) -> HealthReport | None:
-        """Takes the second summary; returns the report so far, None if its beginning was missed."""
+        """Ends the chunk with its second summary. Returns the chunks joined so far; None if the first
+        summary was not received."""
         number, present, error, warning = _health.unpack_from(arguments)
         if self._findings is None or number != self._chunk[0]:
             self._findings = None
@@ -164,12 +165,12 @@ def _joined(a: HealthReport, b: HealthReport) -> HealthReport:
 
 
 def head_of(arguments: bytes) -> tuple[int, str | None]:
-    """(modes, component): the first arguments of every finding."""
+    """(bit mask of the modes, name of the component), from the first arguments of a finding."""
     modes, component = _finding.unpack_from(arguments)
     return modes, COMPONENTS[component] if 0 < component < len(COMPONENTS) - 1 else None
 
 
-# --- for the API -- ---------------------------------------------------------------------------------------
+# --- for the API ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,9 +306,9 @@ def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -
     another mode must be chosen.
 
     Args:
-        report: the newest complete one; None: nothing is known.
+        report: the newest complete report; None: the vehicle has sent none.
         mode: current mode; None: unknown.
-        armed: whether it is armed; None: unknown.
+        armed: whether the vehicle is armed; None: unknown.
     """
     if report is None or mode is None or armed is not False or report.can_arm >> mode.nav_state & 1:
         return ()

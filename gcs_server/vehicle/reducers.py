@@ -54,7 +54,7 @@ def current_mode(flight_state: FlightState, payload: bytes, now_s: float) -> Fli
 
 
 def extended_sys_state(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
-    """EXTENDED_SYS_STATE."""
+    """Applies EXTENDED_SYS_STATE."""
     return replace(flight_state, landed_state=LANDED_STATES.get(payload[1], "unknown"), landed_s=now_s)
 
 

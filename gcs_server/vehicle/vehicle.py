@@ -68,7 +68,7 @@ class Vehicle:
         self.clock = clock
         self.own_ids = own_ids
         self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
-        """Runs code that this vehicle's data may make fail: a topic, a snapshot, a view."""
+        """Runs code that may fail because of this vehicle's data: a topic, a snapshot, a view."""
         self.mailbox = Mailbox(decode)
         self.events = EventFeed(vehicle_id)
         self.offboard: AttachedStream | None = None
@@ -254,7 +254,7 @@ class Vehicle:
         return self._choose_endpoint(self._endpoints)
 
     def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
-        """Starts a background task; its service reports errors of the vehicle."""
+        """Starts a background task. A `GcsError` is suppressed, because the service has reported it."""
 
         async def without_errors() -> None:
             with contextlib.suppress(GcsError):
@@ -335,7 +335,7 @@ class Vehicle:
         self.gimbals.request_limits()
         if self._state.link_lost and not self._lost:
             self._lost = True
-            self.events.add("link", self.clock.unix_s(), "Link lost", severity=d.MAV_SEVERITY_WARNING)
+            self.events.add("link", self.clock.unix_s(), "Connection lost", severity=d.MAV_SEVERITY_WARNING)
             self.disconnected(self._state.silence())
 
     def _report_component(self, text: str, loss: bool) -> None:
@@ -344,7 +344,7 @@ class Vehicle:
 
     def disconnected(self, why: str) -> None:
         """Ends all pending requests immediately with an error."""
-        self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost while waiting for it: {why}."))
+        self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost before it answered: {why}."))
 
     def _heartbeat(self) -> None:
         flight_state = self._state.flight_state

@@ -124,7 +124,7 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_
         assert narrative(at.vehicle) == [
             "control taken",
             "mode offboard by command",
-            "Link lost",
+            "Connection lost",
             "stream lost",
             "stream not_confirmed",
             "mode position by unknown",

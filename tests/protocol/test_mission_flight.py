@@ -1,6 +1,6 @@
 """A plan is uploaded to the simulated PX4, flown, paused, resumed, and started at an item."""
 
-from gcs_server.vehicle.services.mission_held import PlanName
+from gcs_server.vehicle.services.mission_held import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
@@ -15,7 +15,7 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
             home = vehicle.topic("home").value
             plan = plan_about(home.lat_deg, home.lon_deg)
             parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
-            uploaded = await vehicle.mission.upload(parts, PlanName("a", 1, "Out and back"))
+            uploaded = await vehicle.mission.upload(parts, PlanReference("a", 1, "Out and back"))
             assert (vehicle.mission.holds(), uploaded.not_kept) == ("plan", [])
             await vehicle.command.start_mission()
             assert (vehicle.status.armed, vehicle.status.mode) == (True, "mission")

@@ -9,12 +9,12 @@ import pytest
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.mission_dialogue import PARTS
-from gcs_server.vehicle.services.mission_held import PlanName
+from gcs_server.vehicle.services.mission_held import PlanReference
 from missions.formats.mavlink_items import WireItem
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
-PLAN = PlanName("abc", 3, "Tower")
+PLAN = PlanReference("abc", 3, "Tower")
 LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
 """The share of packets lost in each direction, and the seed of the losses."""
 NAN = float("nan")
@@ -106,7 +106,7 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, 
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
-        await at.mission.upload(other, PlanName("def", 1, "Barn"))
+        await at.mission.upload(other, PlanReference("def", 1, "Barn"))
         assert (at.mission.holds(), at.mission.held.plan.id) == ("plan", "def")
         read = await at.mission.download()
         assert [len(read.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
@@ -126,7 +126,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump
             items = list(mission(7, seed=2))
             items[index] = waypoint(index, command=212)
             with pytest.raises(Rejected, match=f"refused item {index + 1} of the mission") as raised:
-                await at.mission.upload({**plan(), "mission": tuple(items)}, PlanName("bad", 1, "Bad"))
+                await at.mission.upload({**plan(), "mission": tuple(items)}, PlanReference("bad", 1, "Bad"))
             assert "not supported in a mission" in str(raised.value)
             assert "still has its previous items" in str(raised.value)
             assert (at.mission.holds(), at.mission.held.plan) == ("plan", PLAN)
@@ -141,7 +141,7 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
         await at.mission.upload(plan(4), PLAN)
         bad = {"mission": (waypoint(0, command=212),), "fence": square(9_000), "rally": rally()}
         with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
-            await at.mission.upload(bad, PlanName("bad", 1, "Bad"))
+            await at.mission.upload(bad, PlanReference("bad", 1, "Bad"))
         await seconds(1.5)
         assert at.mission.holds() == "another"
 
@@ -154,7 +154,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
     async def work(at):
         old, new = plan(5), plan(60, seed=4)
         await at.mission.upload(old, PLAN)
-        uploading = asyncio.ensure_future(at.mission.upload(new, PlanName("new", 1, "New")))
+        uploading = asyncio.ensure_future(at.mission.upload(new, PlanReference("new", 1, "New")))
         await seconds(after_s)
         uploading.cancel()  # at 3 s without loss it is already finished
         await asyncio.wait([uploading])

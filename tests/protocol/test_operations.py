@@ -97,7 +97,7 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))
         await asyncio.sleep(0.01)
         at.autopilot.alive = False
-        with pytest.raises(Disconnected, match="was lost while waiting"):
+        with pytest.raises(Disconnected, match="was lost before it answered"):
             async with asyncio.timeout(60):
                 await reading
         failed = await newest(at)

@@ -59,8 +59,8 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
         values = true_values(autopilot)
         assert {p.name: p.value for p in vehicle.params.all()} == values
         assert all(isinstance(p.value, int) == p.is_integer for p in vehicle.params.all())
-        assert all(vehicle.params.facts(name) is not None for name in values)
-        assert vehicle.params.facts("MPC_XY_VEL_MAX").unit == "m/s"
+        assert all(vehicle.params.metadata_of(name) is not None for name in values)
+        assert vehicle.params.metadata_of("MPC_XY_VEL_MAX").unit == "m/s"
         if not loss:
             assert (autopilot.count(LIST), autopilot.count(READ)) == (
                 1,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from gcs_server.errors import Rejected
-from gcs_server.vehicle.services.mission_held import PlanName
+from gcs_server.vehicle.services.mission_held import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from missions.setpoints import Position
 from tests.protocol.offboard_world import seconds
@@ -120,7 +120,7 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any
             home = vehicle.topic("home").value
             plan = plan_about(home.lat_deg, home.lon_deg)
             parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
-            await vehicle.mission.upload(parts, PlanName("a", 1, "Out and back"))
+            await vehicle.mission.upload(parts, PlanReference("a", 1, "Out and back"))
             await vehicle.command.start_mission()
             await until(lambda: not vehicle.status.armed, 120)
 

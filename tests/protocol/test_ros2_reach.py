@@ -65,7 +65,7 @@ def test_routes_refuse_before_they_start_an_operation(jump: Any) -> None:
             lambda: param_routes.set_param("1", "A", param_routes.ParamRequest(value=1), station, ANNA),
             lambda: vehicle.offboard.set_failsafe("hold", None),
         ):
-            with pytest.raises(Refused, match="reached over ROS 2 only"):
+            with pytest.raises(Refused, match="connected over ROS 2 only"):
                 await call()
         assert station.operations.all() == []
         assert view(responses.answer(responses.vehicle_view(vehicle)))["reach"] == {

@@ -225,7 +225,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         at.world = OffboardWorld()
         at.autopilot.link = at.link = at.world.link()
         at.link.autopilots["peer"] = at.autopilot
-        at.world.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.keep_in(cache))
+        at.world.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
         at.vehicle = await at.world.ready()
         at.station = station_of(at.world)
         at.station.waypoint_flights.start()
@@ -233,7 +233,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         await seconds(4)
 
     async def work(at):
-        at.vehicle.mission.keep_in(cache)
+        at.vehicle.mission.set_cache(cache)
         await upload(at)
         before = at.vehicle.mission.held
         select(at, MISSION)

@@ -244,7 +244,7 @@ class OffboardControl:
         if state.phase in ("idle", "landing"):
             return self.status()
         self._streams.request_stop(vehicle.id, self.snapshot())
-        await vehicle.command.kill_over()
+        await vehicle.command.wait_for_kill()
         may_switch_later = state.phase in ("starting", "undoing") and self._requested_stream == state.number
         if may_switch_later or vehicle.status.mode in (
             OFFBOARD,

@@ -124,7 +124,7 @@ class Streamer:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STOP_ALL_S):
                 for control in self._controls.values():
-                    await control.vehicle.command.kill_over()
+                    await control.vehicle.command.wait_for_kill()
 
     async def _stop_one(self, vehicle_id: str) -> StopResult:
         began_s = self._clock.monotonic_s()

@@ -10,7 +10,7 @@ from gcs_server.streamer.waypoints.interrupted import FlightProgress
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.services.held_plan import plan_of
-from gcs_server.vehicle.services.mission_held import Held
+from gcs_server.vehicle.services.mission_held import HeldItems
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.plan import Plan
 from missions.runner.corridor import Corridor
@@ -56,7 +56,7 @@ class WaypointFlight:
     """
 
     def __init__(
-        self, vehicle: Vehicle, held: Held, announcement: Announcement | None, *, seen: bool
+        self, vehicle: Vehicle, held: HeldItems, announcement: Announcement | None, *, seen: bool
     ) -> None:
         self._vehicle, self._held = vehicle, held
         self._client = None if announcement is None else announcement.client
@@ -88,7 +88,7 @@ class WaypointFlight:
         """Whether the flight has ended."""
         return self._monitor.over
 
-    def flies(self, held: Held) -> bool:
+    def flies(self, held: HeldItems) -> bool:
         """Whether this is a flight of the same items."""
         return self._held.ids == held.ids
 

@@ -10,7 +10,7 @@ from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.streamer.waypoints.interrupted import FlightProgress, ProgressStore
 from gcs_server.vehicle.samples import GlobalPosition
 from gcs_server.vehicle.services.held_plan import plan_of
-from gcs_server.vehicle.services.mission_held import Held
+from gcs_server.vehicle.services.mission_held import HeldItems
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.geodesy import distance_m
 from missions.plan import Plan
@@ -56,7 +56,7 @@ class Resumes:
 
     def __init__(self, store: ProgressStore) -> None:
         self._store = store
-        self._points: dict[str, tuple[Held, FlightProgress, Plan, ResumePoint | str]] = {}
+        self._points: dict[str, tuple[HeldItems, FlightProgress, Plan, ResumePoint | str]] = {}
         """By vehicle: the newest result, because a plan can have thousands of items."""
 
     def forget(self, vehicle_id: str) -> None:
@@ -89,7 +89,7 @@ class Resumes:
         return point if isinstance(point, str) else _offer(vehicle, progress, plan, point)
 
     def _point(
-        self, vehicle: Vehicle, held: Held, progress: FlightProgress
+        self, vehicle: Vehicle, held: HeldItems, progress: FlightProgress
     ) -> tuple[Plan, ResumePoint | str]:
         known = self._points.get(vehicle.id)
         if known is None or known[0] is not held or known[1] is not progress:

@@ -61,7 +61,7 @@ def home_of(vehicle: VehiclePort) -> Home:
 
 
 def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: float) -> float:
-    """Returns the altitude above sea level of a take-off that makes the vehicle climb.
+    """Checks that a take-off makes the vehicle climb; returns its altitude above sea level [m].
 
     PX4 also accepts a take-off altitude below the vehicle ("Already higher than takeoff altitude"). It then
     arms without climbing: it disarms after some seconds, or hovers just above the ground.

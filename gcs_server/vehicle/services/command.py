@@ -40,7 +40,8 @@ _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 @dataclass(frozen=True, slots=True)
 class ModeCommand:
-    """This server's newest command that changes the mode; a mode change within its time is caused by it."""
+    """This server's newest command that changes the mode. A change to this mode within
+    `MODE_CHANGE_WITHIN_S` counts as its result."""
 
     what: str
     """Label of the command for messages."""
@@ -62,6 +63,7 @@ class CommandService:
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._newest = 0
+        """Number of the newest command; a command with an older number ends."""
         self._newest_what = ""
         self._newest_command: ModeCommand | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
@@ -247,11 +249,11 @@ class CommandService:
         """Raises Refused for `what` while Stop motors is not confirmed."""
         self._stop_motors.require_none(what)
 
-    async def kill_over(self) -> None:
+    async def wait_for_kill(self) -> None:
         """Returns once no Stop motors command is waiting for confirmation."""
-        await self._stop_motors.over()
+        await self._stop_motors.wait()
 
-    # --- the parts ------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------
 
     async def _arm(self, token: int, progress: ReportProgress | None) -> None:
         goal = Goal(
@@ -308,12 +310,12 @@ class CommandService:
     async def _land_or_return(self, mode: Mode, by: str | None, progress: ReportProgress | None) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
-        flying = vehicle.flight_state.armed
+        was_armed = vehicle.flight_state.armed
 
         def reached(flight_state: FlightState, since_s: float) -> bool:
             if flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode:
                 return True
-            return flying and flight_state.heartbeat_s > since_s and not flight_state.armed
+            return was_armed and flight_state.heartbeat_s > since_s and not flight_state.armed
 
         request = Request(
             d.MAV_CMD_DO_SET_MODE,

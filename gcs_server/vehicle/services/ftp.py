@@ -31,13 +31,15 @@ BURST_SILENCE_S = 0.6
 """Pause after which a burst has ended, or its end was lost [s]."""
 MAX_EMPTY_BURSTS = 3
 BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
-"""Time after which PX4 closes an unused session [s]."""
+"""Attempts to open a file while all sessions are in use, and the pause between them [s]; PX4 closes
+an unused session after this pause."""
 MAX_BYTES = 8_000_000
 MAX_ENTRIES = 10_000
 ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
-"""Maximum number of answers per 239 bytes of a file; two are needed with 20 % loss."""
+"""Maximum number of answers per 239 bytes of a file (two are needed with 20 % loss), and additional answers
+for any file."""
 MIN_BYTES_S, TIME_SPARE_S = 400, 60.0
-"""Minimum average speed of a transfer [bytes/s]."""
+"""Minimum average speed of a transfer [bytes/s], and additional time for any file [s]."""
 LIST_TIMEOUT_S = 120.0
 YIELD_AFTER_ANSWERS = 32
 """Waiting answers handled at a time, before the event loop does other work."""
@@ -57,7 +59,7 @@ class FtpService:
         """Whether a session of this server, or of its previous run, may still be open."""
         self._supports_burst = True
         self._answers_left = 0
-        """Answers for the current file."""
+        """Number of further answers that are accepted for the current file."""
 
     async def list(self, path: str) -> list[DirectoryEntry]:
         """Lists a folder.
@@ -164,11 +166,11 @@ class FtpService:
         self._may_be_open = False
 
     async def _transfer(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bytes:
-        idle = 0
+        empty_bursts = 0
         while not pieces.complete:
-            if self._supports_burst and pieces.tail_missing and idle < MAX_EMPTY_BURSTS:
+            if self._supports_burst and pieces.tail_missing and empty_bursts < MAX_EMPTY_BURSTS:
                 received_any = await self._burst(path, session, pieces, progress)
-                idle = 0 if received_any else idle + 1
+                empty_bursts = 0 if received_any else empty_bursts + 1
             else:
                 await self._read_hole(path, session, pieces)
                 if progress is not None:
@@ -193,7 +195,7 @@ class FtpService:
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
 
     async def _burst(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bool:
-        """Runs one burst from the first missing part; returns whether it transferred anything."""
+        """Reads from the first missing part in one burst; returns whether anything was received."""
         hole = pieces.first_hole
         assert hole is not None
         first = self._take_sequence()

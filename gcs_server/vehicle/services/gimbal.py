@@ -19,11 +19,11 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.gimbal_decoder import control_of
-from gcs_server.vehicle.gimbals import GimbalAddress, is_of
+from gcs_server.vehicle.gimbals import GimbalAddress, is_attitude_of
 from gcs_server.vehicle.numbers import rotation
 from gcs_server.vehicle.samples import Gimbal, GimbalReading
 from gcs_server.vehicle.services.checks import number
-from gcs_server.vehicle.services.gimbal_reach import GimbalLimited, wait_until_stopped
+from gcs_server.vehicle.services.gimbal_limits import GimbalLimited, wait_until_stopped
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
 from missions.frames import q_from_euler, wrap_pi
@@ -143,7 +143,7 @@ class GimbalService:
 
     async def _pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
         flags = YAW_LOCK if yaw_lock else 0
-        await self._acknowledged(
+        await self._run_until_acknowledged(
             Request(
                 d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
                 (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, self._device()),
@@ -164,7 +164,7 @@ class GimbalService:
             gimbal = self.reading()
             yaw_lock = gimbal is not None and gimbal.yaw_lock
         flags = float(YAW_LOCK if yaw_lock else 0)
-        await self._acknowledged(
+        await self._run_until_acknowledged(
             Request(
                 d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
                 (NAN, NAN, pitch_rate_deg_s, yaw_rate_deg_s, flags, 0, self._device()),
@@ -184,13 +184,13 @@ class GimbalService:
             (self._device(), 0, 0, 0, lat_deg, lon_deg, alt_amsl_m),
             frame=d.MAV_FRAME_GLOBAL,
         )
-        await self._acknowledged(request, "point at the location")
+        await self._run_until_acknowledged(request, "point at the location")
         self._rois[self._gimbal_address()] = Roi(lat_deg, lon_deg, alt_amsl_m)
 
     async def clear_roi(self) -> None:
         """Stops pointing at a location."""
         self._vehicle.require("gimbal")
-        await self._acknowledged(
+        await self._run_until_acknowledged(
             Request(d.MAV_CMD_DO_SET_ROI_NONE, (self._device(), 0, 0, 0, 0, 0, 0)),
             "stop pointing at the location",
         )
@@ -235,13 +235,13 @@ class GimbalService:
             self._vehicle.identity.system_id, component_id, flags, int(device), list(q), NAN, NAN, NAN
         )
 
-    # --- the parts ------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------
 
-    async def _acknowledged(self, request: Request, what: str) -> None:
+    async def _run_until_acknowledged(self, request: Request, what: str) -> None:
         """Runs a request until it is acknowledged. The gimbal's state is not awaited, because a gimbal moves
         slowly."""
         goal = Goal(what, lambda _f, _s: False, DEADLINE_S, requested_ids=(), ack_is_enough=True)
-        await self._guarded(self._transaction(request, goal), what)
+        await self._run_transaction(self._transaction(request, goal), what)
 
     def _transaction(self, request: Request | None, goal: Goal) -> Transaction:
         return Transaction(self._vehicle, request, goal, component_id=self._target()[0])
@@ -259,9 +259,9 @@ class GimbalService:
         )
         if system == RELEASE:
             request = Request(request.command, (RELEASE, RELEASE, RELEASE, RELEASE, 0, 0, self._device()))
-        await self._guarded(self._transaction(request, goal), what)
+        await self._run_transaction(self._transaction(request, goal), what)
 
-    async def _guarded(self, transaction: Transaction, what: str) -> None:
+    async def _run_transaction(self, transaction: Transaction, what: str) -> None:
         try:
             await transaction.run()
         except NoReply as error:
@@ -269,7 +269,8 @@ class GimbalService:
                 f"Vehicle {self._vehicle.id} did not answer the request to {what} within "
                 f"{error.deadline_s:g} s.",
                 deadline_s=error.deadline_s,
-                remedy="It may have no gimbal (PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then restart it).",
+                remedy="The vehicle may have no gimbal (PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then "
+                "restart it).",
             ) from None
 
     async def _control(self) -> tuple[int, int] | None:
@@ -290,7 +291,7 @@ class GimbalService:
         what = "report who controls the gimbal"
         goal = Goal(what, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
         try:
-            await self._guarded(self._transaction(None, goal), what)
+            await self._run_transaction(self._transaction(None, goal), what)
         except Rejected as error:  # the vehicle is connected, but has no gimbal
             raise NoReply(
                 f"Vehicle {self._vehicle.id} reports no gimbal.",
@@ -322,13 +323,13 @@ class GimbalService:
             number("yaw_deg", yaw_deg, math.degrees(gimbal.yaw_min_rad), math.degrees(gimbal.yaw_max_rad))
 
     async def _attitude(self, roll_deg: float, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
-        """Roll needs GIMBAL_MANAGER_SET_ATTITUDE, which is not acknowledged: it is sent until the device's
-        attitude is there or moves."""
+        """Roll needs GIMBAL_MANAGER_SET_ATTITUDE, which is not acknowledged. The message is repeated
+        until the reported attitude is at the target or has moved towards it."""
         vehicle = self._vehicle
         q = q_from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
         message = self._attitude_message(q, yaw_lock=yaw_lock)
         began_s = vehicle.clock.monotonic_s()
-        first: float | None = None
+        first_off_rad: float | None = None
         with vehicle.mailbox.expect(ATTITUDE_ID, matches=self._is_attitude_of_gimbal) as waiter:
             while (left_s := began_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send(message)
@@ -338,10 +339,10 @@ class GimbalService:
                         off_rad = _angle_between(q, await waiter.next())
                 except TimeoutError:
                     continue
-                first = off_rad if first is None else first
-                if off_rad < NEAR_RAD or off_rad < first - NEAR_RAD:
+                first_off_rad = off_rad if first_off_rad is None else first_off_rad
+                if off_rad < NEAR_RAD or off_rad < first_off_rad - NEAR_RAD:
                     return
-        if first is None:
+        if first_off_rad is None:
             raise NoReply(
                 f"Vehicle {vehicle.id} does not report its gimbal's attitude.",
                 deadline_s=DEADLINE_S,
@@ -351,7 +352,9 @@ class GimbalService:
 
     def _is_attitude_of_gimbal(self, message: Reply) -> bool:
         address = self._gimbal_address()
-        return address is None or is_of(address, message.get_srcComponent(), message.gimbal_device_id)
+        return address is None or is_attitude_of(
+            address, message.get_srcComponent(), message.gimbal_device_id
+        )
 
     def _attitude_request(self) -> MAVLink_message:
         request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_ID), 0, 0, 0, 0, 0, 0))

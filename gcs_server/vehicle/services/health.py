@@ -79,8 +79,8 @@ class HealthService:
         self._texts_retry_s = TEXTS_RETRY_S
         self._definitions: Definitions | None = None
         self._newest_boot_ms = 0
-        self._reports = 0
-        self._requests = 0
+        self._report_count = 0
+        self._requests_sent = 0
         self._next_request_s = float("inf")
         self.revision = 0
         """Counts the changes of `readiness`."""
@@ -117,7 +117,7 @@ class HealthService:
         self._definitions = definitions
         if self._report is not None:
             findings = tuple(self._described_again(f) for f in self._report.findings)
-            self._set(replace(self._report, findings=findings))
+            self._set_report(replace(self._report, findings=findings))
 
     async def read_texts(self, metadata: MetadataService) -> None:
         """Reads the texts of events from the vehicle's metadata; raises as `metadata.events`."""
@@ -141,20 +141,20 @@ class HealthService:
         return replace(event, text=text, name=name, remedy=remedy, is_described=is_described)
 
     async def check(self) -> Readiness:
-        """Requests the vehicle to run its checks now, and returns the report.
+        """Requests that the vehicle runs its checks now, and returns the report.
 
         Raises:
             NoReply: no report was received.
         """
         vehicle = self._vehicle
         vehicle.require("arming_report")
-        before, deadline_s = self._reports, vehicle.clock.monotonic_s() + CHECK_DEADLINE_S
+        before, deadline_s = self._report_count, vehicle.clock.monotonic_s() + CHECK_DEADLINE_S
         with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_EVENT) as waiter:
             while (left_s := deadline_s - vehicle.clock.monotonic_s()) > 0:
                 self._request()
                 try:
                     async with asyncio.timeout(min(CHECK_RESEND_S, left_s)):
-                        while self._reports == before:
+                        while self._report_count == before:
                             await waiter.next()
                 except TimeoutError:
                     continue
@@ -168,7 +168,7 @@ class HealthService:
     # --- called by the vehicle only -------------------------------------------------------------------
 
     def event(self, payload: bytes) -> None:
-        """EVENT."""
+        """Handles EVENT."""
         event = decode_event(payload, self._definitions)
         if self._newest_boot_ms - event.boot_ms > RESTART_S * 1e3 and not self._stream.is_missing(
             event.sequence
@@ -181,31 +181,34 @@ class HealthService:
         if not self._is_of_report(event):
             self._request_metadata(event)
             self._publish_event(event, late)
-        self._take_in_order(ready, lost)
+        self._process_in_order(ready, lost)
         self._request_missing_events()
 
     def current(self, payload: bytes) -> None:
-        """CURRENT_EVENT_SEQUENCE."""
+        """Handles CURRENT_EVENT_SEQUENCE."""
         lost = self._stream.lost
         self._stream.current(*_current.unpack_from(payload))
-        self._take_in_order([], lost)
+        self._process_in_order([], lost)
         self._request_missing_events()
 
     def unavailable(self, payload: bytes) -> None:
-        """RESPONSE_EVENT_ERROR."""
+        """Handles RESPONSE_EVENT_ERROR."""
         sequence, oldest = _error.unpack_from(payload)
         lost = self._stream.lost
-        self._take_in_order(self._stream.skip_unavailable(sequence, oldest), lost)
+        self._process_in_order(self._stream.skip_unavailable(sequence, oldest), lost)
 
     def connected(self) -> None:
         """The vehicle is connected, or back: its report is requested unless it sends one."""
-        self._requests, self._next_request_s = 0, self._vehicle.clock.monotonic_s() + FIRST_REQUEST_AFTER_S
+        self._requests_sent, self._next_request_s = (
+            0,
+            self._vehicle.clock.monotonic_s() + FIRST_REQUEST_AFTER_S,
+        )
 
     def tick(self) -> None:
         """Called a few times a second."""
         now_s = self._vehicle.clock.monotonic_s()
         lost = self._stream.lost
-        self._take_in_order(self._stream.give_up(now_s), lost)
+        self._process_in_order(self._stream.give_up(now_s), lost)
         self._request_missing_events()
         if self._unpublished_unix_s is not None or self._offers() != self._published.offers:
             self._publish()
@@ -213,16 +216,16 @@ class HealthService:
         if now_s < self._next_request_s:
             return
         self._next_request_s = now_s + REQUEST_PERIOD_S
-        if self._requests >= MAX_REQUESTS or identity.replayed or not identity.commandable:
+        if self._requests_sent >= MAX_REQUESTS or identity.replayed or not identity.commandable:
             self._next_request_s = float("inf")
             return
-        if self._report is not None and self._requests == 0 and self._reports_are_recent():
+        if self._report is not None and self._requests_sent == 0 and self._report_is_recent():
             self._next_request_s = float("inf")
             return
-        self._requests += 1
+        self._requests_sent += 1
         self._request()
 
-    def _reports_are_recent(self) -> bool:
+    def _report_is_recent(self) -> bool:
         reported = self._published.reported_unix_s
         return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * FIRST_REQUEST_AFTER_S
 
@@ -239,7 +242,7 @@ class HealthService:
         self.connected()
 
     def _request_metadata(self, event: VehicleEvent) -> None:
-        """The first event without a description fetches the vehicle's metadata."""
+        """Fetches the vehicle's metadata at the first event without a description."""
         identity = self._vehicle.identity
         if event.is_described or event.level >= LEVEL_PROTOCOL or self._definitions is not None:
             return
@@ -279,10 +282,10 @@ class HealthService:
             return self._definitions[event.id].is_check
         return event.id in CHECKS or (event.id not in TEXTS and self._joiner.collecting)
 
-    def _take_in_order(self, events: list[VehicleEvent], lost_before: int) -> None:
+    def _process_in_order(self, events: list[VehicleEvent], lost_before: int) -> None:
         if self._stream.lost != lost_before:
             self._joiner.discard()
-            self._requests, self._next_request_s = (
+            self._requests_sent, self._next_request_s = (
                 0,
                 min(self._next_request_s, self._vehicle.clock.monotonic_s() + 0.5),
             )
@@ -292,9 +295,9 @@ class HealthService:
             elif event.id == HEALTH_SUMMARY_ID:
                 report = self._joiner.end(event.arguments)
                 if report is not None:
-                    self._reports += 1
-                    self._requests, self._next_request_s = 0, float("inf")
-                    self._set(report)
+                    self._report_count += 1
+                    self._requests_sent, self._next_request_s = 0, float("inf")
+                    self._set_report(report)
             elif self._is_of_report(event):
                 modes, component = readiness.head_of(event.arguments)
                 self._joiner.add(
@@ -308,7 +311,7 @@ class HealthService:
         text, name, remedy = describe(finding.id, finding.arguments, self._definitions)
         return replace(finding, cause=text, name=name, remedy=remedy)
 
-    def _set(self, report: HealthReport) -> None:
+    def _set_report(self, report: HealthReport) -> None:
         clock = self._vehicle.clock
         words = "vehicle" if self._definitions is not None else "own"
         if (

@@ -15,7 +15,7 @@ from typing import Any
 
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
-from gcs_server.vehicle.services.mission_held import Held, Ids, PlanName
+from gcs_server.vehicle.services.mission_held import HeldItems, Ids, PlanReference
 from missions.formats.mavlink_items import WireItem
 
 RunInThread = Callable[[Callable[[], Any]], Awaitable[Any]]
@@ -36,22 +36,22 @@ class HeldCache:
         self._cache = cache
         self._run_in_thread = run_in_thread
 
-    async def keep(self, system_id: int, held: Held) -> None:
+    async def store(self, system_id: int, held: HeldItems) -> None:
         """Stores the items of a known plan, if the vehicle reports ids."""
         if held.plan is not None and any(held.ids.values()):
             await self._run_in_thread(partial(self._write, _name(system_id, held.ids), held))
 
-    async def find(self, system_id: int, ids: Ids) -> Held | None:
+    async def find(self, system_id: int, ids: Ids) -> HeldItems | None:
         """The items that this vehicle had with these ids; None if they are not known."""
         return await self._run_in_thread(partial(self._read, _name(system_id, ids)))
 
-    def _write(self, name: str, held: Held) -> None:
+    def _write(self, name: str, held: HeldItems) -> None:
         items = {part: [astuple(item) for item in held.items[part]] for part in PARTS}
         plan = None if held.plan is None else asdict(held.plan)
         content = {"format": FORMAT, "plan": plan, "at_unix_s": held.at_unix_s, "ids": held.ids}
         self._cache.write(name, json.dumps({**content, "items": items}).encode())
 
-    def _read(self, name: str) -> Held | None:
+    def _read(self, name: str) -> HeldItems | None:
         content = self._cache.read(name)
         if content is None:
             return None
@@ -66,7 +66,7 @@ def _name(system_id: int, ids: Ids) -> str:
     return "-".join(("plan", str(system_id), *(f"{ids[part]:08x}" for part in PARTS)))
 
 
-def _held(content: dict[str, Any], name: str) -> Held:
+def _held(content: dict[str, Any], name: str) -> HeldItems:
     ids: Ids = {part: content["ids"][part] for part in PARTS}
     plan, at_unix_s = content["plan"], float(content["at_unix_s"])
     values = [plan["id"], plan["version"], plan["name"]]
@@ -80,7 +80,7 @@ def _held(content: dict[str, Any], name: str) -> Held:
     items: dict[Part, tuple[WireItem, ...]] = {
         part: tuple(_item(each) for each in content["items"][part]) for part in PARTS
     }
-    return Held(items, ids, PlanName(*values), at_unix_s)
+    return HeldItems(items, ids, PlanReference(*values), at_unix_s)
 
 
 def _item(values: list[Any]) -> WireItem:

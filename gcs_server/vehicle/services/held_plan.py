@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from gcs_server.vehicle.services.mission_held import Held
+from gcs_server.vehicle.services.mission_held import HeldItems
 from missions.errors import PlanError
 from missions.formats import mavlink_items
 from missions.plan import Plan
 
 
-def plan_of(held: Held) -> tuple[Plan, list[str]]:
+def plan_of(held: HeldItems) -> tuple[Plan, list[str]]:
     """The downloaded items as a plan, with notes on content that the plan cannot represent."""
     notes: list[str] = []
     mission = mavlink_items.items_from_wire(held.items["mission"])

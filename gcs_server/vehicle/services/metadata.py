@@ -20,8 +20,8 @@ from gcs_server.mavlink.mailbox import Reply
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.event_definitions import Definitions
-from gcs_server.vehicle.foreign import Document
 from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged, FileEntry
+from gcs_server.vehicle.metadata_limits import Document
 from gcs_server.vehicle.metadata_process import DocumentReader
 from gcs_server.vehicle.param_metadata import MetadataByName
 from gcs_server.vehicle.services.ftp import FtpService
@@ -78,7 +78,7 @@ class MetadataService:
         self._parsed: dict[int, tuple[int, Document[Any, Any]]] = {}
         """By kind: (checksum, document)."""
 
-    def keep_in(self, cache: Cache) -> None:
+    def set_cache(self, cache: Cache) -> None:
         """Sets the cache."""
         self.cache = cache
 
@@ -169,21 +169,21 @@ class MetadataService:
     ) -> Result:
         """Reads a document from the cache, or fetches and caches it."""
         name, cache = self._cache_name(entry.crc), self.cache if entry.crc else None
-        kept: bytes | None = None
+        cached: bytes | None = None
         if cache is not None:
-            kept = await self.run_in_thread(functools.partial(cache.read, name))
+            cached = await self.run_in_thread(functools.partial(cache.read, name))
         for attempt in range(FETCH_TIMES + 1):
-            packed = kept if kept is not None else await self._fetch(entry.uri, most_bytes)
+            packed = cached if cached is not None else await self._fetch(entry.uri, most_bytes)
             try:
                 result = await read(packed, entry.crc)
             except Damaged as error:
-                if kept is None and attempt >= FETCH_TIMES - 1:
+                if cached is None and attempt >= FETCH_TIMES - 1:
                     raise self._unusable(what, error, "Try again on a better link.") from error
-                kept = None
+                cached = None
                 continue
             except (ValueError, RecursionError) as error:
                 raise self._unusable(what, error) from error
-            if cache is not None and kept is None:
+            if cache is not None and cached is None:
                 await self.run_in_thread(functools.partial(cache.write, name, packed))
             return result
         raise AssertionError("the loop returns or raises")
@@ -194,7 +194,7 @@ class MetadataService:
         if match is None or match[1] not in (None, str(component)):
             raise MetadataMissing(
                 f"Vehicle {self._vehicle.id} keeps its metadata at {uri!r}, not in its own files.",
-                remedy="Addresses on the internet are not followed.",
+                remedy="The server does not open internet addresses.",
             )
         return await self._ftp.read(match[2], max_bytes=most_bytes)
 

@@ -31,14 +31,14 @@ from gcs_server.vehicle.services.mission_dialogue import (
     Upload,
 )
 from gcs_server.vehicle.services.mission_held import (
-    Held,
+    HeldItems,
     Ids,
     Items,
-    PlanName,
+    PlanReference,
     Uploaded,
-    current_of,
     held_text,
     ids_of,
+    mission_of,
 )
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Request
@@ -68,21 +68,21 @@ class MissionService:
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._doing: str | None = None
-        self.held: Held | None = None
+        self.held: HeldItems | None = None
         """The vehicle's content after the last completed transfer."""
         self._cache: HeldCache | None = None
         self._sought: Ids | None = None
         """The ids that were last looked for in the cache."""
 
-    def keep_in(self, cache: HeldCache) -> None:
-        """Sets the cache that keeps known plans over a restart of the server."""
+    def set_cache(self, cache: HeldCache) -> None:
+        """Sets the cache, which stores known plans for the next start of the server."""
         self._cache = cache
 
-    async def set_known(self, held: Held) -> None:
-        """Sets the vehicle's content, and keeps it over a restart of the server."""
+    async def set_known(self, held: HeldItems) -> None:
+        """Sets the vehicle's content, and stores it for the next start of the server."""
         self.held = held
         if self._cache is not None:
-            await self._cache.keep(self._vehicle.identity.system_id, held)
+            await self._cache.store(self._vehicle.identity.system_id, held)
 
     def reported(self) -> None:
         """Called when the vehicle has reported its ids: after a restart of the server, finds its plan."""
@@ -116,7 +116,7 @@ class MissionService:
         return "plan" if ids == held.ids else "another"
 
     async def upload(
-        self, items: Items, plan: PlanName, *, progress: ReportProgress | None = None
+        self, items: Items, plan: PlanReference, *, progress: ReportProgress | None = None
     ) -> Uploaded:
         """Replaces mission, geofence and rally points, and reads them back.
 
@@ -149,19 +149,21 @@ class MissionService:
                     reasons=tuple(each.text() for each in essential),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
-            known = Held(held.items, held.ids, plan, held.at_unix_s)
+            known = HeldItems(held.items, held.ids, plan, held.at_unix_s)
             await self.set_known(known)
             return Uploaded(known, found)
 
-    async def download(self, *, progress: ReportProgress | None = None) -> Held:
+    async def download(self, *, progress: ReportProgress | None = None) -> HeldItems:
         """Reads mission, geofence and rally points."""
         with self._transfer("a download"):
             read = await self._read(_CombinedProgress(progress, 0), "Downloading")
-            known = self.held or await self._kept(read.ids)
+            known = self.held or await self._find_stored(read.ids)
             same = known is not None and not any(
                 differences(part, known.items[part], read.items[part]) for part in PARTS
             )
-            self.held = Held(read.items, read.ids, known.plan if known and same else None, read.at_unix_s)
+            self.held = HeldItems(
+                read.items, read.ids, known.plan if known and same else None, read.at_unix_s
+            )
             return self.held
 
     async def clear(self) -> None:
@@ -171,7 +173,7 @@ class MissionService:
                 await self._run_dialogue(Clear(self._target(), part), None)
             ids = await self._fresh_ids()
             empty: Items = {part: () for part in PARTS}
-            self.held = Held(empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s())
+            self.held = HeldItems(empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s())
             if ids is not None and any(ids.values()):
                 raise Rejected(
                     f"Vehicle {self._vehicle.id} acknowledged, but still has items.",
@@ -198,14 +200,14 @@ class MissionService:
                 remedy="Check that its mission has this item, and the link.",
             )
 
-    # --- the parts ------------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------------
 
     async def _restore(self) -> None:
-        found = await self._kept(self._sought)
+        found = await self._find_stored(self._sought)
         if found is not None and self.held is None and self._doing is None and self.ids() == found.ids:
             self.held = found
 
-    async def _kept(self, ids: Ids | None) -> Held | None:
+    async def _find_stored(self, ids: Ids | None) -> HeldItems | None:
         """The content that this vehicle had with these ids before a restart of the server."""
         if self._cache is None or ids is None or not any(ids.values()):
             return None
@@ -231,23 +233,23 @@ class MissionService:
             await self._run_dialogue(Clear(self._target(), part), None)
             return
         upload = Upload(self._target(), part, items)
-        await self._run_dialogue(upload, report.of(f"Sending the {NAME_OF[part]}"))
+        await self._run_dialogue(upload, report.for_dialogue(f"Sending the {NAME_OF[part]}"))
         report.add(len(items))
 
-    async def _read(self, report: _CombinedProgress, doing: str) -> Held:
+    async def _read(self, report: _CombinedProgress, doing: str) -> HeldItems:
         """Reads all three parts consistently: again, if the vehicle's ids changed meanwhile."""
         for _ in range(2):
             items: dict[Part, Sequence[WireItem]] = {}
             ids: Ids = {}
             for part in PARTS:
                 download = Download(self._target(), part)
-                await self._run_dialogue(download, report.of(f"{doing} the {NAME_OF[part]}"))
+                await self._run_dialogue(download, report.for_dialogue(f"{doing} the {NAME_OF[part]}"))
                 report.add(len(download.items))
                 items[part], ids[part] = tuple(download.items), download.opaque_id or 0
             after = await self._fresh_ids()
             reports_ids = any(ids.values()) or not any(items.values())
             if after is None or after == ids or not reports_ids:
-                return Held(items, after or ids, None, self._vehicle.clock.unix_s())
+                return HeldItems(items, after or ids, None, self._vehicle.clock.unix_s())
             report.restart()
         raise Rejected(
             f"The plan on vehicle {self._vehicle.id} changed twice while it was read.",
@@ -308,7 +310,7 @@ class MissionService:
                     async with asyncio.timeout(min(IDS_REQUEST_PERIOD_S, left_s)):
                         while not accepts(message := await waiter.next()):
                             pass
-                        return current_of(message)
+                        return mission_of(message)
                 except TimeoutError:
                     continue
         return None
@@ -342,7 +344,7 @@ class _CombinedProgress:
     """Combines the progress of several dialogues.
 
     Args:
-        total: number of items of all; 0: unknown, then each dialogue reports its own share.
+        total: number of items of all dialogues; 0: unknown, so each dialogue reports its own fraction.
     """
 
     def __init__(self, progress: ReportProgress | None, total: int) -> None:
@@ -350,7 +352,7 @@ class _CombinedProgress:
         self._total = total
         self._before = 0
 
-    def of(self, text: str) -> Callable[[Dialogue], None]:
+    def for_dialogue(self, text: str) -> Callable[[Dialogue], None]:
         """Progress function for one dialogue."""
 
         def report(dialogue: Dialogue) -> None:
@@ -374,5 +376,5 @@ class _CombinedProgress:
         self._before += count
 
     def restart(self) -> None:
-        """Resets the total."""
+        """Makes the total unknown, because all parts are read again."""
         self._total = 0

@@ -117,7 +117,7 @@ class Dialogue(ABC):
 
     @abstractmethod
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
-        """Messages to send after a message of the vehicle.
+        """Handles a message of the vehicle; returns the messages to send.
 
         Raises:
             Rejected: the vehicle refuses.
@@ -208,7 +208,7 @@ class Upload(Dialogue):
             self._take_busy(now_s)
         elif result == d.MAV_MISSION_ERROR and self._all_sent:
             self.done = True  # the item arrived twice, or it was refused: a download shows the result
-        elif result != d.MAV_MISSION_INVALID_SEQUENCE:  # then the vehicle requests the right item
+        elif result != d.MAV_MISSION_INVALID_SEQUENCE:  # after that one, the vehicle requests the right item
             raise self._refused(result)
 
     def _take_busy(self, now_s: float) -> None:

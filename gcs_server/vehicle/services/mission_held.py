@@ -18,8 +18,8 @@ Ids = dict[Part, int]
 
 
 @dataclass(frozen=True, slots=True)
-class PlanName:
-    """The plan of a transfer."""
+class PlanReference:
+    """Identifies the plan of a transfer."""
 
     id: str | None
     """Id of the stored plan; null: not stored on this server."""
@@ -28,12 +28,12 @@ class PlanName:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldItems:
     """Items on a vehicle at the end of a transfer."""
 
     items: Items
     ids: Ids
-    plan: PlanName | None
+    plan: PlanReference | None
     """The plan, if it was uploaded from here or compared equal; None: only downloaded."""
     at_unix_s: float
 
@@ -42,7 +42,7 @@ class Held:
 class Uploaded:
     """Result of an upload."""
 
-    held: Held
+    held: HeldItems
     not_kept: list[Difference] = field(default_factory=list[Difference])
     """Parameters that the vehicle does not store."""
 
@@ -52,8 +52,8 @@ def ids_of(mission: Mission) -> Ids:
     return {"mission": mission.mission_id, "fence": mission.fence_id, "rally": mission.rally_points_id}
 
 
-def current_of(message: Reply) -> Mission:
-    """From a MISSION_CURRENT, which does not contain `reached`."""
+def mission_of(message: Reply) -> Mission:
+    """The sample of a MISSION_CURRENT, which does not contain `reached`."""
     return Mission(
         message.seq,
         item_count(message.total),
@@ -68,9 +68,9 @@ def held_text(done: Sequence[Part], before: Ids | None, after: Ids | None) -> st
     """Sentences about the vehicle's items after a failed upload."""
     if after is None or before is None:
         if not done:
-            return "It is not known what is on the vehicle now: download it before you fly."
+            return "The items on the vehicle are not known now: download them before you fly."
         names = " and ".join(NAME_OF[part] for part in done)
-        return f"The {names} of the plan have arrived; the rest is not known: download it before you fly."
+        return f"The {names} of the plan have arrived. The rest is not known: download it before you fly."
     changed: list[Part] = [part for part in PARTS if before[part] != after[part]]
     if not changed:
         return "The vehicle still has its previous items."

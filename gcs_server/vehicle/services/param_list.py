@@ -89,7 +89,7 @@ class ParamReader:
                 identity = self._vehicle.identity
                 message = d.MAVLink_param_request_list_message(identity.system_id, identity.component_id)
                 self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
-                if not await self._take(waiter, table, FIRST_SILENCE_S, SILENCE_S):
+                if not await self._receive(waiter, table, FIRST_SILENCE_S, SILENCE_S):
                     return False
                 if table.count is not None:
                     break
@@ -97,30 +97,32 @@ class ParamReader:
                 raise NoReply(
                     f"Vehicle {self._vehicle.id} did not send its parameters.",
                     deadline_s=LIST_TIMES * FIRST_SILENCE_S,
-                    remedy="Check the link, then ask again.",
+                    remedy="Check the link, then read them again.",
                 )
             return await self._fill_gaps(waiter, table)
 
     async def _fill_gaps(self, waiter: Waiter, table: ParamTable) -> bool:
-        idle = 0
+        empty_rounds = 0
         while not table.complete:
-            if idle >= MAX_EMPTY_ROUNDS:
+            if empty_rounds >= MAX_EMPTY_ROUNDS:
                 raise NoReply(
                     f"Vehicle {self._vehicle.id} sent {table.filled} of {table.count} parameters, "
                     "then stopped sending.",
                     deadline_s=MAX_EMPTY_ROUNDS * GAP_TIMEOUT_S,
-                    remedy="Check the link, then ask again.",
+                    remedy="Check the link, then read them again.",
                 )
             before = table.filled
             wanted_indexes = table.missing(AT_ONCE)
             for index in wanted_indexes:
                 self._request(b"", index)
-            if not await self._take(waiter, table, GAP_TIMEOUT_S, GAP_TIMEOUT_S, frozenset(wanted_indexes)):
+            if not await self._receive(
+                waiter, table, GAP_TIMEOUT_S, GAP_TIMEOUT_S, frozenset(wanted_indexes)
+            ):
                 return False
-            idle = 0 if table.filled > before else idle + 1
+            empty_rounds = 0 if table.filled > before else empty_rounds + 1
         return True
 
-    async def _take(
+    async def _receive(
         self,
         waiter: Waiter,
         table: ParamTable,
@@ -128,11 +130,11 @@ class ParamReader:
         silence_s: float,
         wanted_indexes: frozenset[int] | None = None,
     ) -> bool:
-        """Receives values until none arrive or all wanted ones have; False if the list changed."""
+        """Receives values until none arrive, or all wanted ones have arrived; False if the list changed."""
         timeout_s = first_s
         taken = known_in_a_row = 0
-        left = set(wanted_indexes) if wanted_indexes is not None else None
-        while not table.complete and (left is None or left):
+        left_indexes = set(wanted_indexes) if wanted_indexes is not None else None
+        while not table.complete and (left_indexes is None or left_indexes):
             report = await self._next(waiter, timeout_s)
             if report is None:
                 return True
@@ -149,8 +151,8 @@ class ParamReader:
             taken += 1
             if taken % YIELD_AFTER_VALUES == 0:
                 await asyncio.sleep(0)
-            if left is not None:
-                left.discard(report.index)
+            if left_indexes is not None:
+                left_indexes.discard(report.index)
             timeout_s = silence_s
             self._progress()
         return True

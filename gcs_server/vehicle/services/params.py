@@ -89,13 +89,13 @@ class ParamService:
         self._metadata = metadata
         self._is_integer: dict[str, bool] = {}
         self._table = ParamTable()
-        self._facts: MetadataByName | None = None
+        self._metadata_by_name: MetadataByName | None = None
         self._reading = asyncio.Lock()
         self._state: ListState = "unknown"
         self._source: Literal["vehicle", "cache"] | None = None
         self._read_unix_s: float | None = None
         self._problem: str | None = None
-        self._facts_problem: str | None = None
+        self._metadata_problem: str | None = None
 
     @property
     def list(self) -> ParamList:
@@ -109,8 +109,8 @@ class ParamService:
             None if table.hash is None else f"{table.hash:08x}",
             self._read_unix_s,
             self._problem,
-            self._facts is not None,
-            self._facts_problem,
+            self._metadata_by_name is not None,
+            self._metadata_problem,
             table.left_out,
         )
 
@@ -122,9 +122,9 @@ class ParamService:
         """Newest known value of a parameter; None before it was read."""
         return self._table.get(name)
 
-    def facts(self, name: str) -> ParamMetadata | None:
+    def metadata_of(self, name: str) -> ParamMetadata | None:
         """Metadata of a parameter; None if it is missing."""
-        return None if self._facts is None else self._facts.get(name)
+        return None if self._metadata_by_name is None else self._metadata_by_name.get(name)
 
     async def refresh(
         self, *, ignore_cache: bool = False, progress: Callable[[ParamList], None] = lambda _: None
@@ -162,17 +162,17 @@ class ParamService:
 
     async def describe(self) -> None:
         """Fetches the metadata if needed; does not raise if it is missing."""
-        if self._facts is None:
+        if self._metadata_by_name is None:
             await self._fetch_metadata()
 
     async def _fetch_metadata(self) -> None:
         if self._metadata is None:
             return
         try:
-            self._facts = await self._metadata.parameters()
-            self._facts_problem = self._facts.left_out
+            self._metadata_by_name = await self._metadata.parameters()
+            self._metadata_problem = self._metadata_by_name.left_out
         except GcsError as error:
-            self._facts_problem = str(error)
+            self._metadata_problem = str(error)
 
     async def _read_all(self, ignore_cache: bool, progress: Callable[[], None]) -> None:
         reader = ParamReader(self._vehicle, progress)
@@ -194,9 +194,8 @@ class ParamService:
         after = await reader.hash() if before is not None else None
         if after is not None and self._table.complete:
             self._table.hash = after[0]
-            if (
-                before == after
-            ):  # otherwise a value has changed meanwhile, and the next reading requests the vehicle
+            # otherwise a value has changed meanwhile, and the next reading requests all values again
+            if before == after:
                 await self._write_cache()
 
     async def _from_cache(self, wanted_hash: int, count: int) -> ParamTable | None:
@@ -240,7 +239,7 @@ class ParamService:
         if self._state == "ready":
             self._state = "outdated"
 
-    # --- one at a time --------------------------------------------------------------------------------
+    # --- one parameter --------------------------------------------------------------------------------
 
     async def get(self, name: str) -> Param:
         """Reads one parameter.
@@ -277,9 +276,9 @@ class ParamService:
             raise InvalidRequest("value", f"{name} is a 32-bit integer; {value!r} is not.")
         if not is_integer and abs(value) > 3.4e38:
             raise InvalidRequest("value", f"{value!r} does not fit {name} (32-bit float).")
-        facts = self.facts(name)
-        if facts is not None and not force:
-            facts.check(value)
+        metadata = self.metadata_of(name)
+        if metadata is not None and not force:
+            metadata.check(value)
         wanted = int(value) if is_integer else _as_float32(value)
         identity = self._vehicle.identity
         request = d.MAVLink_param_set_message(
@@ -290,9 +289,8 @@ class ParamService:
             INT32 if is_integer else REAL32,
         )
         payload = encode_payload(request)
-        if (
-            is_integer
-        ):  # the value is sent as bits, because Python floats would change some patterns (signalling NaN)
+        # the value is sent as bits, because Python floats would change some patterns (signalling NaN)
+        if is_integer:
             payload = _int32.pack(int(value)) + payload[_int32.size :]
         # An answer to an earlier request may still arrive with the old value. Therefore it is a refusal only
         # if the new value is not reported by the deadline.
@@ -309,7 +307,7 @@ class ParamService:
                 raise
             raise Rejected(
                 f"Vehicle {self._vehicle.id} still has {name} = {reported[-1].value}, not {wanted}.",
-                remedy="It may be limited by another parameter; see the vehicle's messages.",
+                remedy="Another parameter may limit it; see the vehicle's messages.",
             ) from None
 
     async def _exchange(
@@ -362,7 +360,7 @@ class ParamService:
 
 
 def read_param(message: Reply) -> Param | None:
-    """From a PARAM_VALUE; None for an unknown type."""
+    """The parameter in a PARAM_VALUE; None for an unknown type."""
     report = read_report(bytes(message.get_payload() or b"").ljust(25, b"\0"))
     return None if report is None else report.param
 

@@ -19,7 +19,8 @@ RESEND_S = 0.2
 FORCE = 21196.0
 """MAV_CMD_COMPONENT_ARM_DISARM's magic number: also in flight."""
 ARMING_SETTLES_S = 1.0
-"""While an earlier arm command may still arrive: "disarmed" reported within this time does not count [s]."""
+"""An arm command that was sent before may still arrive. Therefore a report of "disarmed" within this
+time does not count [s]."""
 
 
 class StopMotors:
@@ -51,7 +52,7 @@ class StopMotors:
                 remedy=f"Wait until the vehicle reports that it is disarmed, at most {DEADLINE_S:g} s.",
             )
 
-    async def over(self) -> None:
+    async def wait(self) -> None:
         """Returns once no Stop motors command is pending."""
         while self.pending:
             await self._over.wait()

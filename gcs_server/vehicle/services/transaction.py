@@ -107,7 +107,7 @@ class Transaction:
         superseded: returns the newer command that replaced this one, or None.
         replaces_request: another request of the same MAV_CMD still waits, so the first refusal may
             belong to that one.
-        component_id: the component that is commanded and asked; None: the autopilot.
+        component_id: the component that gets the command and the requests; None: the autopilot.
     """
 
     def __init__(

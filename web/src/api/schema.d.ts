@@ -6180,7 +6180,7 @@ export interface components {
         };
         /**
          * HeldPlanName
-         * @description The plan of a transfer.
+         * @description Identifies the plan of a transfer.
          */
         readonly HeldPlanName: {
             /**
@@ -6565,8 +6565,8 @@ export interface components {
             readonly vehicle_type: number;
             /**
              * Uid
-             * @description Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if there is
-             *     none.
+             * @description Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if the
+             *     vehicle has none.
              */
             readonly uid: string | null;
             /**

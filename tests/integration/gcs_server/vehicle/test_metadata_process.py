@@ -74,7 +74,7 @@ def test_the_documents_of_all_vehicles_take_limited_memory(monkeypatch):
         return await reader.read(PARAMETERS, parameters(), 0)
 
     held = [asyncio.run(read())]
-    with pytest.raises(ValueError, match="metadata of vehicles"):
+    with pytest.raises(ValueError, match="metadata of all vehicles"):
         asyncio.run(read())
     held.clear()
     assert list(asyncio.run(read())) == ["GOOD"]

@@ -50,7 +50,7 @@ class Vehicle:
     def require_no_kill(self, what):
         pass
 
-    async def kill_over(self):
+    async def wait_for_kill(self):
         pass
 
     async def set_mode(self, name):

@@ -59,14 +59,14 @@ async def wait_until_stopped(
     clock = vehicle.clock
     began_s = stopped_since_s = clock.monotonic_s()
     before: tuple[float, float | None] | None = None
-    ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_IDS[0]), 0, 0, 0, 0, 0, 0)).message(
+    attitude_request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_IDS[0]), 0, 0, 0, 0, 0, 0)).message(
         vehicle.identity.system_id, component_id, 0, False
     )
     next_request_s = began_s
     with vehicle.mailbox.expect(*ATTITUDE_IDS) as waiter:
         while (now_s := clock.monotonic_s()) < began_s + MAX_DURATION_S:
             if now_s >= next_request_s:
-                vehicle.send(ask)
+                vehicle.send(attitude_request)
                 next_request_s = now_s + REQUEST_PERIOD_S
             try:
                 async with asyncio.timeout(max(0.0, next_request_s - now_s)):
@@ -75,16 +75,16 @@ async def wait_until_stopped(
                 continue
             except Disconnected:
                 return None
-            at = _angles(read(), yaw_lock)
-            if at is None:
+            angles_now = _angles(read(), yaw_lock)
+            if angles_now is None:
                 continue
-            if not _differ(at, (pitch_deg, yaw_deg), REACHED_DEG):
+            if not _differ(angles_now, (pitch_deg, yaw_deg), REACHED_DEG):
                 return None
             now_s = clock.monotonic_s()
-            if before is None or _differ(at, before, MOVES_DEG):
-                before, stopped_since_s = at, now_s
+            if before is None or _differ(angles_now, before, MOVES_DEG):
+                before, stopped_since_s = angles_now, now_s
             elif now_s - stopped_since_s >= STOPPED_AFTER_S and now_s - began_s >= START_TIMEOUT_S:
-                return _limited(at, pitch_deg, yaw_deg)
+                return _limited(angles_now, pitch_deg, yaw_deg)
     return None
 
 
@@ -104,8 +104,8 @@ def _yaw_difference_deg(a: float | None, b: float | None) -> float:
     return 0.0 if a is None or b is None else abs(math.degrees(wrap_pi(math.radians(a - b))))
 
 
-def _limited(at: tuple[float, float | None], pitch_deg: float, yaw_deg: float) -> GimbalLimited:
-    pitch, yaw = round(at[0], 1), None if at[1] is None else round(at[1], 1)
+def _limited(angles_now: tuple[float, float | None], pitch_deg: float, yaw_deg: float) -> GimbalLimited:
+    pitch, yaw = round(angles_now[0], 1), None if angles_now[1] is None else round(angles_now[1], 1)
     axes: list[str] = []
     if abs(pitch - pitch_deg) > REACHED_DEG:
         axes.append(f"pitch {pitch:g}° instead of {pitch_deg:g}°")
