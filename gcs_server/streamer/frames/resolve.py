@@ -31,7 +31,7 @@ LEADER_FRESH_S = 1.0
 RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
 """Kinds that this module converts into a kind that can be sent."""
 LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
-"""Kinds that this module converts to the local frame for links that carry no other."""
+"""Kinds that this module converts to the local frame, for links that carry only that frame (ROS 2)."""
 
 
 class ResolvedSetpoint:
@@ -63,7 +63,7 @@ class ResolvedSetpoint:
         """The player of an offboard mission's path; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
         self._local: DirectSetpoint | None = None
-        """`_fixed` in the local frame, for links that carry no other."""
+        """`_fixed` in the local frame, for links that carry only that frame."""
         if isinstance(setpoint, Script):
             self.player = Player(setpoint, now_s)
         elif isinstance(setpoint, Path):
@@ -71,8 +71,8 @@ class ResolvedSetpoint:
         elif isinstance(setpoint, Follow):
             self._follow = setpoint
         else:
-            self._fixed = _fixed(setpoint, now_s, snapshot, yaw_kept_rad)
-            if snapshot.local_only and _local(self._fixed, snapshot) is None:
+            self._fixed = _fixed_setpoint(setpoint, now_s, snapshot, yaw_kept_rad)
+            if snapshot.local_only and _to_local(self._fixed, snapshot) is None:
                 raise ValueError(f"{setpoint.type} needs a fresh estimate to be sent in the local frame")
 
     @property
@@ -107,7 +107,7 @@ class ResolvedSetpoint:
         if self._follow is not None:
             return _with_offset(self._follow, now_s, snapshot, self._yaw_kept_rad)
         if snapshot.local_only and self._fixed is not None:
-            self._local = _local(self._fixed, snapshot) or self._local
+            self._local = _to_local(self._fixed, snapshot) or self._local
             return self._local
         return self._fixed
 
@@ -135,7 +135,7 @@ def keeps_heading(setpoint: Setpoint | Script) -> bool:
     return setpoint.yaw_ned_rad is None and setpoint.yaw_rate_ned_rad_s is None  # type: ignore[union-attr]
 
 
-def _fixed(
+def _fixed_setpoint(
     setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint:
     if isinstance(setpoint, PositionBody):
@@ -156,7 +156,7 @@ def _fixed(
     return setpoint
 
 
-def _local(setpoint: DirectSetpoint, snapshot: Snapshot) -> DirectSetpoint | None:
+def _to_local(setpoint: DirectSetpoint, snapshot: Snapshot) -> DirectSetpoint | None:
     """A setpoint in the local frame; None if the vehicle's heading or the frame's origin is not known."""
     if isinstance(setpoint, VelocityBody):
         yaw = snapshot.yaw_ned_rad

@@ -10,15 +10,21 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.member import Member
-from gcs_server.streamer.groups.plan import MAX_PLAN_S, Conflict, PlannedMember, first_conflict, too_near_now
+from gcs_server.streamer.groups.prediction import (
+    MAX_PREDICTION_S,
+    Conflict,
+    PredictedMember,
+    first_conflict,
+    too_near_now,
+)
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
 MIN_LEAD_S, MAX_LEAD_S = 3.0, 300.0
-"""Minimum time from the request to the requested start [s], because pre-streaming and the switch to Offboard
-come first.
+"""Minimum and maximum time from the request to the requested start [s]. Pre-streaming and the switch to
+Offboard need the minimum.
 """
 SEPARATION_REMEDY = (
     "Move their targets farther apart, fly them one after the other, or lower minimum_separation_m."
@@ -162,12 +168,12 @@ class GroupChecks:
             too_near_now(self._planned(now_s, members, requests, held), now_s, minimum_m), minimum_m
         )
 
-    async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
+    async def _in_pieces(self, search: Generator[None, None, Conflict | None]) -> Conflict | None:
         """Computes a prediction piece by piece; the event loop does other work after each piece."""
         while True:
             async with self._computing:
                 try:
-                    next(plan)
+                    next(search)
                 except StopIteration as done:
                     return done.value
                 await asyncio.sleep(0)
@@ -179,8 +185,8 @@ class GroupChecks:
         requests: Mapping[str, StreamRequest],
         held: Container[str],
         duration_s: float | None = None,
-    ) -> list[PlannedMember]:
-        planned: list[PlannedMember] = []
+    ) -> list[PredictedMember]:
+        planned: list[PredictedMember] = []
         for vehicle_id, member in members.items():
             request, elapsed_s = requests.get(vehicle_id), 0.0
             setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
@@ -202,15 +208,15 @@ class GroupChecks:
                     requested = request.setpoint  # offsets were resolved when the request was accepted
                     setpoint = state.sent if isinstance(requested, PositionBody | Script) else requested
             expires_s = duration_s if duration_s is not None or request is None else request.duration_s
-            planned.append(PlannedMember(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
+            planned.append(PredictedMember(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned
 
     def requests(self, request: GroupRequest, setpoints: Mapping[str, Setpoint]) -> dict[str, StreamRequest]:
         """The requests of all members, whose setpoints expire at the same time."""
         longest_s = max((_duration_s(s) for s in request.setpoints.values()), default=0.0)
-        if longest_s > MAX_PLAN_S:
+        if longest_s > MAX_PREDICTION_S:
             raise InvalidRequest(
-                "members", f"A path of a group may last {MAX_PLAN_S:g} s at most, not {longest_s:g} s."
+                "members", f"A path of a group may last {MAX_PREDICTION_S:g} s at most, not {longest_s:g} s."
             )
         return {
             vehicle_id: StreamRequest(
@@ -224,10 +230,15 @@ class GroupChecks:
             for vehicle_id, setpoint in setpoints.items()
         }
 
-    def remaining_path_s(self, flown: Mapping[str, Setpoint], changed: Mapping[str, Setpoint]) -> float:
-        """Time until the last path ends."""
+    def remaining_path_s(self, current: Mapping[str, Setpoint], changed: Mapping[str, Setpoint]) -> float:
+        """Time until the last path ends [s].
+
+        Args:
+            current: the current setpoints of all members.
+            changed: the new setpoints that replace some of them.
+        """
         remaining_path_s = [_duration_s(setpoint) for setpoint in changed.values()]
-        for vehicle_id, setpoint in flown.items():
+        for vehicle_id, setpoint in current.items():
             if vehicle_id not in changed:
                 age_s = self._streams.state(vehicle_id).age_s
                 remaining_path_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))

@@ -202,7 +202,7 @@ class Groups:
                 group.state = "flying"
 
     def disable_guard(self) -> None:
-        """Called at shutdown before all streams are stopped, so that the guards do not report their ends."""
+        """Called at shutdown before all streams stop, so that the guards do not report the stops."""
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
                 group.ending = "The server was shut down."
@@ -244,18 +244,18 @@ class Groups:
                 request.client_key,
                 "group",
             )
-            group.numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
+            group.stream_numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
 
         async def join(vehicle_id: str, member: Member) -> None:
             try:
                 await member.start(standby[vehicle_id], group.request.rate_hz)
             except GcsError as error:
-                group.numbers.pop(vehicle_id)  # the stream has ended, or is in the phase `undoing`
+                group.stream_numbers.pop(vehicle_id)  # the stream has ended, or is in the phase `undoing`
                 first = not failed
                 if first or not isinstance(error, Refused):  # Refused: stopped after the first failure
                     failed[vehicle_id] = error
                 if first:
-                    await self._hold(group, list(group.numbers))
+                    await self._hold(group, list(group.stream_numbers))
 
         async with asyncio.TaskGroup() as tasks:
             for vehicle_id, member in group.members.items():
@@ -297,7 +297,7 @@ class Groups:
         )
 
     async def _abort_start(self, group: Group, why: str) -> None:
-        failed = await self._hold(group, list(group.numbers))
+        failed = await self._hold(group, list(group.stream_numbers))
         for vehicle_id, error in failed.items():
             why += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
         self._end(group, why)

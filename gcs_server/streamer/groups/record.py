@@ -31,7 +31,7 @@ class Group:
     """State of the guard as last read; None before all members have confirmed."""
     start_unix_s: float | None = None
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
-    numbers: dict[str, int] = field(default_factory=dict[str, int])
+    stream_numbers: dict[str, int] = field(default_factory=dict[str, int])
     """Numbers of this group's streams, because a member that left may later have a stream of its own."""
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while new setpoints are checked and applied."""
@@ -42,7 +42,7 @@ class Group:
 
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
         """Phase of the group's stream to a member; idle if another stream flies the vehicle."""
-        return stream.phase if stream.number == self.numbers.get(vehicle_id) else "idle"
+        return stream.phase if stream.number == self.stream_numbers.get(vehicle_id) else "idle"
 
     def require_gathered(self, streams: Mapping[str, StreamState]) -> None:
         """Raises NotTogether if a member that had confirmed has left before the start.

@@ -39,7 +39,8 @@ class GroupFinding:
     unix_s: float
     """Time of the finding [s since 1970 UTC]."""
     code: str
-    """separation, place_unknown, left (a member no longer follows its setpoints), late, fault."""
+    """separation, place_unknown, left (a member no longer follows its setpoints), late (the common start was
+    missed), fault (the guard failed)."""
     vehicles: tuple[str, ...]
     """Vehicles concerned."""
     held: tuple[str, ...]

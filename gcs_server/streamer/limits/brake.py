@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from gcs_server.streamer.limits.braking import (
     BACK_PER_S,
     BRAKE_DELAY_S,
-    BRAKE_HEIGHT_DELAY_S,
-    BRAKE_HEIGHT_M_S2,
     BRAKE_M_S2,
+    BRAKE_VERTICAL_DELAY_S,
+    BRAKE_VERTICAL_M_S2,
     GUARD_DELAY_S,
     GUARD_M_S2,
-    MARGIN_HEIGHT_M,
     MARGIN_M,
+    MARGIN_VERTICAL_M,
     braking_speed,
 )
 from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, fresh
@@ -43,9 +43,9 @@ SCAN_VALID_S = 2.0
 SAME_ALTITUDE_M = 1.0
 """A measurement is dropped if the vehicle's altitude has changed by more than this since then [m]."""
 MAX_SCANS = 100
-WIDTH_M, NARROWEST_M = 0.8, 0.35
-"""Distance from the line of flight within which an obstacle blocks it [m]; smaller if an obstacle is already
-nearer."""
+HALF_WIDTH_M, MIN_HALF_WIDTH_M = 0.8, 0.35
+"""An obstacle nearer than HALF_WIDTH_M to the line of flight blocks it [m]. If an obstacle is already nearer
+to the vehicle, the half width is smaller, down to MIN_HALF_WIDTH_M."""
 BACK_M_S = 0.5
 """Largest speed at which the vehicle is moved back."""
 GUARD_MARGIN_M = 0.3
@@ -57,7 +57,7 @@ SLOW_M_S = 0.5
 
 Points = NDArray[np.float64]
 """(N, 2), north and east [m]."""
-NOTHING: Points = np.empty((0, 2))
+NO_POINTS: Points = np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class BrakeMemory:
         if position_ned_m is None:
             self._kept.clear()
             moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.measured_s) for scan in newest]
-            return Surroundings(np.vstack([NOTHING, *moved]), newest, velocity_ned_m_s)
+            return Surroundings(np.vstack([NO_POINTS, *moved]), newest, velocity_ned_m_s)
         position = np.array(position_ned_m[:2])
         for scan in newest:
             if all(scan != kept for kept, _, _ in self._kept):
@@ -99,7 +99,7 @@ class BrakeMemory:
         while self._kept and now_s - self._kept[0][0].measured_s > SCAN_VALID_S:
             self._kept.popleft()
         points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_ALTITUDE_M]
-        around_m = np.vstack([NOTHING, *points]) - position
+        around_m = np.vstack([NO_POINTS, *points]) - position
         return Surroundings(around_m, newest, velocity_ned_m_s, self.track_ne)
 
 
@@ -110,7 +110,7 @@ def _level(scan: Scan) -> Points:
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
         if far_m is not None and abs(d) <= LEVEL_MAX_SINE
     ]
-    return np.array(points) if points else NOTHING
+    return np.array(points) if points else NO_POINTS
 
 
 def _shift(velocity_ned_m_s: Vector3, age_s: float) -> Points:
@@ -133,7 +133,7 @@ class ObstacleBrake:
         """Point of the track on which the braked position is, next to the vehicle; None: none is braked."""
         self._last_track = None if surroundings is None else surroundings.track_ne
         self._scans = () if surroundings is None else surroundings.scans
-        self._points = NOTHING if surroundings is None else surroundings.points_ne_m
+        self._points = NO_POINTS if surroundings is None else surroundings.points_ne_m
         self._velocity = (0.0, 0.0, 0.0) if surroundings is None else surroundings.velocity_ned_m_s
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
@@ -200,7 +200,7 @@ class ObstacleBrake:
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
         above_m = self._above_m() if velocity_down_m_s < 0.0 and self._scans else math.inf
-        most = braking_speed(above_m - MARGIN_HEIGHT_M, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
+        most = braking_speed(above_m - MARGIN_VERTICAL_M, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
         if -velocity_down_m_s <= most:
             return velocity_down_m_s
         self._note("climb reduced to stop below an obstacle")
@@ -210,7 +210,7 @@ class ObstacleBrake:
         """Moves the target below an obstacle above the vehicle."""
         if position is None or down_m >= position[2] or not self._scans:
             return down_m
-        highest = position[2] - max(0.0, self._above_m() - MARGIN_HEIGHT_M)
+        highest = position[2] - max(0.0, self._above_m() - MARGIN_VERTICAL_M)
         if down_m >= highest:
             return down_m
         self._note("altitude limited to stay below an obstacle")
@@ -290,10 +290,10 @@ class ObstacleBrake:
         obstacle_m = math.inf
         if len(self._points):
             north, east = self._points[:, 0], self._points[:, 1]
-            width_m = max(NARROWEST_M, min(WIDTH_M, float(np.hypot(north, east).min()) - 0.1))
+            half_width_m = max(MIN_HALF_WIDTH_M, min(HALF_WIDTH_M, float(np.hypot(north, east).min()) - 0.1))
             north, east = north - start_ne[0], east - start_ne[1]
             along = north * un + east * ue
-            ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < width_m)]
+            ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < half_width_m)]
             obstacle_m = float(ahead.min()) if len(ahead) else math.inf
         range_m = self._range_m(un, ue) if within_range else math.inf
         if obstacle_m <= range_m:

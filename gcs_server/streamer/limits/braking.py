@@ -10,7 +10,7 @@ BRAKE_M_S2, BRAKE_DELAY_S = 1.2, 0.8
 """PX4's deceleration when a velocity setpoint decreases, less than the possible 5 m/s². PX4's integrator
 compensates drag and still moves the vehicle at about 0.5 m/s for seconds after the setpoint has become zero.
 """
-BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S = 1.0, 0.6
+BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S = 1.0, 0.6
 GUARD_M_S2, GUARD_DELAY_S = 2.0, 0.8
 """Deceleration after the stream has replaced attitude or rate setpoints by position setpoints; the delay
 includes PX4's change of controllers."""
@@ -19,4 +19,4 @@ BACK_PER_S, MAX_BACK_M_S = 1.0, 1.0
 speed."""
 MARGIN_M = 1.0
 """Distance from the edge at which the vehicle is stopped."""
-MARGIN_HEIGHT_M = 0.5
+MARGIN_VERTICAL_M = 0.5

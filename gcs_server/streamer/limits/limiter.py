@@ -286,7 +286,7 @@ class _Limiter:
         if self._motion is None:
             return down_m, velocity_down_m_s
         offset = down_m - self._motion.position_ned_m[2]
-        commanded_m_s = self._bounds.height_gain * offset + (velocity_down_m_s or 0.0)
+        commanded_m_s = self._bounds.vertical_gain * offset + (velocity_down_m_s or 0.0)
         most = self._bounds.approach_descent_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
         if abs(commanded_m_s) <= most:
             return down_m, velocity_down_m_s

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from gcs_server.streamer.limits.braking import (
     BACK_PER_S,
     BRAKE_DELAY_S,
-    BRAKE_HEIGHT_DELAY_S,
-    BRAKE_HEIGHT_M_S2,
     BRAKE_M_S2,
+    BRAKE_VERTICAL_DELAY_S,
+    BRAKE_VERTICAL_M_S2,
     GUARD_DELAY_S,
     GUARD_M_S2,
-    MARGIN_HEIGHT_M,
     MARGIN_M,
+    MARGIN_VERTICAL_M,
     MAX_BACK_M_S,
     braking_speed,
 )
@@ -135,10 +135,10 @@ class RegionLimiter:
             )
             return 0.0
         down_m = self._motion.position_ned_m[2]
-        left_down_m = region.down_max_m - down_m - MARGIN_HEIGHT_M
-        left_up_m = down_m - region.down_min_m - MARGIN_HEIGHT_M
-        most_down = _height_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
-        most_up = _height_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
+        left_down_m = region.down_max_m - down_m - MARGIN_VERTICAL_M
+        left_up_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
+        most_down = _max_vertical_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
+        most_up = _max_vertical_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
         kept = max(min(velocity_down_m_s, most_down), -most_up)
         if kept != velocity_down_m_s:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
@@ -181,9 +181,9 @@ class RegionLimiter:
         return speed > braking_speed(to_edge_m, GUARD_M_S2, GUARD_DELAY_S)
 
 
-def _height_speed(left_m: float, max_back_m_s: float) -> float:
+def _max_vertical_speed(left_m: float, max_back_m_s: float) -> float:
     """Largest speed towards an altitude limit from which the vehicle stops in time; negative: away from the
     limit."""
     if left_m >= 0.0:
-        return braking_speed(left_m, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
+        return braking_speed(left_m, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
     return max(BACK_PER_S * left_m, -MAX_BACK_M_S, -max_back_m_s)

@@ -30,6 +30,7 @@ REJECTED_AFTER_S: Final = 0.7
 """Time to wait after PX4 has rejected a command: up to 0.5 s later it reports that the executor is no
 longer in charge."""
 PX4_MODES: Final = ("takeoff", "land")
+"""Modes of PX4 itself that the executor selects."""
 IF_SILENT_IN_PX4_MODE: Final = (
     "PX4 removes the mission's mode, completes its take-off or landing by itself, and holds after a take-off."
 )
@@ -108,14 +109,14 @@ class MissionExecutor:
     ) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
-        self._require_charge(what)
+        self._require_in_charge(what)
         vehicle.command.record_executor_request(what, mode, by)
         number = next(_numbers)
         self._streams.execute_command(vehicle.id, self._mode, ExecutorCommand(number, command, params))
         until_s = self._clock.monotonic_s() + DEADLINE_S
         rejected = False
         while vehicle.status.mode != mode:
-            self._require_charge(what)
+            self._require_in_charge(what)
             now_s, state = self._clock.monotonic_s(), self.state
             if state is not None and state.command == number and state.outcome == "rejected" and not rejected:
                 rejected, until_s = True, now_s + REJECTED_AFTER_S
@@ -126,7 +127,7 @@ class MissionExecutor:
                 raise NoReply(text.format("did not execute"), deadline_s=DEADLINE_S)
             await self._clock.sleep(POLL_S)
 
-    def _require_charge(self, what: str) -> None:
+    def _require_in_charge(self, what: str) -> None:
         if not self.in_charge:
             raise Refused(
                 f"PX4 does not accept {what!r} of the mission's mode, because its executor is not in charge.",

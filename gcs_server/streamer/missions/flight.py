@@ -46,6 +46,7 @@ RENEWAL_TIMEOUT_S = 3.0
 """Time without an update of the mission after which the stream holds the position, then switches to PX4's
 Hold mode [s]."""
 HOLD_FOR_S = 5.0
+"""Time for which the stream holds the position before it requests Hold mode [s]."""
 RATE_HZ = 50.0
 MAX_PICTURES_WAITING = 5
 WARNING, NOTICE = 4, 5

@@ -66,7 +66,7 @@ class _ModeEntry:
 
 
 @dataclass(slots=True)
-class _Vehicle:
+class _VehicleModes:
     modes: dict[str, _ModeEntry] = field(default_factory=dict[str, _ModeEntry])
     last_mode: tuple[str, float] | None = None
     """Last read mode of the armed vehicle, and when it was entered [s since 1970]: a mode may be left and
@@ -102,7 +102,7 @@ class MissionModes:
         self._missions, self._supervisor = missions, supervisor
         self._prepare = prepare
         self._preparer = Preparer(clock, supervisor, streams, prepare, conditions)
-        self._vehicles: dict[str, _Vehicle] = {}
+        self._vehicles: dict[str, _VehicleModes] = {}
 
     def start(self) -> None:
         """Starts the periodic update."""
@@ -145,7 +145,7 @@ class MissionModes:
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
             ) from None
         entry = _ModeEntry(mode, preparation=Preparation(start, conditions) if mode.takes_off else None)
-        self._vehicles.setdefault(vehicle_id, _Vehicle()).modes[mode.name] = entry
+        self._vehicles.setdefault(vehicle_id, _VehicleModes()).modes[mode.name] = entry
         until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
         while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
             if self._clock.monotonic_s() >= until_s:
@@ -178,7 +178,8 @@ class MissionModes:
         flies = vehicle.status.mode == mode or (flight is not None and flight.runner.in_charge)
         if mode is not None and vehicle.status.armed and flies:
             raise Refused(
-                f"Vehicle {vehicle_id} flies in the mode {name!r}; without it, it would return at once.",
+                f"Vehicle {vehicle_id} flies in the mode {name!r}; without this mode, PX4 would return (RTL) "
+                "at once.",
                 remedy="Command Hold or another mode first.",
             )
         self._drop(vehicle_id, name)
@@ -199,7 +200,7 @@ class MissionModes:
             vehicle = self._vehicle(vehicle_id)
             vehicle.isolation.run("its mission modes", self._update_vehicle, vehicle, known)
 
-    def _update_vehicle(self, vehicle: Vehicle, known: _Vehicle) -> None:
+    def _update_vehicle(self, vehicle: Vehicle, known: _VehicleModes) -> None:
         by_mode: dict[str, _ModeEntry] = {}
         for name, each in known.modes.items():
             registration = self._registration(vehicle.id, name)
@@ -218,7 +219,7 @@ class MissionModes:
             return
         if not status.armed:
             prepared = [(each.mode, each.preparation) for each in by_mode.values()]
-            self._preparer.keep(vehicle, [(mode, kept) for mode, kept in prepared if kept is not None])
+            self._preparer.update(vehicle, [(mode, kept) for mode, kept in prepared if kept is not None])
         since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
         before, known.last_mode = known.last_mode, (status.mode, since_s) if status.armed else None
         if before is not None and not status.armed:
@@ -230,7 +231,7 @@ class MissionModes:
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
 
     def _hold_after_disarming(
-        self, vehicle: Vehicle, known: _Vehicle, by_mode: Mapping[str, _ModeEntry]
+        self, vehicle: Vehicle, known: _VehicleModes, by_mode: Mapping[str, _ModeEntry]
     ) -> None:
         """Selects Hold if PX4 has gone back to a mode with an executor, or to the take-off of its mission,
         after disarming. In these modes the next arming would start the mission, or a take-off."""
@@ -289,31 +290,35 @@ class MissionModes:
             text = f"PX4 no longer defers a failsafe for the mode {name!r}."
             add_event(vehicle, self._clock, name, "failsafe_not_deferred", text, NOTICE)
 
-    async def _begin(self, vehicle: Vehicle, mode: str, mode_entry: _ModeEntry) -> None:
+    async def _begin(self, vehicle: Vehicle, mode: str, entry: _ModeEntry) -> None:
         """Starts or resumes the mission; if that is not possible, the vehicle holds."""
-        entry = mode_entry.mode
-        by = f"The mode {entry.name!r}"
+        mission_mode = entry.mode
+        by = f"The mode {mission_mode.name!r}"
         try:
             on_ground = vehicle.status.landed_state == "on_ground"
-            if on_ground and not entry.takes_off:
-                raise Refused("It begins in the air.", remedy="Take off first, then select it.")
+            if on_ground and not mission_mode.takes_off:
+                raise Refused(
+                    "The mission begins in the air.", remedy="Take off first, then select the mode."
+                )
             flight = self._missions.flown_in(vehicle.id, mode)
             if flight is not None and flight.runner.in_charge:
                 return
-            if entry.takes_off:
-                await self._wait_for_charge(vehicle.id, entry.name)
+            if mission_mode.takes_off:
+                await self._wait_until_in_charge(vehicle.id, mission_mode.name)
             if flight is not None and on_ground:
                 flight.abort(by, "hold")  # without a command, because the mission is suspended
                 flight = None
             if flight is not None:
                 flight.resume(by)
                 return
-            start = await self._start_of(vehicle, mode_entry)
+            start = await self._start_of(vehicle, entry)
             if vehicle.status.mode == mode and vehicle.status.armed:
                 self._missions.begin(vehicle.id, replace(start, mode=mode))
         except GcsError as error:
-            text = f"The mission of the mode {entry.name!r} cannot be flown: {with_remedy(error)}"
-            add_event(vehicle, self._clock, entry.name, "not_started", f"{text} The vehicle holds.", WARNING)
+            text = f"The mission of the mode {mission_mode.name!r} cannot be flown: {with_remedy(error)}"
+            add_event(
+                vehicle, self._clock, mission_mode.name, "not_started", f"{text} The vehicle holds.", WARNING
+            )
             if vehicle.status.mode == mode:
                 self._streams.complete_mode(vehicle.id, mode, False)
                 await vehicle.command.hold(by=by)
@@ -332,12 +337,14 @@ class MissionModes:
             await self._streamer.offboard(vehicle.id).avoidance.wait_for_sensor()
         return start
 
-    async def _wait_for_charge(self, vehicle_id: str, name: str) -> None:
+    async def _wait_until_in_charge(self, vehicle_id: str, name: str) -> None:
         """Returns once PX4 reports that the mode's executor is in charge; raises Refused if it does not."""
         until_s = self._clock.monotonic_s() + IN_CHARGE_TIMEOUT_S
         while (executor := self._registration(vehicle_id, name).executor) is None or not executor.in_charge:
             if self._clock.monotonic_s() >= until_s:
-                raise Refused("PX4 did not put its executor in charge.", remedy="Select the mode again.")
+                raise Refused(
+                    "PX4 did not put the mode's executor in charge.", remedy="Select the mode again."
+                )
             await self._clock.sleep(CHECK_PERIOD_S / 2)
 
     # --- inside -----------------------------------------------------------------------------------

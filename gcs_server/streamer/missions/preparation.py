@@ -20,8 +20,8 @@ COMPILE_AFTER: Final = (0.3, math.radians(5))
 READY_WITHIN: Final = (1.0, math.radians(20))
 """Change of position [m] and of yaw [rad] up to which the compiled mission can begin. It is larger, so that
 the drift of the estimate on the ground does not interrupt readiness."""
-EVERY_S: Final = 1.0
-"""Time between two compilations of a mission."""
+MIN_INTERVAL_S: Final = 1.0
+"""Minimum time between two compilations of a mission [s]."""
 RETRY_S: Final = 5.0
 """Time after which a failed compilation is repeated."""
 COMPILING: Final = "The mission is being compiled for the vehicle's present position and settings."
@@ -88,7 +88,7 @@ class Preparation:
     def succeeded(self, start: Start, conditions: Conditions | None, now_s: float) -> None:
         """The mission was compiled for these conditions."""
         self._start, self._conditions, self.problem = start, conditions, ""
-        self._compiling, self._next_s = False, now_s + EVERY_S
+        self._compiling, self._next_s = False, now_s + MIN_INTERVAL_S
 
     def failed(self, problem: str, now_s: float) -> None:
         """The mission cannot be flown from the vehicle's present position, or was not compiled."""

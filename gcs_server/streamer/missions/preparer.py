@@ -1,4 +1,4 @@
-"""Keeps the missions that begin when the vehicle is armed compiled while it is disarmed."""
+"""Compiles missions that begin when the vehicle is armed, while the vehicle is still disarmed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Preparer:
         self._clock, self._supervisor, self._streams = clock, supervisor, streams
         self._prepare, self.conditions = prepare, conditions
 
-    def keep(self, vehicle: Vehicle, missions: Iterable[tuple[MissionAsMode, Preparation]]) -> None:
+    def update(self, vehicle: Vehicle, missions: Iterable[tuple[MissionAsMode, Preparation]]) -> None:
         """Called periodically while the vehicle is disarmed: compiles the missions that are not compiled for
         its present position and settings."""
         missions = list(missions)

@@ -32,7 +32,8 @@ def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
 
 
 def distance_m(vehicle: Vehicle) -> float | None:
-    """Distance measured by the downward sensor, or else the shortest distance. None: nothing is in range."""
+    """Distance measured by the downward sensor; without one, the shortest distance of all sensors. None:
+    nothing is in range."""
     sample = vehicle.topic("distance_sensors")
     if sample is None or not isinstance(sample.value, DistanceSensors):
         return None

@@ -27,8 +27,9 @@ class OffboardMissionStatus:
     `…/offboard_mission`."""
 
     state: MissionState
-    """waiting: for the operator or a condition; paused: in Offboard, on its path; suspended: the mission does
-    not control the vehicle, and the operator can resume it; done, aborted, stopped: the mission has ended."""
+    """waiting: for the operator or a condition; paused: the vehicle holds in Offboard, on the mission's path;
+    suspended: the mission does not control the vehicle, and the operator can resume it; done, aborted,
+    stopped: the mission has ended."""
     name: str
     plan_id: str | None
     """Id of the stored plan; None: the mission was sent with the start."""

@@ -32,7 +32,7 @@ class OffboardConfiguration:
         self._clock = clock
         self._vehicle = vehicle
         self._estimates = estimates
-        self._read: dict[str, float] = {}
+        self._read_values: dict[str, float] = {}
         """Values of the parameters that were read by name."""
         self._read_s: float | None = None
 
@@ -60,7 +60,7 @@ class OffboardConfiguration:
             pass  # the values that arrived in time are used
         except ExceptionGroup as errors:
             raise errors.exceptions[0] from errors
-        self._read = values
+        self._read_values = values
         self._read_s = self._clock.monotonic_s()
         return self._failsafe_of(self.parameters())
 
@@ -80,7 +80,7 @@ class OffboardConfiguration:
         """The newest values from the vehicle, so that a changed parameter applies immediately. Values that
         are not finite, and limits below zero, count as unknown.
         """
-        values = dict(self._read)
+        values = dict(self._read_values)
         for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
             known = self._vehicle.params.known(name)
             if known is not None:

@@ -114,7 +114,7 @@ class OffboardControl:
         vehicle.command.require_no_kill("start Offboard")
         if request.mode != OFFBOARD and self._protocol() != ROS2:
             raise Refused(
-                f"Vehicle {vehicle.id} is not reached over ROS 2, which carries its mode's setpoints.",
+                f"Vehicle {vehicle.id} is not reached over ROS 2, which carries the setpoints of its mode.",
                 remedy="Check the ros2:// link, or fly the mission in Offboard.",
             )
         status = vehicle.status
@@ -388,7 +388,7 @@ class OffboardControl:
         if leader is None or (follow.offset_frd_m is not None and leader.yaw_ned_rad is None):
             raise Refused(
                 f"Vehicle {follow.vehicle} is not connected, or has no valid global position.",
-                remedy="To be followed it needs a global position not older than a second.",
+                remedy="A followed vehicle needs a global position that is at most a second old.",
             )
 
 

@@ -64,7 +64,8 @@ class Streamer:
         vehicle.offboard = self._controls[vehicle.id] = control
 
     def detach(self, vehicle: Vehicle) -> None:
-        """Called before a vehicle is removed: ends its stream with an event."""
+        """Called before a vehicle is removed: drops its offboard control, unless a stream is still
+        running."""
         control = self._controls.get(vehicle.id)
         known = control is not None and control.vehicle is vehicle
         if known and self._streams.state(vehicle.id).phase == "idle":

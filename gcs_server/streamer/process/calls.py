@@ -64,7 +64,7 @@ class WorkerCalls:
         self._silent_limit_s = silent_limit_s
         self._on_update, self._on_end, self._relay = on_update, on_end, relay
         self._pending: dict[int, _PendingRequest] = {}
-        self._started_s = self._loop_message_s = self._silent_since_s = float("-inf")
+        self._started_s = self._checked_s = self._silent_since_s = float("-inf")
         self.worker: WorkerHandle | None = None
         """The current run; None if there is none."""
 
@@ -92,7 +92,7 @@ class WorkerCalls:
         """Called periodically: kills a process that has stopped reading, unless the event loop itself
         stalled."""
         now_s = self._clock.monotonic_s()
-        stalled, self._loop_message_s = now_s - self._loop_message_s > LOOP_STALLED_S, now_s
+        stalled, self._checked_s = now_s - self._checked_s > LOOP_STALLED_S, now_s
         worker = self.worker
         if worker is None or not worker.up or not worker.has_unhandled:
             return

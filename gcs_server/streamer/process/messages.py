@@ -1,7 +1,8 @@
 """Messages between the server and the stream process, one frozen class each; `mode_messages.py` has those
 about modes in PX4. The server sends a `Post` (no answer) or a `Request` (a coroutine awaits the answer). Each
-message calls its method of the process itself, so that a type checker checks every call. Messages are handled
-in the order in which they were sent. The process sends tuples of `WorkerStarted`, `Update` and `Answer`.
+message class calls the method of the process that executes it, so that a type checker checks every call.
+Messages are handled in the order in which they were sent. The process sends tuples of `WorkerStarted`,
+`Update` and `Answer`.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ class SnapshotUpdate(Post):
     snapshots: Mapping[str, bytes]
 
     @staticmethod
-    def of(snapshots: Mapping[str, Snapshot]) -> SnapshotUpdate:
+    def pickled(snapshots: Mapping[str, Snapshot]) -> SnapshotUpdate:
         """Pickles snapshots; logs and leaves out those that cannot be pickled."""
         packed: dict[str, bytes] = {}
         for vehicle_id, snapshot in snapshots.items():

@@ -1,7 +1,7 @@
 """The server's interface to the process that runs all setpoint streams (`worker.py`).
 
 Measured on two cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D view
-(docs/performance.md): a thread of the server sent its setpoints 12 ms late and more (p99), because the thread
+(docs/performance.md): a thread of the server sent its setpoints 12 ms late or more (p99), because the thread
 that holds the interpreter lock may itself wait for a processor. A process with real-time priority is not
 late.
 """
@@ -118,7 +118,7 @@ class StreamProcess(Streams):
         self._spawn()
         if self._begun or self._beginning or self._groups or self._modes:
             self._post_routes()
-            self._post(messages.SnapshotUpdate.of(snapshots))
+            self._post(messages.SnapshotUpdate.pickled(snapshots))
         else:
             self.links_changed()
 
@@ -160,14 +160,14 @@ class StreamProcess(Streams):
 
     async def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
         await self.ready()
-        known = self._vehicles[vehicle_id]
+        record = self._vehicles[vehicle_id]
         self._attach_to_worker(vehicle_id)
         self._beginning.append(vehicle_id)
 
         def on_begun(number: int) -> None:
             if number:
                 self._begun.add(vehicle_id)
-                known.number = max(known.number, number)
+                record.number = max(record.number, number)
             if number and answer.cancelled():
                 self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
 
@@ -317,9 +317,9 @@ class StreamProcess(Streams):
         self._calls.post(message)
 
     def _attach_to_worker(self, vehicle_id: str) -> None:
-        worker, known = self._calls.worker, self._vehicles[vehicle_id]
+        worker, record = self._calls.worker, self._vehicles[vehicle_id]
         if worker is not None and vehicle_id not in worker.attached:
-            self._post(messages.Attach(vehicle_id, known.target, known.number))
+            self._post(messages.Attach(vehicle_id, record.target, record.number))
             worker.attached.add(vehicle_id)
 
     def _post_routes(self) -> None:
@@ -341,10 +341,10 @@ class StreamProcess(Streams):
             if vehicle_id in update.unchanged_requests and before is not None:
                 state = replace(reported, request=before.state.request)
             self._reported[vehicle_id] = _ReportedState(state, update.at_s)
-            known = self._vehicles[vehicle_id]
-            if vehicle_id in self._begun and state.phase == "idle" and state.number >= known.number:
+            record = self._vehicles[vehicle_id]
+            if vehicle_id in self._begun and state.phase == "idle" and state.number >= record.number:
                 self._begun.discard(vehicle_id)
-                known.last = state
+                record.last = state
         for name, guard in update.guards.items():
             group = self._groups.get(name)
             if group is not None:
@@ -357,8 +357,8 @@ class StreamProcess(Streams):
         """Called when the process has ended: all streams have stopped, and an event is published for each."""
         report = StreamEvent("fault", WARNING, PROCESS_ENDED)
         for vehicle_id in sorted(self._begun):
-            known = self._vehicles[vehicle_id]
-            known.last = StreamState(last_end=report, number=known.number)
+            record = self._vehicles[vehicle_id]
+            record.last = StreamState(last_end=report, number=record.number)
             self._reports.append((vehicle_id, report))
         self._forget()
         self._spawn()
@@ -379,7 +379,7 @@ class StreamProcess(Streams):
 
 
 def _aged(state: StreamState, by_s: float) -> StreamState:
-    """The state after this time without news: its ages are greater, its remaining validity is shorter."""
+    """The state after this time without an update: greater ages, shorter remaining validity."""
     if by_s <= 0:
         return state
     left_s = state.valid_left_s

@@ -72,7 +72,7 @@ MAX_BUSY_S, PAUSE_S = 0.05, 0.005
 server still gets processor time."""
 MAX_ROUTES_BYTES = 64
 
-Sent = tuple[int, int, bytes]
+SentFrame = tuple[int, int, bytes]
 """Socket number, time since 1970 [us], frame."""
 
 
@@ -81,7 +81,7 @@ class WorkerReports:
 
     def __init__(self, side_channel: socket.socket) -> None:
         self._side_channel = side_channel
-        self._sent: deque[Sent] = deque(maxlen=MAX_SENT_WAITING)
+        self._sent: deque[SentFrame] = deque(maxlen=MAX_SENT_WAITING)
         self._reported_s = 0.0
 
     @property
@@ -89,7 +89,7 @@ class WorkerReports:
         """Time at which waiting reports are due; infinity if there are none."""
         return self._reported_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
-    def add_sent(self, frame: Sent) -> None:
+    def add_sent(self, frame: SentFrame) -> None:
         """Records a sent frame."""
         self._sent.append(frame)
 
@@ -320,7 +320,7 @@ class StreamUpdates:
         else:
             reported = [v for v in only if v in phases]
         states: dict[str, StreamState] = {}
-        same: set[str] = set()
+        unchanged: set[str] = set()
         for vehicle_id in reported:
             try:
                 state = scheduler.state(vehicle_id)
@@ -328,7 +328,7 @@ class StreamUpdates:
                 log.exception("the state of the stream to vehicle %s cannot be reported", vehicle_id)
                 continue
             if state.request is not None and state.request is self._requests.get(vehicle_id):
-                same.add(vehicle_id)
+                unchanged.add(vehicle_id)
                 states[vehicle_id] = replace(state, request=None)
             else:
                 self._requests[vehicle_id] = state.request
@@ -337,7 +337,7 @@ class StreamUpdates:
             self._handled,
             now_s,
             states,
-            frozenset(same),
+            frozenset(unchanged),
             scheduler.guard_states(),
             tuple(scheduler.take_reports()),
             tuple(scheduler.take_findings()),

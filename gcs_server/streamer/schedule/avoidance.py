@@ -18,7 +18,7 @@ class AvoidanceStage:
         self._reports: list[StreamEvent] = []
 
     @property
-    def avoiding(self) -> AvoidanceStatus | None:
+    def status(self) -> AvoidanceStatus | None:
         """The current state; None: off."""
         return self._avoidance.status
 
@@ -32,7 +32,7 @@ class AvoidanceStage:
         """Whether the vehicle flies a detour instead of the requested path."""
         return self._avoidance.on_a_detour
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Resets, because a new stream begins or no setpoint is flown any more."""
         self._avoidance.forget()
 

@@ -1,6 +1,6 @@
 """The modes that this server has registered with PX4, in the process that sends the setpoints.
 
-PX4 requests three times a second whether a mode can run, and returns (RTL) 1.1 s after the last answer. So a
+PX4 asks three times a second whether a mode can run, and returns (RTL) 1.1 s after the last answer. So a
 stalled event loop must not stop the answers. If the event loop is silent for too long, the answers say
 that the mode cannot run: then PX4 does not start the mode, or leaves it.
 
@@ -55,16 +55,16 @@ READ_TYPES: Final = {
     COMMAND_ACK: "VehicleCommandAck",
     MODE_COMPLETED: "ModeCompleted",
 }
-ANSWERED: Final = frozenset({REGISTER, UNREGISTER, REPLY, CHECK_REQUEST, CHECK_REPLY, COMPLETED})
+REQUIRED_TOPICS: Final = frozenset({REGISTER, UNREGISTER, REPLY, CHECK_REQUEST, CHECK_REPLY, COMPLETED})
 """Topics without which a mode cannot be registered, flown, or removed."""
-STOP: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
+STOP_MESSAGES: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
 
 
 def topics_for(declaration: ModeDeclaration) -> frozenset[str]:
     """The topics that a mode needs, without those of its setpoints."""
     deferring = {OVERRIDES} if declaration.defer_failsafes_s else set[str]()
     executing = {EXECUTOR_COMMAND, MODE_COMPLETED} if declaration.executor else set[str]()
-    return ANSWERED | deferring | executing
+    return REQUIRED_TOPICS | deferring | executing
 
 
 class ModePort(Protocol):
@@ -88,7 +88,7 @@ def no_mode_port(address: DdsAddress) -> ModePort:
 
 
 @dataclass(slots=True)
-class _Vehicle:
+class _VehicleModes:
     address: DdsAddress
     port: ModePort
     modes: list[ExternalMode] = field(default_factory=list[ExternalMode])
@@ -110,7 +110,7 @@ class ExternalModes:
 
     def __init__(self, clock: Clock, open_port: OpenModePort) -> None:
         self._clock, self._open_port = clock, open_port
-        self._vehicles: dict[str, _Vehicle] = {}
+        self._vehicles: dict[str, _VehicleModes] = {}
         self._next_s = 0.0
 
     def register(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
@@ -128,7 +128,7 @@ class ExternalModes:
         if vehicle is None or vehicle.address != address:
             if known:
                 raise ValueError("modes are already registered over another ROS 2 link")
-            vehicle = self._vehicles[vehicle_id] = _Vehicle(address, self._open_port(address))
+            vehicle = self._vehicles[vehicle_id] = _VehicleModes(address, self._open_port(address))
         vehicle.modes = [mode for mode in vehicle.modes if mode.declaration.name != declaration.name]
         mode = ExternalMode(declaration, secrets.randbits(63), self._clock.monotonic_s())
         vehicle.modes.append(mode)
@@ -206,7 +206,7 @@ class ExternalModes:
                 del self._vehicles[vehicle_id]
         return self._next_s
 
-    def _read(self, vehicle: _Vehicle, now_s: float, server_alive: bool) -> None:
+    def _read(self, vehicle: _VehicleModes, now_s: float, server_alive: bool) -> None:
         for topic, data in vehicle.port.take():
             try:
                 values = MESSAGES[READ_TYPES[topic]].decode(data)
@@ -215,9 +215,9 @@ class ExternalModes:
             if topic == STATUS:
                 vehicle.active_nav_state = values["nav_state"] if values["arming_state"] == ARMED else None
             for mode in vehicle.modes:
-                self._send(vehicle, _received(mode, topic, values, now_s, server_alive))
+                self._send(vehicle, _pass_to_mode(mode, topic, values, now_s, server_alive))
 
-    def _send_due(self, vehicle: _Vehicle, now_s: float, *, stop: bool) -> None:
+    def _send_due(self, vehicle: _VehicleModes, now_s: float, *, stop: bool) -> None:
         registering = [mode for mode in vehicle.modes if mode.registration.state == "registering"]
         for mode in vehicle.modes:
             # one registration at a time, because PX4 queues only two requests
@@ -230,9 +230,9 @@ class ExternalModes:
             vehicle.next_removal_s = now_s + REMOVE_EVERY_S
         states = [mode.registration.nav_state for mode in vehicle.modes if mode.registration.mode]
         if stop and vehicle.active_nav_state is not None and vehicle.active_nav_state in states:
-            self._send(vehicle, [controllers_message(vehicle.active_nav_state, "velocity"), *STOP])
+            self._send(vehicle, [controllers_message(vehicle.active_nav_state, "velocity"), *STOP_MESSAGES])
 
-    def _send(self, vehicle: _Vehicle, messages: Iterable[Message]) -> None:
+    def _send(self, vehicle: _VehicleModes, messages: Iterable[Message]) -> None:
         for topic, data in messages:
             try:
                 vehicle.port.send(topic, with_time(data, int(self._clock.unix_s() * 1e6)))
@@ -240,7 +240,7 @@ class ExternalModes:
                 return  # not connected yet: registrations and PX4's requests are repeated
 
 
-def _received(
+def _pass_to_mode(
     mode: ExternalMode, topic: str, values: Values, now_s: float, server_alive: bool
 ) -> list[Message]:
     """Passes a message of PX4 to a mode; returns the mode's answers."""

@@ -50,7 +50,7 @@ class SetpointPipeline:
         self._resolved: ResolvedSetpoint | None = None
         self._held_setpoint: DirectSetpoint | None = None
         """Setpoint that is sent when the accepted setpoint is no longer flown."""
-        self._yaw_kept = False
+        self._keeps_yaw = False
         self._unlimited: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
         self._limited_s = 0.0
@@ -60,26 +60,26 @@ class SetpointPipeline:
         self._brake_has_scans = self._braked = False
         self._held_without_sensor: DirectSetpoint | None = None
         """Position held because the obstacle sensor stopped sending while the brake held the vehicle."""
-        self._measured = BrakeMemory()
+        self._brake_memory = BrakeMemory()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Resets for a new stream."""
         self.sent, self.limited, self._unlimited = None, (), None
         self._brake_has_scans = self._braked = False
-        self._measured.track_ne = None
-        self._avoidance.forget()
+        self._brake_memory.track_ne = None
+        self._avoidance.reset()
 
     def accept(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
         """Starts flying a newly accepted setpoint."""
         keeps_yaw = keeps_heading(setpoint)
-        before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._yaw_kept else None
+        before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._keeps_yaw else None
         resolved = ResolvedSetpoint(
             setpoint, now_s, snapshot, snapshot.yaw_ned_rad if before is None else before
         )
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
             raise ValueError(f"vehicle {resolved.followed_vehicle} sends no position")
-        self._resolved, self._held_setpoint, self._yaw_kept, self._held_without_sensor = (
+        self._resolved, self._held_setpoint, self._keeps_yaw, self._held_without_sensor = (
             resolved,
             None,
             keeps_yaw,
@@ -120,13 +120,13 @@ class SetpointPipeline:
             )
         else:
             held_setpoint = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-        self._resolved, self._held_setpoint, self._yaw_kept, self._held_without_sensor = (
+        self._resolved, self._held_setpoint, self._keeps_yaw, self._held_without_sensor = (
             None,
             held_setpoint,
             False,
             None,
         )
-        self._avoidance.forget()
+        self._avoidance.reset()
         self._load(now_s, snapshot, held_setpoint)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
@@ -157,7 +157,7 @@ class SetpointPipeline:
     @property
     def avoiding(self) -> AvoidanceStatus | None:
         """State of obstacle avoidance; None: it is off."""
-        return self._avoidance.avoiding
+        return self._avoidance.status
 
     @property
     def followed_vehicle(self) -> str | None:
@@ -209,7 +209,7 @@ class SetpointPipeline:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         surroundings = self._surroundings(now_s, snapshot, bounds)
         if surroundings is None:
-            self._measured.track_ne = None
+            self._brake_memory.track_ne = None
         wanted = wanted if self._held_without_sensor is None else self._held_without_sensor
         is_unchanged = wanted is self._unlimited and bounds is self._bounds
         if is_unchanged and surroundings is None and not bounds.depends_on_position:
@@ -217,7 +217,7 @@ class SetpointPipeline:
         dt_s = max(0.0, now_s - self._limited_s)
         result = apply_limits(wanted, bounds, _motion(now_s, snapshot), self.sent, dt_s, surroundings)
         self._unlimited, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
-        self.limited, self._measured.track_ne = result.notes, result.track_ne
+        self.limited, self._brake_memory.track_ne = result.notes, result.track_ne
         for note in result.notes:
             if now_s - self._reported_s.get(note, -math.inf) > REPORT_PERIOD_S:
                 self._reports.append(StreamEvent("limited", NOTICE, f"Setpoint limited: {note}."))
@@ -253,7 +253,7 @@ class SetpointPipeline:
         if not has_scans:
             return None
         self._held_without_sensor = None
-        return self._measured.update(now_s, snapshot.scans, position, velocity)
+        return self._brake_memory.update(now_s, snapshot.scans, position, velocity)
 
 
 def thrust_of(setpoint: Attitude | Rates | ThrustTorque | Actuators) -> float:

@@ -320,7 +320,7 @@ class StreamScheduler:
             return False  # an expired setpoint is not renewed, because a path would start again
         for vehicle_id in requests:
             self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
-        self._execute(guard, now_s, Actions(take=dict(requests)), until_s)
+        self._execute(guard, now_s, Actions(new_requests=dict(requests)), until_s)
         return True
 
     def _run_guard(self, guard: GroupGuard) -> None:
@@ -345,7 +345,7 @@ class StreamScheduler:
     def _execute(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
         """Applies all actions before anything else is sent to any member."""
         refused = None
-        for vehicle_id, request in actions.take.items():
+        for vehicle_id, request in actions.new_requests.items():
             stream = self._streams[vehicle_id]
             try:
                 if not stream.core.change(now_s, request, stream.snapshot):
@@ -356,7 +356,7 @@ class StreamScheduler:
                 refused = f"Vehicle {vehicle_id} could not start ({error})"
         if refused is not None:
             actions = guard.fault(now_s, refused)
-        elif actions.take or until_s != guard.until_s:
+        elif actions.new_requests or until_s != guard.until_s:
             guard.renewed(until_s)
             for vehicle_id in guard.members:
                 if vehicle_id not in guard.held:

@@ -81,7 +81,7 @@ class VehicleStream:
         self._requested_mode, self.last_end, self._last_estimate = None, None, None
         self._engaged_s, self._was_armed, self.mode = math.inf, False, request.mode
         self._enter("starting", now_s, MAX_START_S)
-        self._pipeline.forget()
+        self._pipeline.reset()
         self._accept(now_s, request, snapshot)
 
     def engage(self, now_s: float) -> bool:
@@ -112,8 +112,8 @@ class VehicleStream:
     def set_expiry(self, until_s: float) -> None:
         """Sets the expiry time of the setpoint; used by groups, whose setpoints expire together."""
         if self.phase == "streaming" and self.request is not None:
-            own_s = self.request.duration_s - self.request.valid_for_s
-            self.request = replace(self.request, valid_for_s=max(0.0, until_s - self._since_s - own_s))
+            path_s = self.request.duration_s - self.request.valid_for_s
+            self.request = replace(self.request, valid_for_s=max(0.0, until_s - self._since_s - path_s))
             self._phase_until_s = self._since_s + self.request.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:

@@ -65,7 +65,8 @@ class Finding:
 
     at_s: float
     code: str
-    """separation, place_unknown, left, late, fault."""
+    """separation, place_unknown, left (a member no longer follows its setpoints), late (the common start was
+    missed), fault (the guard failed)."""
     vehicles: tuple[str, ...]
     """Affected vehicles."""
     held: tuple[str, ...]
@@ -78,8 +79,8 @@ class Finding:
 class Actions:
     """The actions that the streams must execute now."""
 
-    take: dict[str, StreamRequest] = field(default_factory=dict[str, StreamRequest])
-    """Vehicles with their new setpoints."""
+    new_requests: dict[str, StreamRequest] = field(default_factory=dict[str, StreamRequest])
+    """The new request of each vehicle."""
     hold: dict[str, str] = field(default_factory=dict[str, str])
     """Vehicles to stop, and why."""
     code: str = "group"
@@ -307,7 +308,7 @@ class GroupGuard:
             self._stop(now_s, actions, "late", self.members, why)
             return
         self.phase = "flying"
-        actions.take = dict(self._requests)
+        actions.new_requests = dict(self._requests)
 
     def _stop(
         self,

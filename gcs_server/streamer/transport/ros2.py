@@ -71,11 +71,11 @@ class TopicSender(Protocol):
         """Sends all messages or none: OffboardControlMode alone would keep Offboard active without setpoints.
 
         Args:
-            messages: in this order.
+            messages: the messages, in the order in which they are sent.
             needed: other topics to which the vehicle must subscribe.
 
         Raises:
-            OSError: it does not subscribe to one of the topics, or a message cannot be sent now.
+            OSError: the vehicle does not subscribe to one of the topics, or a message cannot be sent now.
         """
         ...
 
@@ -183,7 +183,7 @@ def topics_of(setpoint_type: str, *, in_offboard: bool) -> tuple[str, ...]:
 
     Args:
         setpoint_type: any type that ROS 2 carries.
-        in_offboard: False: in a mode that is registered with PX4.
+        in_offboard: whether the stream flies in Offboard, or else in a mode that is registered with PX4.
     """
     selects = CONTROL_MODE if in_offboard else CONTROLLERS
     messages = _MESSAGES_OF.get(setpoint_type, ("TrajectorySetpoint",))

@@ -89,7 +89,7 @@ class Availability:
             "home": lambda: estimates.home() is not None,
         }
 
-    def of(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
+    def of_type(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
         """Availability of one type, or of one setpoint."""
         needs = KINDS[setpoint_type].needs if needs is None else needs
         why_not = (
@@ -109,8 +109,8 @@ class Availability:
         """Raises Refused if the vehicle has a topic of these types in an unknown version.
 
         Args:
-            setpoint_types: of the stream.
-            in_offboard: False: it is flown in a mode that is registered with PX4.
+            setpoint_types: setpoint types of the stream.
+            in_offboard: whether the stream flies in Offboard, or else in a mode that is registered with PX4.
         """
         why_not = self._unusable(setpoint_types, in_offboard=in_offboard)
         if why_not is not None:
@@ -130,7 +130,7 @@ class Availability:
 
     def all(self) -> dict[str, Available]:
         """Availability of every type."""
-        return {setpoint_type: self.of(setpoint_type) for setpoint_type in KINDS}
+        return {setpoint_type: self.of_type(setpoint_type) for setpoint_type in KINDS}
 
     def require(self, setpoint: Setpoint, *, in_offboard: bool) -> None:
         """Raises Refused if the setpoint cannot be flown now; `in_offboard`: see `require_topics`."""
@@ -138,6 +138,6 @@ class Availability:
         if unable is not None:
             raise Refused(unable, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
         self.require_topics([setpoint.type], in_offboard=in_offboard)
-        available = self.of(setpoint.type, needs_of(setpoint))
+        available = self.of_type(setpoint.type, needs_of(setpoint))
         if available.why_not is not None:
             raise Refused(available.why_not, remedy=WAIT_REMEDY)

@@ -54,13 +54,13 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
         )
     region = bounds.region
     for segment in segments:
-        places = _positions(segment)
+        positions = _positions(segment)
         if isinstance(segment, WaitSegment) and segment.kind == "land":
-            places = places[:0]  # the landing descends to the ground, whose altitude is unknown
-        outside = region.are_outside(places[:, :2]) | (places[:, 2] < region.down_min_m)
-        outside |= places[:, 2] > region.down_max_m
+            positions = positions[:0]  # the landing descends to the ground, whose altitude is unknown
+        outside = region.are_outside(positions[:, :2]) | (positions[:, 2] < region.down_min_m)
+        outside |= positions[:, 2] > region.down_max_m
         for index in np.flatnonzero(outside)[:1]:
-            north, east, down = places[index].tolist()
+            north, east, down = positions[index].tolist()
             breach = _breach((north, east, down), bounds) or "the limits"
             raise Refused(
                 f"The mission leaves {breach} at {segment.place} ({segment.title}).",
@@ -161,7 +161,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
     if off_m > PATH_START_WITHIN_M:
         raise Refused(
             f"The path begins {off_m:.1f} m away; it must begin within {PATH_START_WITHIN_M:g} m.",
-            remedy="Fly to its first point first.",
+            remedy="Fly to the first point of the path first.",
         )
     for index, point in enumerate(path.points):
         _check_distance(point.position_ned_m, position_now, f"Point {index} of the path")
@@ -180,7 +180,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
         if breach is not None:
             raise Refused(
                 f"After {t_s:.1f} s the path is outside {breach}.",
-                remedy="The curve swings beyond its points where it turns: keep them further inside.",
+                remedy="The curve swings beyond its points where it turns: keep the points further inside.",
             )
         too_fast = _too_fast(velocity, bounds)
         if too_fast is not None:
@@ -188,12 +188,12 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
 
 
 def _violations(
-    places: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
+    positions: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
 ) -> NDArray[np.bool_]:
     """Samples of a path that are outside or too fast, checked all together."""
-    region, down_m, down_m_s = bounds.region, places[:, 2], velocities[:, 2]
+    region, down_m, down_m_s = bounds.region, positions[:, 2], velocities[:, 2]
     return (
-        region.are_outside(places[:, :2])
+        region.are_outside(positions[:, :2])
         | (down_m < region.down_min_m)
         | (down_m > region.down_max_m)
         | (np.hypot(velocities[:, 0], velocities[:, 1]) > bounds.speed_m_s * SPEED_TOLERANCE)

@@ -15,7 +15,7 @@ INF = math.inf
 UNLIMITED_REGION = Region()
 DEFAULT_POSITION_GAIN = 0.95
 """Default of MPC_XY_P: PX4's approach speed per metre of distance [1/s]."""
-DEFAULT_HEIGHT_GAIN = 1.0
+DEFAULT_VERTICAL_GAIN = 1.0
 """Default of MPC_Z_P [1/s]."""
 
 
@@ -38,7 +38,7 @@ class Bounds:
     approach_climb_m_s: float = INF
     approach_descent_m_s: float = INF
     position_gain: float = DEFAULT_POSITION_GAIN
-    height_gain: float = DEFAULT_HEIGHT_GAIN
+    vertical_gain: float = DEFAULT_VERTICAL_GAIN
     obstacle_brake: bool = True
     """Whether the vehicle is stopped before obstacles that its sensors measure."""
     region: Region = UNLIMITED_REGION
@@ -72,7 +72,7 @@ def bounds_of(
 
     Args:
         vehicle: limits from the vehicle's parameters.
-        operator: limits set by API.
+        operator: limits set over the API.
         home: reference of altitudes and distances.
         origin: origin of the local frame, for a fence in latitude and longitude.
         gains: MPC_XY_P and MPC_Z_P, if known.
@@ -97,7 +97,7 @@ def bounds_of(
         approach_climb_m_s=_least(operator.climb_max_m_s),
         approach_descent_m_s=_least(operator.sink_max_m_s),
         position_gain=gains[0] or DEFAULT_POSITION_GAIN,
-        height_gain=gains[1] or DEFAULT_HEIGHT_GAIN,
+        vertical_gain=gains[1] or DEFAULT_VERTICAL_GAIN,
         obstacle_brake=operator.obstacle_brake,
         region=region,
         origin=origin,

@@ -1,4 +1,4 @@
-"""The vehicle's own limits, from its parameters, and the operator's limits, set by API."""
+"""The vehicle's own limits, from its parameters, and the operator's limits, set over the API."""
 
 from __future__ import annotations
 

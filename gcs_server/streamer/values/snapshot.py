@@ -63,7 +63,7 @@ class Snapshot:
     avoidance: AvoidanceWay | None = None
     """What avoidance tries first (over or around); None: off."""
     mission_avoidance: AvoidanceWay | None = None
-    """None: off in the mission's steps with avoidance; each step states what it tries first."""
+    """Whether the steps of a mission may use avoidance; None: no. Each step states what it tries first."""
 
     @property
     def received_s(self) -> float:

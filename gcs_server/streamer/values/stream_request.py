@@ -15,7 +15,7 @@ OFFBOARD = "offboard"
 
 def mode_label(mode: str) -> str:
     """The mode of a stream, for messages."""
-    return "Offboard" if mode == OFFBOARD else "its mode"
+    return "Offboard" if mode == OFFBOARD else "the mission's mode"
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ class WaypointFlight:
         return self._held.ids == held.ids
 
     def update(self) -> None:
-        """Takes the vehicle's state; called about ten times a second."""
+        """Updates the flight with the vehicle's state; called about ten times a second."""
         if self.over or self._vehicle.status.link_lost:
             return
         if not self._still_held():
@@ -154,8 +154,8 @@ class WaypointFlight:
         )  # fmt: skip
 
     def new_progress(self) -> FlightProgress | None:
-        """How far the plan is flown, if that has changed since the last call; None until the flight has
-        passed its first waypoint, because it then begins again at its first item."""
+        """How far the plan is flown, if that has changed since the last call; None before the flight
+        has passed its first waypoint, because such a flight is repeated from its first item."""
         monitor, before = self._monitor, self._progress
         finished, leg_start = monitor.state == "done", monitor.leg_start
         if monitor.item is None or (leg_start is None and not finished):

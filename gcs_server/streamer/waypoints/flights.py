@@ -130,7 +130,7 @@ class WaypointFlights:
         """Where a vehicle's interrupted flight can be resumed; otherwise the reason why it cannot, as a
         sentence; None: no flight was interrupted."""
         vehicle = self._vehicles.get(vehicle_id)
-        return None if vehicle is None else self._resumes.of(vehicle)
+        return None if vehicle is None else self._resumes.offer_for(vehicle)
 
     def update(self) -> None:
         """Updates each flight. A fault in one affects only that vehicle."""

@@ -64,7 +64,7 @@ class ProgressStore:
             found = await asyncio.to_thread(self._records.read_all)
         except OSError as error:
             folder, reason = self._records.folder, error.strerror or error
-            self._problem(
+            self._add_problem(
                 "", f"The folder {folder} cannot be read: {reason}. Interrupted flights cannot be resumed."
             )
             return
@@ -75,7 +75,7 @@ class ProgressStore:
                 self._kept[name] = _read(content)
             except (ValueError, TypeError, KeyError) as error:
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
-                self._problem(
+                self._add_problem(
                     name,
                     f"The file {self._file(name)} cannot be read: {reason}. Its flight cannot be resumed.",
                 )
@@ -117,13 +117,13 @@ class ProgressStore:
             self._problems.pop(name, None)
         elif name not in self._problems:
             reason = (error.strerror if isinstance(error, OSError) else None) or error
-            self._problem(
+            self._add_problem(
                 name,
                 f"The file {self._file(name)} cannot be written: {reason}. After a restart of the server, "
                 "its flight cannot be resumed.",
             )
 
-    def _problem(self, name: str, text: str) -> None:
+    def _add_problem(self, name: str, text: str) -> None:
         self._problems[name] = text
         log.warning(text)
 
@@ -155,5 +155,5 @@ def _read(content: Mapping[str, Any]) -> FlightProgress:
         raise ValueError("unix_s")
     if not math.isfinite(unix_s) or not 0 <= unix_s <= MAX_UNIX_S:
         raise ValueError("unix_s")
-    place = None if home is None else HomePosition.model_validate(home)
-    return FlightProgress(**whole, name=name, finished=finished, unix_s=float(unix_s), home=place)
+    home_position = None if home is None else HomePosition.model_validate(home)
+    return FlightProgress(**whole, name=name, finished=finished, unix_s=float(unix_s), home=home_position)

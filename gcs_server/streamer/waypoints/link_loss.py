@@ -42,8 +42,8 @@ class LinkLoss:
     def text(self) -> str | None:
         """The action as a sentence; None: not known yet.
 
-        Reads in the background what the vehicle's parameter list does not contain, because a parameter may
-        have been changed meanwhile.
+        Parameters that the vehicle's parameter list does not contain are read in the background, again and
+        again, because they may have changed meanwhile.
         """
         known = {name: each.value for name in PARAMETERS if (each := self._vehicle.params.known(name))}
         now_s = self._clock.monotonic_s()

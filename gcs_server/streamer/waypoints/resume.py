@@ -63,7 +63,7 @@ class Resumes:
         """Drops all data of a removed vehicle."""
         self._points.pop(vehicle_id, None)
 
-    def of(self, vehicle: Vehicle) -> ResumeOffer | str | None:
+    def offer_for(self, vehicle: Vehicle) -> ResumeOffer | str | None:
         """The offer; otherwise the reason why there is none, as a sentence; None: nothing was interrupted."""
         key = key_of(vehicle.identity)
         progress = None if key is None else self._store.find(key)

@@ -5943,7 +5943,8 @@ export interface components {
             readonly unix_s: number;
             /**
              * Code
-             * @description separation, place_unknown, left (a member no longer follows its setpoints), late, fault.
+             * @description separation, place_unknown, left (a member no longer follows its setpoints), late (the common start was
+             *     missed), fault (the guard failed).
              */
             readonly code: string;
             /**
@@ -8651,8 +8652,9 @@ export interface components {
         readonly OffboardMissionStatus: {
             /**
              * State
-             * @description waiting: for the operator or a condition; paused: in Offboard, on its path; suspended: the mission does
-             *     not control the vehicle, and the operator can resume it; done, aborted, stopped: the mission has ended.
+             * @description waiting: for the operator or a condition; paused: the vehicle holds in Offboard, on the mission's path;
+             *     suspended: the mission does not control the vehicle, and the operator can resume it; done, aborted,
+             *     stopped: the mission has ended.
              * @enum {string}
              */
             readonly state: "ready" | "taking_off" | "starting" | "flying" | "waiting" | "pausing" | "paused" | "landing" | "suspended" | "done" | "aborted" | "stopped";

@@ -8,7 +8,13 @@ from typing import Any, cast
 
 import pytest
 
-from gcs_server.streamer.missions.preparation import COMPILING, EVERY_S, RETRY_S, Conditions, Preparation
+from gcs_server.streamer.missions.preparation import (
+    COMPILING,
+    MIN_INTERVAL_S,
+    RETRY_S,
+    Conditions,
+    Preparation,
+)
 from gcs_server.streamer.missions.start import Start
 
 FIRST, SECOND = cast(Start, object()), cast(Start, object())
@@ -49,7 +55,7 @@ def test_a_mission_is_compiled_once_at_a_time_and_not_continuously() -> None:
     assert not prepared.update(9.0, there)
     prepared.succeeded(SECOND, there, 10.0)
     assert not prepared.update(10.1, HERE)
-    assert prepared.update(10.0 + EVERY_S, HERE)
+    assert prepared.update(10.0 + MIN_INTERVAL_S, HERE)
     prepared.succeeded(SECOND, HERE, 12.0)
     assert not prepared.update(20.0, HERE)
     assert prepared.start is SECOND

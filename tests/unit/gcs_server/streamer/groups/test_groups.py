@@ -9,9 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_server.streamer.groups import plan
+from gcs_server.streamer.groups import prediction
 from gcs_server.streamer.groups.checks import GroupChecks
-from gcs_server.streamer.groups.plan import MAX_PLAN_S, PlannedMember, first_conflict, too_near_now
+from gcs_server.streamer.groups.prediction import (
+    MAX_PREDICTION_S,
+    PredictedMember,
+    first_conflict,
+    too_near_now,
+)
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView, motion_of
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
@@ -44,7 +49,7 @@ def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
 
 
 def planned(vehicle, setpoint, east_m=0.0, duration_s=30.0, **more):
-    return PlannedMember(vehicle, setpoint, snapshot(east_m, **more), duration_s)
+    return PredictedMember(vehicle, setpoint, snapshot(east_m, **more), duration_s)
 
 
 def conflict(*members, minimum_m=3.0):
@@ -148,7 +153,7 @@ def test_paths_are_compared_in_time():
 
 def test_a_running_path_is_checked_from_its_current_point():
     path = Path((PathPoint(0.0, (0.0, 0.0, -10.0)), PathPoint(20.0, (40.0, 0.0, -10.0))))
-    late = PlannedMember("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
+    late = PredictedMember("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
     passed = planned("2", None, position=(4.0, 0.0, -10.0))
     assert conflict(late, passed) is None
     ahead = planned("2", None, position=(38.0, 0.0, -10.0))
@@ -199,7 +204,7 @@ def test_vehicles_too_fast_to_stop_are_refused_even_if_they_would_pass():
 def test_the_prediction_has_a_time_limit():
     endless = planned("1", Follow("9", offset_ned_m=(0.0, 3.0, 0.0)))
     assert conflict(endless, planned("2", None, east_m=50.0)) is None
-    assert MAX_PLAN_S == 600.0
+    assert MAX_PREDICTION_S == 600.0
 
 
 def far(index, north_m_s):
@@ -234,11 +239,11 @@ def test_a_long_prediction_yields_after_each_small_piece(monkeypatch, members):
         fastest_m_s = max(np.max(np.linalg.norm(v, axis=-1)) for v in (velocity_a, velocity_b))
         return len(place_a) * (0.8 + fastest_m_s / min(brakes_a, brakes_b)) / 0.1
 
-    course = plan._PredictedTrack
+    course = prediction._PredictedTrack
     monkeypatch.setattr(course, "__init__", counted("courses", course.__init__))
     monkeypatch.setattr(course, "step", counted("steps", course.step))
-    monkeypatch.setattr(plan, "margin_m", counted("pairs", plan.margin_m))
-    monkeypatch.setattr(plan, "closest_m", counted("samples", plan.closest_m, braking_samples))
+    monkeypatch.setattr(prediction, "margin_m", counted("pairs", prediction.margin_m))
+    monkeypatch.setattr(prediction, "closest_m", counted("samples", prediction.closest_m, braking_samples))
     search = first_conflict(members, 100.0, 3.0)
     ended = False
     while not ended:
@@ -307,11 +312,11 @@ def seen(second=None, request=WAIT, phase="streaming", **more):
 
 def test_all_members_start_once_at_the_common_start():
     watch = guard()
-    assert not watch.check(100.5, seen()).take
+    assert not watch.check(100.5, seen()).new_requests
     assert watch.due_s <= 101.0
-    assert set(watch.check(101.0, seen()).take) == {"1", "2"}
+    assert set(watch.check(101.0, seen()).new_requests) == {"1", "2"}
     assert watch.phase == "flying"
-    assert not watch.check(101.1, seen(request=GO)).take
+    assert not watch.check(101.1, seen(request=GO)).new_requests
 
 
 def test_a_missed_common_start_starts_no_member():
@@ -320,7 +325,7 @@ def test_a_missed_common_start_starts_no_member():
     other = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin(20.0)))
     both = {"1": MemberView("streaming", WAIT, late, None), "2": MemberView("streaming", WAIT, other, None)}
     actions = watch.check(102.5, both)
-    assert not actions.take
+    assert not actions.new_requests
     assert set(actions.hold) == {"1", "2"}
     assert watch.findings[0].code == "late"
 

@@ -43,7 +43,7 @@ STEPS_PER_YIELD = 100
 """Number of steps of predicted tracks between two yields, about 4 ms."""
 SAMPLES_PER_YIELD = 12_000
 """Number of samples of the braking distance between two yields."""
-MAX_PLAN_S = 600.0
+MAX_PREDICTION_S = 600.0
 MAX_VELOCITY_PREDICTION_S = 120.0
 """Maximum time for which a velocity setpoint is predicted [s]."""
 SPEED_M_S, CLIMB_M_S = 12.0, 3.0
@@ -59,7 +59,7 @@ UNCONTROLLED: Partial3 = (None, None, None)
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedMember:
+class PredictedMember:
     """One member and the setpoint that it will fly."""
 
     vehicle: str
@@ -110,7 +110,7 @@ class Conflict:
 
 
 def first_conflict(
-    members: Sequence[PlannedMember], now_s: float, minimum_m: float
+    members: Sequence[PredictedMember], now_s: float, minimum_m: float
 ) -> Generator[None, None, Conflict | None]:
     """Finds the first two vehicles that would come closer than the minimum; returns None if all stay apart.
 
@@ -128,7 +128,9 @@ def first_conflict(
     by_id = {prediction.member.vehicle: prediction for prediction in predictions}
     t_s, steps = 0.0, 0
     minimum_s = max(prediction.minimum_s for prediction in predictions)
-    while t_s < MAX_PLAN_S and (t_s <= minimum_s or any(prediction.moves for prediction in predictions)):
+    while t_s < MAX_PREDICTION_S and (
+        t_s <= minimum_s or any(prediction.moves for prediction in predictions)
+    ):
         for prediction in predictions:
             prediction.step(t_s, by_id)
             steps += 1
@@ -148,7 +150,7 @@ def first_conflict(
     return min(conflicts, key=lambda conflict: conflict.after_s, default=None)
 
 
-def too_near_now(members: Sequence[PlannedMember], now_s: float, minimum_m: float) -> Conflict | None:
+def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: float) -> Conflict | None:
     """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation;
     None if there are none. Fast enough to run without yielding.
 
@@ -166,7 +168,7 @@ def too_near_now(members: Sequence[PlannedMember], now_s: float, minimum_m: floa
         apart_m = closest_apart_m = math.dist(one.position_ned_m, other.position_ned_m)
         reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
         if apart_m >= least_m and apart_m - reach_m < least_m:
-            position, velocity, place_b, velocity_b = (
+            position, velocity, other_position, velocity_b = (
                 np.array(v)
                 for v in (
                     one.position_ned_m,
@@ -176,7 +178,7 @@ def too_near_now(members: Sequence[PlannedMember], now_s: float, minimum_m: floa
                 )
             )
             closest_apart_m = float(
-                closest_m(position, velocity, place_b, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
+                closest_m(position, velocity, other_position, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
             )
         if closest_apart_m < least_m:
             return Conflict(
@@ -185,7 +187,7 @@ def too_near_now(members: Sequence[PlannedMember], now_s: float, minimum_m: floa
     return None
 
 
-def _position_and_origin(member: PlannedMember, now_s: float) -> tuple[Vector3, LocalOrigin]:
+def _position_and_origin(member: PredictedMember, now_s: float) -> tuple[Vector3, LocalOrigin]:
     position, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
     if position is None or origin is None:
         raise ValueError(f"vehicle {member.vehicle} has no valid global position")
@@ -206,12 +208,12 @@ def _conflict_between(
     )
     margin = margin_m(one, other)
     minimum_m += margin
-    place_a, velocity_a = track_a
-    place_b, velocity_b = (
+    positions_a, velocity_a = track_a
+    positions_b, velocity_b = (
         track_b[0] + np.array(b.origin.to_frame_of(a.origin, LOCAL_ORIGIN_NED_M)),
         track_b[1],
     )
-    distances: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
+    distances: Vectors = np.sqrt(np.sum((positions_a - positions_b) ** 2, axis=-1))
     closest = distances.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
     reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
@@ -223,7 +225,7 @@ def _conflict_between(
         yield
         batch = candidates[begin : begin + batch_size]
         closest[batch] = closest_m(
-            place_a[batch], velocity_a[batch], place_b[batch], velocity_b[batch],
+            positions_a[batch], velocity_a[batch], positions_b[batch], velocity_b[batch],
             one.brakes_m_s2, other.brakes_m_s2,
         )  # fmt: skip
         if np.any(closest[batch] < minimum_m):
@@ -240,7 +242,7 @@ def _conflict_between(
         index = begin + int(np.argmin(distances[begin:end]))
         if begin == 0:
             index = 0
-    n, e, d = (float(x) for x in place_a[index])
+    n, e, d = (float(x) for x in positions_a[index])
     distance_m = float(closest[index] if while_stopping else distances[index])
     return Conflict(
         (a.member.vehicle, b.member.vehicle), index * STEP_S, distance_m, (n, e, d), while_stopping, margin
@@ -250,7 +252,7 @@ def _conflict_between(
 class _PredictedTrack:
     """One member's predicted positions and velocities, step by step, in its own local frame."""
 
-    def __init__(self, member: PlannedMember, now_s: float) -> None:
+    def __init__(self, member: PredictedMember, now_s: float) -> None:
         snapshot, setpoint = member.snapshot, member.setpoint
         position, self.origin = _position_and_origin(member, now_s)
         self.member = member
@@ -263,7 +265,7 @@ class _PredictedTrack:
         self._speed = min(bounds.speed_m_s, bounds.approach_m_s, SPEED_M_S)
         self._climb = min(bounds.climb_m_s, bounds.approach_climb_m_s, CLIMB_M_S)
         self._descent = min(bounds.descent_m_s, bounds.approach_descent_m_s, CLIMB_M_S)
-        self._gains = (bounds.position_gain, bounds.position_gain, bounds.height_gain)
+        self._gains = (bounds.position_gain, bounds.position_gain, bounds.vertical_gain)
         self._until_s = min(member.duration_s, MAX_VELOCITY_PREDICTION_S)
         self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
@@ -312,7 +314,7 @@ class _PredictedTrack:
             for position, old, new in zip(self._position, before, self._velocity, strict=True)
         )
         self._position = (n, e, d)
-        self.moves = math.hypot(*self._velocity) > STOPPED_M_S and t_s < MAX_PLAN_S
+        self.moves = math.hypot(*self._velocity) > STOPPED_M_S and t_s < MAX_PREDICTION_S
 
     def take_track(self) -> tuple[Vectors, Vectors]:
         """Returns the predicted positions and velocities, and frees its own copies. Called for one track per
@@ -371,18 +373,18 @@ class _PredictedTrack:
     def _target_beside_leader(
         self, follow: Follow, t_s: float, others: Mapping[str, _PredictedTrack]
     ) -> tuple[Partial3, Partial3]:
-        leader, seen = others.get(follow.vehicle), self.member.snapshot.leader
-        yaw = seen.yaw_ned_rad if seen is not None else None
+        leader, reported = others.get(follow.vehicle), self.member.snapshot.leader
+        yaw = reported.yaw_ned_rad if reported is not None else None
         offset = follow.offset_ned_m or ned_from_heading(follow.offset_frd_m or (0.0, 0.0, 0.0), yaw or 0.0)
         if leader is not None:
             position, velocity = leader.position_in(self.origin), leader.velocity
-        elif seen is not None:
+        elif reported is not None:
             moved_s = min(t_s, self._until_s)
             n, e, d = (
                 at + speed * moved_s
-                for at, speed in zip(seen.position_ned_m, seen.velocity_ned_m_s, strict=True)
+                for at, speed in zip(reported.position_ned_m, reported.velocity_ned_m_s, strict=True)
             )
-            position, velocity = (n, e, d), seen.velocity_ned_m_s
+            position, velocity = (n, e, d), reported.velocity_ned_m_s
         else:
             return UNCONTROLLED, UNCONTROLLED
         return (position[0] + offset[0], position[1] + offset[1], position[2] + offset[2]), velocity
