@@ -55,9 +55,9 @@ from gcs_server.client import (
     plans, vehicle
 )
 from gcs_server.client.control import OnLost
-from gcs_server.client.dry_runs import RUN_S
+from gcs_server.client.dry_runs import RUN_TIMEOUT_S
 from gcs_server.client.group import Setpoints
-from gcs_server.client.mission import TRANSFER_S
+from gcs_server.client.mission import TRANSFER_TIMEOUT_S
 from gcs_server.client.offboard import Answer, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate

@@ -19,7 +19,7 @@ from starlette.datastructures import Headers
 
 from gcs_server.origin import host_name, is_loopback, same_origin
 
-SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 SIGN_IN_PATH = "/sign-in"
 TOKEN_KEY = "token"
 _MAX_FIELDS = 64
@@ -72,7 +72,7 @@ class RequestHead:
     headers: Headers
 
     @classmethod
-    def of(cls, scope: Mapping[str, Any]) -> RequestHead:
+    def from_scope(cls, scope: Mapping[str, Any]) -> RequestHead:
         """Creates it from an ASGI scope of type http or websocket."""
         return cls(
             method=scope["method"] if scope["type"] == "http" else "WEBSOCKET",
@@ -85,7 +85,7 @@ class RequestHead:
     @property
     def only_reads(self) -> bool:
         """Whether the request cannot change anything (GET, HEAD)."""
-        return self.method in SAFE
+        return self.method in SAFE_METHODS
 
     @property
     def is_navigation(self) -> bool:
@@ -94,7 +94,7 @@ class RequestHead:
         return self.only_reads and mode == "navigate" and dest == "document"
 
     @property
-    def from_elsewhere(self) -> bool:
+    def is_cross_site(self) -> bool:
         """Whether the browser reports that another site's page caused the request."""
         return self.headers.get("sec-fetch-site") in ("cross-site", "same-site")
 
@@ -124,7 +124,7 @@ class Access:
             return refusal
         if head.path == SIGN_IN_PATH and head.method == "POST":
             return FormSent()
-        if head.method in ("GET", "HEAD") and (link := given_by_link(head.query)) is not None:
+        if head.method in ("GET", "HEAD") and (link := token_in_query(head.query)) is not None:
             if self.is_token(link) or self._has_cookie(head):
                 return SignedIn(without_token(head.path, head.query))
             return token_refusal("The token in the link is not valid (any more).", guessed=True)
@@ -159,7 +159,7 @@ class Access:
     def _refuse_foreign_page(self, head: RequestHead) -> Refusal | None:
         origins = head.headers.getlist("origin")
         if not origins:
-            if head.from_elsewhere and not head.is_navigation:
+            if head.is_cross_site and not head.is_navigation:
                 return _foreign("Page of another site")
             return None
         host = head.headers["host"]
@@ -214,7 +214,7 @@ def cookies_named(headers: Iterable[str], name: str) -> list[str]:
     return [value for key, _, value in pairs if key == name]
 
 
-def given_by_link(query: str) -> str | None:
+def token_in_query(query: str) -> str | None:
     """The token in a URL's query; None if there is none."""
     return next((value for key, value in _pairs(query) if key == TOKEN_KEY), None)
 

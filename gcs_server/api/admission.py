@@ -59,7 +59,7 @@ class OpenCounts:
         return None
 
     @contextmanager
-    def one(self, client_key: str, address: str) -> Generator[None]:
+    def counted(self, client_key: str, address: str) -> Generator[None]:
         """Counts one request or WebSocket while the block runs."""
         names = (f"client {client_key}", f"address {address}")
         self._all += 1
@@ -99,7 +99,7 @@ class Admission:
         counts = self._open[kind]
         refusal = refusals.BY_STATUS[status] if status else counts.refusal(key, address)
         if refusal is None:
-            with counts.one(key, address):
+            with counts.counted(key, address):
                 await self._app(scope, receive, send)
             return
         self._connections.count_refusal()
@@ -108,10 +108,10 @@ class Admission:
             if "websocket.http.response" not in (scope.get("extensions") or {}):
                 await send({"type": "websocket.close", "code": CLOSE_TRY_AGAIN, "reason": refusal.code})
                 return
-        await refused(refusal)(scope, receive, send)
+        await refusal_response(refusal)(scope, receive, send)
 
 
-def refused(refusal: LimitRefusal) -> Response:
-    """Sends the refusal and closes the connection."""
+def refusal_response(refusal: LimitRefusal) -> Response:
+    """The answer to a refused request; it also closes the connection."""
     headers = {"Connection": "close", "Cache-Control": "no-store", "Retry-After": "2"}
     return Response(refusal.body(), refusal.status, headers, media_type="application/problem+json")

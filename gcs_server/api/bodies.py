@@ -16,7 +16,7 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs_server.api import refusals
-from gcs_server.api.admission import refused
+from gcs_server.api.admission import refusal_response
 from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
 from gcs_server.api.request_queue import RequestQueue
@@ -75,7 +75,7 @@ class _ClientDisconnected(Exception):
 
 
 class Bodies:
-    """ASGI middleware.
+    """ASGI middleware that reads and checks the body of each request.
 
     Args:
         request_queue: starts requests in a fair order.
@@ -100,10 +100,10 @@ class Bodies:
         except _ClientDisconnected:
             return
         except TimeoutError:
-            await refused(refusals.TOO_SLOW)(scope, receive, send)
+            await refusal_response(refusals.TOO_SLOW)(scope, receive, send)
             return
         if body is None:
-            await refused(refusals.BODY_TOO_LARGE)(scope, receive, send)
+            await refusal_response(refusals.BODY_TOO_LARGE)(scope, receive, send)
             return
         await self._request_queue.wait(client)
         fault = json_fault(body) if b"json" in _header(scope, b"content-type") else None

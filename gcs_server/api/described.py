@@ -1,17 +1,17 @@
-"""Adds to each operation of the API description the error answers that can come before its route runs."""
+"""Completes the API description: adds the errors that can occur before a route runs to each operation, and
+describes the fields of plans."""
 
 from __future__ import annotations
 
 from typing import Any, cast
 
 from gcs_server.api import refusals
-from gcs_server.api.reflect import attribute_docs
-from gcs_server.api.reflect import described as in_words
+from gcs_server.api.reflect import attribute_docs, field_description
 from missions.values import Model
 
 PROBLEM_JSON = "application/problem+json"
 _PROBLEM = {"schema": {"$ref": "#/components/schemas/Problem"}}
-_OURS = ("Problem", "HTTPValidationError")
+_PROBLEM_SCHEMAS = ("Problem", "HTTPValidationError")
 
 COMMON: dict[str, str] = {
     "400": "Not valid HTTP, or not exactly one Host header.",
@@ -25,17 +25,15 @@ COMMON: dict[str, str] = {
 """Status and text."""
 
 
-def describe_refusals(described: dict[str, Any]) -> None:
+def describe_refusals(openapi: dict[str, Any]) -> None:
     """Describes all errors as problem+json, and adds the errors of access control and of the limits to each
     operation."""
-    described["components"]["responses"] = {
+    openapi["components"]["responses"] = {
         f"Refused{status}": {"description": text, "content": {PROBLEM_JSON: _PROBLEM}}
         for status, text in COMMON.items()
     }
-    described["components"]["responses"]["Refused401"]["content"]["text/html"] = {
-        "schema": {"type": "string"}
-    }
-    for operations in described["paths"].values():
+    openapi["components"]["responses"]["Refused401"]["content"]["text/html"] = {"schema": {"type": "string"}}
+    for operations in openapi["paths"].values():
         for operation in operations.values():
             answers = cast("dict[str, dict[str, Any]]", operation["responses"])
             for answer in answers.values():
@@ -43,14 +41,14 @@ def describe_refusals(described: dict[str, Any]) -> None:
                     answer["content"] = {PROBLEM_JSON: _PROBLEM}
             common = {status: {"$ref": f"#/components/responses/Refused{status}"} for status in COMMON}
             operation["responses"] = dict(sorted({**answers, **common}.items()))
-    schemas = described["components"]["schemas"]
+    schemas = openapi["components"]["schemas"]
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
 
 
-def flatten_unions(described: dict[str, Any]) -> None:
+def flatten_unions(openapi: dict[str, Any]) -> None:
     """Flattens unions by `kind` whose branches are unions, because OpenAPI has no nested unions."""
-    schemas = described["components"]["schemas"]
+    schemas = openapi["components"]["schemas"]
 
     def branches(schema: dict[str, Any]) -> list[dict[str, Any]]:
         parts = cast("list[dict[str, Any]]", schema.get("oneOf") or schema.get("anyOf") or [])
@@ -62,32 +60,34 @@ def flatten_unions(described: dict[str, Any]) -> None:
                 walk(part)
         elif isinstance(node, dict):
             schema = cast("dict[str, Any]", node)
-            by = schema.get("discriminator")
-            if isinstance(by, dict) and not all(isinstance(v, str) for v in by.get("mapping", {}).values()):
+            discriminator = schema.get("discriminator")
+            if isinstance(discriminator, dict) and not all(
+                isinstance(v, str) for v in discriminator.get("mapping", {}).values()
+            ):
                 flat = branches(schema)
                 schema.pop("anyOf", None)
                 schema["oneOf"] = flat
                 kinds = [schemas[each["$ref"].rpartition("/")[2]]["properties"] for each in flat]
-                by["mapping"] = {
-                    kind[by["propertyName"]]["const"]: each["$ref"]
+                discriminator["mapping"] = {
+                    kind[discriminator["propertyName"]]["const"]: each["$ref"]
                     for kind, each in zip(kinds, flat, strict=True)
                 }
             for part in schema.values():
                 walk(part)
 
-    walk(described)
+    walk(openapi)
 
 
-def describe_documents(described: dict[str, Any]) -> None:
+def describe_documents(openapi: dict[str, Any]) -> None:
     """Describes the fields of plans by their docstrings, or else by name, frame and unit."""
-    schemas = described["components"]["schemas"]
+    schemas = openapi["components"]["schemas"]
     for kind in _all_subclasses(Model):
         full_name = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # for models that share a name
         fields = (schemas.get(kind.__name__) or schemas.get(full_name) or {}).get("properties", {})
         docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
         for name, field in fields.items():
             if not {"description", "const", "$ref"} & set(field):
-                field["description"] = docs.get(name) or in_words(name)
+                field["description"] = docs.get(name) or field_description(name)
 
 
 def _docs(kind: type) -> dict[str, str]:
@@ -101,4 +101,4 @@ def _all_subclasses(kind: type) -> list[type]:
 
 def _is_problem(answer: dict[str, Any]) -> bool:
     schema = answer.get("content", {}).get("application/json", {}).get("schema", {})
-    return str(schema.get("$ref", "")).rpartition("/")[2] in _OURS
+    return str(schema.get("$ref", "")).rpartition("/")[2] in _PROBLEM_SCHEMAS

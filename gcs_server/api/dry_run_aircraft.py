@@ -15,7 +15,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 from missions.values import HomePosition
 
-ANYWHERE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
+DEFAULT_HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 """Home position of PX4's own simulation, used for a mission whose positions are all relative to its start."""
 
 
@@ -45,12 +45,12 @@ def aircraft_of(
     }
     if not aircraft["parameters"]:
         assumed.append(f"The parameters of {who} have not been read: PX4's defaults are used.")
-    place = _start_position(vehicle, who, assumed)
-    if place is None:
+    position = _start_position(vehicle, who, assumed)
+    if position is None:
         assumed.append(f"The position of {who} is not known: the plan's home is used.")
         aircraft["home"] = _start(planned, document, role)
         return aircraft, None, assumed
-    aircraft["home"] = place
+    aircraft["home"] = position
     attitude, battery = vehicle.topic("attitude"), vehicle.topic("battery")
     if attitude is not None and isinstance(attitude.value, Attitude):
         aircraft["yaw_ned_rad"] = attitude.value.yaw_ned_rad
@@ -99,7 +99,7 @@ def _start(planned: HomePosition | None, document: Document, role: str | None) -
             "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
             remedy="Give the plan a home, or name a vehicle.",
         )
-    home = _coordinates(planned) if planned is not None else dict(ANYWHERE)
+    home = _coordinates(planned) if planned is not None else dict(DEFAULT_HOME)
     if not isinstance(document, OffboardMission) or role is None:
         return home
     offset_ned_m = document.roles[role].start_ned_m or (0.0, 0.0, 0.0)

@@ -40,8 +40,8 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     """
     about_body = body.model_dump(include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True)
     with authorized_command(station, principal, "dry_runs/start", None, about_body):
-        kept, document = await _chosen(station, body)
-        flown, assumed = _roles(station, body, document) or _alone(station, body, document)
+        stored, document = await _chosen(station, body)
+        flown, assumed = _role_vehicles(station, body, document) or _single_vehicle(station, body, document)
         kind = documents.kind_of(document)
         request = {
             "kind": kind,
@@ -55,7 +55,7 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
             "elevation": await station.plan_work.elevation_paths(),
         }  # fmt: skip
         about = {
-            "kind": kind, **kept, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,
+            "kind": kind, **stored, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,
         }  # fmt: skip
         dry_run_id = station.dry_runs.next_id()
 
@@ -73,11 +73,11 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
 
 @router.get("/{d}", response_model=m.DryRunView)
 async def show_dry_run(d: str, station: StationDep) -> Response:
-    """The result of a dry run; the last ten are kept until the server is shut down."""
+    """The result of a dry run; the last ten are stored until the server is shut down."""
     return answer(station.dry_runs.get(d))
 
 
-def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Simulated:
+def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document) -> Simulated:
     if body.vehicles is not None:
         raise InvalidRequest(
             "vehicles", "The plan has no roles: one vehicle flies it.", remedy="Name it in `vehicle`."
@@ -87,7 +87,7 @@ def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Simul
     return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumed
 
 
-def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Simulated | None:
+def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) -> Simulated | None:
     """The vehicles of a mission with roles; None for other plans."""
     if not isinstance(document, OffboardMission) or not document.roles:
         return None

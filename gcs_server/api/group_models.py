@@ -28,7 +28,7 @@ class MemberBody(StrictBody):
     setpoint: AnySetpoint
 
 
-class _Together(Validity):
+class _GroupValidity(Validity):
     valid_for_s: float = Field(
         default=1.0,
         allow_inf_nan=False,
@@ -39,7 +39,7 @@ class _Together(Validity):
     )
 
 
-class StartGroup(_Together):
+class StartGroup(_GroupValidity):
     """A group of flying vehicles that start together and keep a minimum separation."""
 
     model_config = example(
@@ -99,7 +99,7 @@ class StartGroup(_Together):
         )
 
 
-class GroupSetpoints(_Together):
+class GroupSetpoints(_GroupValidity):
     """New setpoints for some or all members, sent together; an empty list renews all setpoints."""
 
     model_config = example(

@@ -43,14 +43,14 @@ class Guard:
         self._app = app
         self._access = access
         self._clock = clock
-        self._wrong_since = 0
+        self._wrong_count = 0
         self._logged_s = float("-inf")
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        head = RequestHead.of(scope)
+        head = RequestHead.from_scope(scope)
         verdict = self._access.decide(head)
         if verdict is None:
             await self._app(scope, receive, send)
@@ -86,13 +86,13 @@ class Guard:
         """Logs wrong tokens. They never block a client, because that client could be the pilot."""
         if not refusal.guessed:
             return
-        self._wrong_since += 1
+        self._wrong_count += 1
         now_s = self._clock.monotonic_s()
         if now_s - self._logged_s < QUIET_S:
             return
         caller = scope["client"][0] if scope.get("client") else "an unknown client"
-        log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_since)
-        self._wrong_since, self._logged_s = 0, now_s
+        log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_count)
+        self._wrong_count, self._logged_s = 0, now_s
 
 
 def _refused(head: RequestHead, refusal: Refusal) -> Response:
@@ -100,7 +100,7 @@ def _refused(head: RequestHead, refusal: Refusal) -> Response:
     if refusal.status == 401:
         if head.only_reads and "text/html" in head.headers.get("accept", ""):
             page = sign_in_page(refusal, without_token(head.path, head.query))
-            if head.is_navigation and head.from_elsewhere:
+            if head.is_navigation and head.is_cross_site:
                 # A browser does not send the cookie when another site links to this page, but does when the
                 # page reloads.
                 page.headers["Refresh"] = "0"

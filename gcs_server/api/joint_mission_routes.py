@@ -53,13 +53,13 @@ async def start_joint_mission(
             "compile_roles",
             {
                 "plan": text,
-                "vehicles": {role: _known(station, vehicle) for role, vehicle in vehicles.items()},
+                "vehicles": {role: _compile_context(station, vehicle) for role, vehicle in vehicles.items()},
             },
             small=False,
             field="mission",
         )
         check_findings(name.name, compiled["findings"], body.despite)
-        timelines = pickle.loads(base64.b64decode(compiled["flown"]))
+        timelines = pickle.loads(base64.b64decode(compiled["timelines"]))
         if any(timeline.avoidance for timeline, _ in timelines.values()):
             for role, vehicle in vehicles.items():
                 if timelines[role][0].avoidance:
@@ -124,7 +124,7 @@ def _require_ready(vehicle: Vehicle) -> None:
         )
 
 
-def _known(station: Station, vehicle: Vehicle) -> dict[str, Any]:
+def _compile_context(station: Station, vehicle: Vehicle) -> dict[str, Any]:
     known = plan_context_of(station, vehicle)
     return {
         "parameters": known.parameters,

@@ -20,7 +20,7 @@ from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, re
 router = APIRouter(prefix="/maps", tags=["station"])
 
 MAX_ZOOM = 24
-FRESH = {"Cache-Control": "no-cache"}
+REVALIDATE = {"Cache-Control": "no-cache"}
 """Cache header: the browser may cache a tile, but must revalidate it."""
 RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
 GZIP_MAGIC = b"\x1f\x8b"
@@ -58,7 +58,7 @@ async def map_file(
             f"{name} has no part {range_header[:100]!r}.",
             remedy="Ask for `bytes=FIRST-LAST` within the file.",
         )
-    return FileResponse(path, media_type="application/octet-stream", headers=FRESH)
+    return FileResponse(path, media_type="application/octet-stream", headers=REVALIDATE)
 
 
 @router.get(
@@ -84,9 +84,9 @@ async def map_tile(
     info = await asyncio.to_thread(read_map, path)
     tile = await asyncio.to_thread(read_tile, path, zoom, x, y)
     if tile is None:
-        return Response(status_code=204, headers=FRESH)
+        return Response(status_code=204, headers=REVALIDATE)
     zipped = {"Content-Encoding": "gzip"} if tile.startswith(GZIP_MAGIC) else {}
-    return Response(tile, media_type=info.content_type, headers={**FRESH, **zipped})
+    return Response(tile, media_type=info.content_type, headers={**REVALIDATE, **zipped})
 
 
 def _is_within(range_header: str, size: int) -> bool:

@@ -38,8 +38,8 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
     when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
     position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
-    from the position at which it begins: before arming if it begins with a take-off, and PX4 does not arm in
-    its mode until it is compiled (`ready`).
+    from the position at which it begins. A mission that begins with a take-off is compiled before arming, and
+    PX4 does not arm in its mode until it is compiled (`ready`).
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "mission_modes/register", v, arguments):
@@ -89,7 +89,7 @@ def conditions_of(station: Station, vehicle_id: str) -> Conditions | None:
 
 
 def _home_when_armed(vehicle: Vehicle) -> dict[str, float]:
-    """The altitude of home to which PX4 sets it when it arms: the vehicle's present one."""
+    """The home altitude that PX4 sets when the vehicle is armed: the vehicle's present altitude."""
     position = vehicle.topic("global_position")
     if vehicle.topic("home") is None or position is None or not isinstance(position.value, GlobalPosition):
         return {}

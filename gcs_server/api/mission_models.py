@@ -60,9 +60,9 @@ class StartRequest(StrictBody):
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[],
         description="Codes of the plan's error findings that the caller accepts; `plan_not_known` if the "
-        "server does not know which plan is on the vehicle; `flight_from_here` for errors that only the "
-        "flight from here to a later `item`, and on, has; `separation` if the flight may come too near to "
-        "another vehicle.",
+        "server does not know which plan is on the vehicle; `flight_from_here` for errors of a flight from "
+        "here to a later `item` and onwards, which the plan itself does not have; `separation` if the flight "
+        "may come too near to another vehicle.",
     )
     dry_run: Annotated[str, Field(max_length=20)] | None = Field(
         default=None,
@@ -89,8 +89,9 @@ class HeldView(AnswerBody):
     """The plan on the vehicle."""
 
     state: Literal["plan", "another", "not_known"] = Field(
-        description="plan: the plan given here; another: not the plan that was uploaded last; not_known: "
-        "the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids."
+        description="plan: the vehicle has `plan`; another: the vehicle has another plan than the one that "
+        "was uploaded last; not_known: the server has not uploaded or compared the plan on the vehicle, or "
+        "the vehicle reports no ids."
     )
     plan: PlanNameModel | None = Field(  # type: ignore[valid-type]
         description="The last uploaded and verified plan, to which `state` refers."

@@ -1,5 +1,5 @@
-"""What is checked before the mission on a vehicle starts: its plan, for a start on the ground at a later
-item the flight from there, and the separation from the flights of other vehicles."""
+"""Checks before the mission on a vehicle starts: the plan, the separation from the flights of other vehicles,
+and the flight from here if the vehicle starts on the ground at a later item."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from missions.waypoints.resume import rest_of, resume_point
 NOT_KNOWN = "plan_not_known"
 """Code in `despite` if the server does not know which plan is on the vehicle."""
 FROM_HERE = "flight_from_here"
-"""Code in `despite` that accepts errors of the flight from the vehicle's place to a later item, and on."""
+"""Code in `despite` that accepts errors of the flight from the vehicle's position to a later item and
+onwards."""
 PLACE_CODES = frozenset(
     {
         "fence_crossed",
@@ -43,7 +44,7 @@ PLACE_CODES = frozenset(
 
 
 async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> DryRunPath | None:
-    """Refuses a plan with error findings, or too near to other vehicles, that the caller has not accepted.
+    """Refuses to start a plan with errors or conflicts with other vehicles that the caller has not accepted.
 
     All findings are in one answer. A start that is not refused counts as a flight for the starts of other
     vehicles, until `WaypointFlights.announced` ends.
@@ -58,10 +59,10 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
     """
     _require_mission(vehicle, request.mission_id)
     held = vehicle.mission.held
-    same = None if held is None else still_held(vehicle, held)
-    if held is not None and not held.items["mission"] and same is not False:
+    same_ids = None if held is None else still_held(vehicle, held)
+    if held is not None and not held.items["mission"] and same_ids is not False:
         raise Refused(f"Vehicle {vehicle.id} has no mission.", remedy="Upload a plan first.")
-    if held is None or not same:
+    if held is None or not same_ids:
         if NOT_KNOWN not in request.despite:
             raise PlanFindings(
                 f"The server does not know which plan is on vehicle {vehicle.id}, "
@@ -85,7 +86,7 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
 
 @dataclass(frozen=True, slots=True)
 class _Errors:
-    """Errors of one sort."""
+    """Errors of one group: of the plan, of the flight from here, or of the separation."""
 
     about: str
     """Begin of the message, which the first error completes."""
@@ -98,17 +99,17 @@ class _Errors:
         return replace(self, found=tuple(each for each in self.found if each[0] not in despite))
 
 
-def _require_accepted(sorts: Sequence[_Errors], despite: Collection[str]) -> None:
-    """Raises PlanFindings with all errors of all sorts that the caller has not accepted."""
-    open_sorts = [each for each in (errors.without(despite) for errors in sorts) if each.found]
-    if not open_sorts:
+def _require_accepted(groups: Sequence[_Errors], despite: Collection[str]) -> None:
+    """Raises PlanFindings with all errors of all groups that the caller has not accepted."""
+    remaining = [each for each in (errors.without(despite) for errors in groups) if each.found]
+    if not remaining:
         return
-    every = [each for errors in open_sorts for each in errors.found]
+    every = [each for errors in remaining for each in errors.found]
     raise PlanFindings(
-        " ".join(f"{errors.about} {errors.found[0][1]}" for errors in open_sorts),
+        " ".join(f"{errors.about} {errors.found[0][1]}" for errors in remaining),
         codes=tuple(dict.fromkeys(code for code, _ in every)),
         reasons=tuple(text for _, text in every),
-        remedy=" ".join(errors.remedy for errors in open_sorts),
+        remedy=" ".join(errors.remedy for errors in remaining),
     )
 
 
@@ -129,7 +130,7 @@ async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: Start
         known = {text for _, text in errors}
         found.append(
             _Errors(
-                f"The flight from here to item {request.item + 1} and on has errors:",
+                f"The flight from here to item {request.item + 1} and onwards has errors:",
                 tuple((FROM_HERE, text) for text in rest if text not in known),
                 "Start at another item or place, or name flight_from_here in `despite`.",
             )
@@ -163,7 +164,7 @@ def _require_mission(vehicle: Vehicle, mission_id: int | None) -> None:
 
 
 async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int) -> list[str]:
-    """Errors of the rest of the plan from the vehicle's place on the ground, which becomes its home."""
+    """Errors of the rest of the plan from the vehicle's position on the ground, which becomes its home."""
     found = resume_point(plan, item)
     if isinstance(found, str):
         raise Refused(
@@ -179,8 +180,8 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
 
 
 async def _stored_obstacles(station: Station, held: HeldItems) -> tuple[Obstacle, ...]:
-    """The obstacles of the stored plan that is on the vehicle, which does not hold them; none if the plan was
-    not stored or is deleted."""
+    """The obstacles of the stored plan that is on the vehicle; the vehicle itself stores no obstacles. Empty
+    if the plan was not stored or is deleted."""
     if held.plan is None or held.plan.id is None:
         return ()
     try:

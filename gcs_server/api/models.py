@@ -27,7 +27,7 @@ class TakeoffRequest(StrictBody):
     model_config = _example(alt_home_m=10)
 
     alt_home_m: float = Field(
-        allow_inf_nan=False, ge=1, le=120, description="Height above home to climb to [m], 1 to 120."
+        allow_inf_nan=False, ge=1, le=120, description="Altitude above home to climb to [m], 1 to 120."
     )
 
 

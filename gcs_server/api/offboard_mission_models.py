@@ -75,8 +75,9 @@ class MissionToInsert(OneMission):
     )
     positions: Positions | None = Field(
         default=None,
-        description="For planned starts that differ: positions relative to start or home count `from_start` "
-        "of `plan`, or are converted to the `same_places`; null: refused if it makes a difference.",
+        description="Needed if the planned starts of the two missions differ. `from_start`: positions "
+        "relative to start or home are measured from the start of `plan`. `same_places`: they are converted, "
+        "so that the inserted mission is flown at the same places. null: refused if this makes a difference.",
     )
 
 

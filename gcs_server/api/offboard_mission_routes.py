@@ -204,7 +204,7 @@ async def _compiled_start(
         small=False,
         field="mission",
     )
-    timeline, motion = pickle.loads(base64.b64decode(compiled["flown"]))
+    timeline, motion = pickle.loads(base64.b64decode(compiled["timeline"]))
     return Start(name, timeline, motion, client, low_battery_share(vehicle)), list(compiled["findings"])
 
 
@@ -231,7 +231,8 @@ async def chosen_mission(station: Station, body: m.OneMission) -> tuple[MissionN
 
 
 def start_of(vehicle: Vehicle) -> dict[str, Any]:
-    """The vehicle's position.
+    """The conditions of a start now: the vehicle's position and yaw, its local origin, the altitude of home,
+    and whether it is in the air.
 
     Raises:
         Refused: the position is unknown.
@@ -271,6 +272,7 @@ def corridor_for(
 
 
 def check_findings(name: str, findings: list[dict[str, Any]], despite: Sequence[str]) -> None:
+    """Raises PlanFindings if the mission has error findings whose codes are not in `despite`."""
     unaccepted = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
     if unaccepted:
         reasons = tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in unaccepted)

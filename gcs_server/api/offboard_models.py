@@ -13,7 +13,7 @@ from missions.fence import CircleFence, Fence, PolygonFence
 
 
 class PolygonFenceBody(StrictBody):
-    """Stay inside."""
+    """A polygon that the vehicle must not leave."""
 
     kind: Literal["polygon"]
     points_deg: Annotated[tuple[tuple[Latitude, Longitude], ...], Field(min_length=3, max_length=200)] = (
@@ -26,7 +26,7 @@ class PolygonFenceBody(StrictBody):
 
 
 class CircleFenceBody(StrictBody):
-    """Stay inside."""
+    """A circle that the vehicle must not leave."""
 
     kind: Literal["circle"]
     lat_deg: Latitude

@@ -118,7 +118,7 @@ class SetpointSocket:
                 else:
                     if len(text) > LARGE_MESSAGE:
                         await self._station.request_queue.wait(self._principal)
-                    answer = await self._take(text)
+                    answer = await self._apply_message(text)
                     applied = "error" not in answer
                     self._answer(answer)
             period_s = 1.0 / MAX_HZ
@@ -143,7 +143,7 @@ class SetpointSocket:
             self._answers_size -= len(self._answers.popleft())
         self._answered.set()
 
-    async def _take(self, text: str) -> Answer:
+    async def _apply_message(self, text: str) -> Answer:
         try:
             seq, data = _parsed(text)
         except ValueError as error:

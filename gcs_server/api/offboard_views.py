@@ -72,7 +72,7 @@ OffboardModel = model_of(
 class FenceView(AnswerBody):
     """The operator's fence: a polygon's corners, or a circle's centre and radius."""
 
-    kind: Literal["polygon", "circle"] = Field(description="Which.")
+    kind: Literal["polygon", "circle"] = Field(description="Kind of the fence.")
     points_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, description="Latitude and longitude of each corner [deg]."
     )

@@ -69,8 +69,8 @@ async def check_document(
         station: the running server.
         document: the plan.
         vehicle: the vehicle; None: the plan's own home, and PX4's default parameters.
-        power: of the vehicle, for the energy.
-        home: instead of the vehicle's home.
+        power: electrical power and battery of the vehicle, for the energy estimate.
+        home: home position to use instead of the vehicle's.
     """
     known = plan_context_of(station, vehicle)
     needed = known.unknown_parameters

@@ -63,7 +63,7 @@ AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
 
 
 def _read_pattern(value: object) -> object:
-    """Reads a pattern; the error has its invalid field, which a form shows it beside."""
+    """Reads a pattern; an error names the invalid field, so that a form can show the error beside it."""
     try:
         return pattern_document.read(json.dumps(value))
     except PlanError as error:
@@ -130,7 +130,7 @@ class PlanToFollowGround(StrictBody):
         le=1000.0,
         allow_inf_nan=False,
         description="Tolerance of the height above the ground [m]: waypoints are added until the straight "
-        "lines keep it; null: no waypoints are added.",
+        "lines stay within it; null: no waypoints are added.",
     )
 
 

@@ -194,7 +194,7 @@ async def import_table(
     request: Request,
     station: StationDep,
     filename: Annotated[
-        str, Query(max_length=255, description="Name of the file; the name of the table is made of it.")
+        str, Query(max_length=255, description="Name of the file; the name of the table is derived from it.")
     ] = "",
 ) -> Response:
     """The trajectory in a file, as CSV text for the `tables` of an offboard mission: CSV, or a NumPy array

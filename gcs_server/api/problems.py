@@ -162,7 +162,9 @@ def _body(status: int, title: str, code: str, detail: str, more: Mapping[str, ob
 def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
     """(field, message) of the first invalid values; the names of union branches are left out of the path."""
     problems: list[dict[str, str]] = []
-    errors = [item for item in error.errors() if item["type"] != "too_short" or not _follows(item, error)]
+    errors = [
+        item for item in error.errors() if item["type"] != "too_short" or not _is_consequence(item, error)
+    ]
     for item in errors[:MAX_ERRORS]:
         parts = [str(part) for part in item["loc"]]
         if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
@@ -179,7 +181,7 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
     return problems
 
 
-def _follows(item: dict[str, Any], error: RequestValidationError) -> bool:
+def _is_consequence(item: dict[str, Any], error: RequestValidationError) -> bool:
     """Whether a list counts as too short only because validation stopped at its first invalid item."""
     path = tuple(item["loc"])
     return any(other["loc"][: len(path)] == path and other is not item for other in error.errors())

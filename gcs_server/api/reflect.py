@@ -42,7 +42,7 @@ _FRAMES = {
 }
 
 
-def described(name: str) -> str:
+def field_description(name: str) -> str:
     """Description of a field without a docstring: its name, frame and unit."""
     unit = next((text for end, text in _UNITS.items() if name.endswith(end)), "")
     frame = next((text for part, text in _FRAMES.items() if f"{part}_" in f"{name}_"), "")
@@ -87,7 +87,7 @@ def model_of(kind: type, name: str | None = None, **overrides: Any) -> type[Base
     hints = typing.get_type_hints(kind)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
-        description = docs.get(field.name) or described(field.name)
+        description = docs.get(field.name) or field_description(field.name)
         fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=description))
     return create_model(
         name or kind.__name__,

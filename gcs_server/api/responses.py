@@ -44,13 +44,13 @@ LINES_PER_YIELD = 500
 """Number of lines of a history that are encoded in one iteration of the event loop."""
 
 
-_SEVERAL: dict[str, dict[str, Any]] = {
+_LIST_FIELDS: dict[str, dict[str, Any]] = {
     "battery": {"batteries": tuple[model_of(BatteryReading), ...]},
     "gimbal": {"gimbals": tuple[model_of(GimbalReading), ...]},
     "motors": {"groups": tuple[model_of(OutputGroup), ...]},
     "distance_sensors": {"sensors": tuple[model_of(DistanceSensor), ...]},
 }
-TOPIC_MODELS = {name: model_of(kind, **_SEVERAL.get(name, {})) for name, kind in TOPICS.items()}
+TOPIC_MODELS = {name: model_of(kind, **_LIST_FIELDS.get(name, {})) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
 ComponentModel = model_of(Component)
 ReachModel = model_of(Reach)
@@ -152,7 +152,7 @@ class HistorySample(AnswerBody):
     """One stored sample."""
 
     vehicle: str = Field(description="The vehicle's id.")
-    topic: str = Field(description="Which topic.")
+    topic: str = Field(description="Name of the topic.")
     vehicle_time_boot_s: float | None = Field(description="The vehicle's own boot clock [s].")
     received_unix_s: float = Field(description="When the server received it [s since 1970 UTC].")
     value: dict[str, Any] = Field(description="As in `topics` of the vehicle.")

@@ -78,21 +78,21 @@ class _DocumentedApp(FastAPI):
 
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
-            described = super().openapi()
-            described["components"]["securitySchemes"] = {
+            openapi = super().openapi()
+            openapi["components"]["securitySchemes"] = {
                 "token": {
                     "type": "http",
                     "scheme": "bearer",
                     "description": "The token in the link that the server prints at its start (`GCS_TOKEN`).",
                 }
             }
-            described["security"] = [{"token": []}, {}]  # on loopback no token is required unless one was set
-            for path, operations in described["paths"].items():
+            openapi["security"] = [{"token": []}, {}]  # on loopback no token is required unless one was set
+            for path, operations in openapi["paths"].items():
                 for method, operation in operations.items():
                     operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].described()
-            describe_refusals(described)
-            flatten_unions(described)
-            describe_documents(described)
+            describe_refusals(openapi)
+            flatten_unions(openapi)
+            describe_documents(openapi)
         assert self.openapi_schema is not None
         return self.openapi_schema
 

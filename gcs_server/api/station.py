@@ -55,6 +55,7 @@ class Station:
     topic_inspectors: TopicInspectors
     started_s: float
     own_ids: tuple[int, int]
+    """System and component id of this server."""
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
     request_queue: RequestQueue = field(init=False)

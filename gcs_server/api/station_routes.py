@@ -51,7 +51,7 @@ async def list_links(station: StationDep) -> Response:
 
 @router.post("/links", response_model=responses.LinkModel, status_code=201, responses=RESPONSES)
 async def add_link(body: models.LinkRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Opens a link. If it cannot be opened yet, it keeps trying and reports the reason.
+    """Opens a link. If it cannot be opened yet, the server keeps trying and reports the reason.
 
     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while another client has
     control of a vehicle, because that station could command the vehicle.

@@ -22,7 +22,7 @@ from gcs_server.client import (
 )
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
-from gcs_server.client.mission import TRANSFER_S
+from gcs_server.client.mission import TRANSFER_TIMEOUT_S
 from gcs_server.client.offboard import Answer, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body, PathPoints
@@ -178,8 +178,8 @@ class SyncMission:
         self._portal = portal
 
     def state(self) -> dict[str, Any]:
-        """Progress of the vehicle's mission, the plan that it `holds`, and where an interrupted flight can be
-        resumed (`resume`).
+        """Progress of the vehicle's mission, the plan on the vehicle (`holds`), and where an interrupted
+        flight can be resumed (`resume`).
         """
         return self._portal.call(lambda: self._inner.state())
 
@@ -190,7 +190,7 @@ class SyncMission:
         plan_id: str | None = None,
         version: int | None = None,
         confirm: str | None = None,
-        timeout_s: float = TRANSFER_S,
+        timeout_s: float = TRANSFER_TIMEOUT_S,
     ) -> dict[str, Any]:
         """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
@@ -206,7 +206,7 @@ class SyncMission:
             )
         )
 
-    def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
+    def download(self, *, timeout_s: float = TRANSFER_TIMEOUT_S) -> dict[str, Any]:
         """Reads the vehicle's items; returns the same result as `plan`."""
         return self._portal.call(lambda: self._inner.download(timeout_s=timeout_s))
 
@@ -241,7 +241,7 @@ class SyncMission:
 
         Raises:
             Refused: the plan is unknown or has errors, and `despite` does not list the codes; the dry run
-                does not fit; or the vehicle has another mission than `mission_id`.
+                was made for another plan or position; or the vehicle has another mission than `mission_id`.
         """
         self._portal.call(
             lambda: self._inner.start(item, despite=despite, dry_run=dry_run, mission_id=mission_id)

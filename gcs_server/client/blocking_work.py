@@ -17,7 +17,7 @@ from gcs_server.client import (
     operations,
     plans,
 )
-from gcs_server.client.dry_runs import RUN_S
+from gcs_server.client.dry_runs import RUN_TIMEOUT_S
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
 
@@ -74,7 +74,7 @@ class SyncDryRuns:
         vehicle_id: str | None = None,
         flights: int | None = None,
         settings: Body | None = None,
-        timeout_s: float = RUN_S,
+        timeout_s: float = RUN_TIMEOUT_S,
     ) -> dict[str, Any]:
         """Starts a dry run as `start` does, waits for its end, and returns the result.
 

@@ -8,7 +8,7 @@ from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
 
-RUN_S = 900.0
+RUN_TIMEOUT_S = 900.0
 
 
 class Caller(Protocol):
@@ -64,7 +64,7 @@ class DryRuns:
         vehicle_id: str | None = None,
         flights: int | None = None,
         settings: Body | None = None,
-        timeout_s: float = RUN_S,
+        timeout_s: float = RUN_TIMEOUT_S,
     ) -> dict[str, Any]:
         """Starts a dry run as `start` does, waits for its end, and returns the result.
 

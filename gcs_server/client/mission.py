@@ -10,7 +10,7 @@ from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
 
-TRANSFER_S = 600.0
+TRANSFER_TIMEOUT_S = 600.0
 """Maximum wait [s]; a thousand items take a few minutes on a link that loses every third packet."""
 
 
@@ -22,8 +22,8 @@ class Mission:
         self._operations = operations
 
     async def state(self) -> dict[str, Any]:
-        """Progress of the vehicle's mission, the plan that it `holds`, and where an interrupted flight can be
-        resumed (`resume`)."""
+        """Progress of the vehicle's mission, the plan on the vehicle (`holds`), and where an interrupted
+        flight can be resumed (`resume`)."""
         return await self._vehicle.request("GET", "/mission")
 
     async def upload(
@@ -33,7 +33,7 @@ class Mission:
         plan_id: str | None = None,
         version: int | None = None,
         confirm: str | None = None,
-        timeout_s: float = TRANSFER_S,
+        timeout_s: float = TRANSFER_TIMEOUT_S,
     ) -> dict[str, Any]:
         """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
@@ -47,7 +47,7 @@ class Mission:
         begun = await self._vehicle.request("POST", "/mission/upload", body)
         return (await self._operations.wait(begun["id"], timeout_s=timeout_s))["result"]
 
-    async def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
+    async def download(self, *, timeout_s: float = TRANSFER_TIMEOUT_S) -> dict[str, Any]:
         """Reads the vehicle's items; returns the same result as `plan`."""
         begun = await self._vehicle.request("POST", "/mission/download")
         await self._operations.wait(begun["id"], timeout_s=timeout_s)
@@ -83,7 +83,7 @@ class Mission:
 
         Raises:
             Refused: the plan is unknown or has errors, and `despite` does not list the codes; the dry run
-                does not fit; or the vehicle has another mission than `mission_id`.
+                was made for another plan or position; or the vehicle has another mission than `mission_id`.
         """
         more = {"item": item, "dry_run": dry_run, "mission_id": mission_id}
         body: Body = {"despite": list(despite), **{k: v for k, v in more.items() if v is not None}}

@@ -44,7 +44,7 @@ class Operations:
         while (operation := await self.get(operation_id))["state"] == "running":
             if loop.time() > end_s:
                 raise Timeout(
-                    f"Operation {operation_id} still runs after {timeout_s:g} s: {operation['text']}"
+                    f"Operation {operation_id} is still running after {timeout_s:g} s: {operation['text']}"
                 )
             await asyncio.sleep(POLL_S)
         if operation["error"] is not None:

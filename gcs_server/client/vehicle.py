@@ -211,8 +211,8 @@ class Vehicle:
 
 @asynccontextmanager
 async def held_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> AsyncGenerator[None]:
-    """Calls `hold` at the end of a block, also after an exception: that one is raised, with a note if `hold`
-    fails, too."""
+    """Calls `hold` at the end of a block. After an exception, that exception is raised, with a note if `hold`
+    fails too."""
     try:
         yield
     except BaseException as error:

@@ -81,10 +81,10 @@ class Acceptor:
                 except OSError as error:
                     await self._failed(error)
                     break
-                self._take(accepted, str(address[0]))
+                self._register(accepted, str(address[0]))
             await asyncio.sleep(0)
 
-    def _take(self, accepted: socket.socket, address: str) -> None:
+    def _register(self, accepted: socket.socket, address: str) -> None:
         connection = self._connections.open(address)
         if connection is None:
             _refuse(accepted)

@@ -15,7 +15,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 from gcs_server.api import refusals as r
 from gcs_server.api.connections import SCOPE_KEY
 from gcs_server.http_server.context import ConnectionContext
-from gcs_server.http_server.stall import Stall
+from gcs_server.http_server.stall import StallDetector
 from gcs_server.http_server.websocket_protocol import BoundedWebSocket
 
 OVERHEAD_BYTES = 131_072
@@ -55,7 +55,7 @@ class BoundedHttp(HttpToolsProtocol):
         self.connection = context.connection
         self._connections = context.connections
         self._clock = clock = context.clock
-        self._stall = Stall(clock)
+        self._stall = StallDetector(clock)
         self._since_s = clock.monotonic_s()
         """Start of the current deadline, for the head or the body."""
         self._in_head = False
@@ -217,7 +217,7 @@ class BoundedHttp(HttpToolsProtocol):
         if self._lingers_until_s is not None:
             if now_s > self._lingers_until_s:
                 self.end()
-        elif self._stall.too_long(self.unread_bytes()):
+        elif self._stall.is_stalled(self.unread_bytes()):
             self.end()
         elif self._in_body:
             if now_s - self._since_s > r.BODY_DEADLINE_S:

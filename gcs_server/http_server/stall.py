@@ -6,8 +6,8 @@ from gcs_server.api.refusals import UNREAD_DEADLINE_S
 from gcs_server.clock import Clock
 
 
-class Stall:
-    """Monitors one connection.
+class StallDetector:
+    """Detects that the client of one connection reads nothing.
 
     Args:
         clock: the server's clock.
@@ -18,7 +18,7 @@ class Stall:
         self._last_bytes = 0
         self._since_s = 0.0
 
-    def too_long(self, unread_bytes: int) -> bool:
+    def is_stalled(self, unread_bytes: int) -> bool:
         """Whether the client has read nothing for `UNREAD_DEADLINE_S`; call periodically.
 
         Args:

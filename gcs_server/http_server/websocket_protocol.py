@@ -18,7 +18,7 @@ from websockets.http11 import Request
 from gcs_server.api.connections import SCOPE_KEY
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
 from gcs_server.http_server.context import ConnectionContext
-from gcs_server.http_server.stall import Stall
+from gcs_server.http_server.stall import StallDetector
 
 PIECE_BYTES = 2048
 MAX_FRAMES = 1024
@@ -39,7 +39,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self.connection = context.connection
         self._connections = context.connections
         self._clock = clock = context.clock
-        self._stall = Stall(clock)
+        self._stall = StallDetector(clock)
         self._unparsed: deque[bytes] = deque()
         self._parsing = False
         self._second_s, self._frames_in_second = clock.monotonic_s(), 0
@@ -158,7 +158,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
                 self._closing_since_s = now_s
             elif now_s - self._closing_since_s > CLOSE_DEADLINE_S:
                 self.end()
-        elif self._stall.too_long(self.unread_bytes()):
+        elif self._stall.is_stalled(self.unread_bytes()):
             self._fail(CLOSE_TOO_SLOW, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
 
     def _fail(self, code: int, reason: str) -> None:

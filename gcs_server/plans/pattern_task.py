@@ -31,7 +31,7 @@ def generate(arguments: Mapping[str, Any]) -> Values:
     found = document.make(pattern)
     plan, notes = _on_ground(Plan(items=found.items), arguments)
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
-    flown = estimate(plan, vehicle)
+    estimated = estimate(plan, vehicle)
     figures = {
         each.name: getattr(found, each.name)
         for each in dataclasses.fields(found)
@@ -46,7 +46,7 @@ def generate(arguments: Mapping[str, Any]) -> Values:
         "plan": written.decode(),
         "lines": [[start.model_dump(), end.model_dump()] for start, end in found.lines],
         "path": _path(plan),
-        "figures": {**figures, "length_m": flown.length_m, "time_s": flown.time_s},
+        "figures": {**figures, "length_m": estimated.length_m, "time_s": estimated.time_s},
         "notes": list(notes),
     }
 

@@ -250,8 +250,8 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     `OperatorArea`), `start` (as `Start`, `origin` as a mapping or null), `elevation`: paths of elevation
     files.
 
-    `flown` in the answer is the pickled timeline with its motion limits; only this server and its processes
-    write and read it.
+    `timeline` in the answer is the pickled timeline with its motion limits; only this server and its
+    processes write and read it.
     """
     from missions.offboard.compiler import compile_mission
 
@@ -262,7 +262,7 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     ground_findings = _ground_findings(timeline, start, arguments["elevation"])
     return {
         "findings": [_short_finding(each) for each in (*timeline.findings, *ground_findings)],
-        "flown": _pickled((timeline, _motion_of(mission, vehicle))),
+        "timeline": _pickled((timeline, _motion_of(mission, vehicle))),
     }
 
 
@@ -270,7 +270,7 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Values:
     """Compiles a mission of several vehicles. Arguments: `plan` (JSON text), `vehicles`: for each role the
     arguments of `compile`; `elevation`.
 
-    `flown` in the answer is pickled: the timeline and the motion limits of each role.
+    `timelines` in the answer is pickled: the timeline and the motion limits of each role.
     """
     from missions.offboard.roles import compile_roles
 
@@ -282,8 +282,10 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Values:
     findings = list(compiled.findings)
     for role, timeline in compiled.timelines.items():
         findings += _ground_findings(timeline, starts[role], arguments["elevation"])
-    flown = {role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()}
-    return {"findings": [_short_finding(each) for each in findings], "flown": _pickled(flown)}
+    timelines = {
+        role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()
+    }
+    return {"findings": [_short_finding(each) for each in findings], "timelines": _pickled(timelines)}
 
 
 def _ground_findings(timeline: Timeline, start: Start, elevation: Sequence[str]) -> list[MissionFinding]:

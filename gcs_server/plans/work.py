@@ -94,7 +94,7 @@ class PlanWork:
                 )
         except WorkerFailed as error:
             raise Refused(
-                f"The {task} took more memory or time than allowed, or failed: {error}",
+                f"The task {task!r} took more memory or time than allowed, or failed: {error}",
                 remedy="Make the plan, file or area smaller.",
             ) from error
 

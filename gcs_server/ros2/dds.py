@@ -32,14 +32,14 @@ from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_nam
 
 LOOPBACK: Final = "lo"
 MAX_PARTICIPANTS: Final = 99
-"""On loopback: without multicast, discovery uses one port for each participant."""
+"""Maximum number of participants on loopback: without multicast, discovery uses one port for each."""
 MAX_ANNOUNCEMENTS: Final = 200
 """Maximum number of announcements of writers, and of readers, in one reading."""
 MAX_WRITERS: Final = 64
 """Maximum number of writers of one topic whose participant is stored."""
 SILENT_S: Final = 3.5
-"""Time without a status from the participant that is read, after which another one with the same topics is
-read [s]."""
+"""If the participant that is read sends no vehicle status for this time, another participant with the same
+topics is read [s]."""
 
 BEST_EFFORT: Final = Policy.Reliability.BestEffort
 
@@ -214,7 +214,7 @@ class Writers:
         """
         kind, writer = self._writers[topic]
         try:
-            writer.write(kind.of(data))
+            writer.write(kind.from_cdr(data))
         except DDSException as problem:
             raise OSError(f"DDS cannot send: {problem.msg}") from None
 

@@ -32,15 +32,15 @@ class Sample(IdlStruct):
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Self:
         """A sample of the bytes that Cyclone received, without a check."""
-        return cls.of(bytes(data))
+        return cls.from_cdr(bytes(data))
 
     @classmethod
     def deserialize_key(cls, data: bytes, *_: Any, **__: Any) -> Self:
         """Called by Cyclone when a writer has ended; these types have no keys."""
-        return cls.of(b"")
+        return cls.from_cdr(b"")
 
     @classmethod
-    def of(cls, cdr: bytes) -> Self:
+    def from_cdr(cls, cdr: bytes) -> Self:
         """A sample of these bytes."""
         sample = cls()
         sample.cdr = cdr

@@ -1,7 +1,7 @@
 """One flight mode of this server in PX4: registration, arming checks, completion, removal.
 
 PX4 v1.16 gives a registered mode one of eight navigation states, shows its name to every ground station, and
-sends its component a request about three times a second: can the mode run? A mode whose component does not
+asks its component about three times a second whether the mode can run. A mode whose component does not
 answer is removed; in flight PX4 then returns (RTL). The times here follow from recordings of PX4 and from its
 own interface library. No I/O and no clock: the caller passes the time and sends the messages.
 """
@@ -40,7 +40,7 @@ FIRST_STATE, LAST_STATE = 23, 30
 """Navigation states of external modes."""
 NO_ID: Final = -1
 ATTEMPTS, ATTEMPT_EVERY_S = 5, 1.0
-CHECKS: Final = 2
+MIN_CHECKS: Final = 2
 """Number of check requests after which the mode counts as registered. PX4 can select a mode only after it has
 evaluated the first answer, which it does before the second request."""
 LOST_S: Final = 1.5
@@ -121,7 +121,7 @@ class ExternalMode:
     def registration(self) -> Registration:
         """State of the registration."""
         nav_state = None if self._mode_id == NO_ID else self._mode_id
-        selectable = self._state != "registered" or self._checks >= CHECKS
+        selectable = self._state != "registered" or self._checks >= MIN_CHECKS
         state = self._state if selectable else "registering"
         executor = self.executor.state if self.executor is not None and state == "registered" else None
         name = self.declaration.name

@@ -199,7 +199,7 @@ class DomainTopics:
             self._endpoints[each.key] = each.publishes, topic
             self._count(each.publishes, topic, 1)
 
-    def of(self, namespace: str) -> list[TopicKey]:
+    def topics_of(self, namespace: str) -> list[TopicKey]:
         """The topics of a vehicle, then those of no vehicle, each by name."""
         named = [(self._owner(key), key) for key in self._counts]
         shown = [(owner != namespace, key) for owner, key in named if owner in (namespace, None)]

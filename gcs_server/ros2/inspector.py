@@ -64,7 +64,7 @@ class Session:
     def read(self, namespaces: set[str], now_s: float) -> None:
         """Reads the topics of these vehicles, and no others."""
         self._domain.apply(self._port.announcements())
-        wanted = {key for namespace in namespaces for key in self._domain.of(namespace)[:MAX_TOPICS]}
+        wanted = {key for namespace in namespaces for key in self._domain.topics_of(namespace)[:MAX_TOPICS]}
         for key in self._records.keys() - wanted:
             self._port.close(key)
             del self._records[key]
@@ -78,7 +78,7 @@ class Session:
 
     def inspection(self, namespace: str, now_s: float) -> Inspection:
         """The topics of a vehicle."""
-        keys = self._domain.of(namespace)
+        keys = self._domain.topics_of(namespace)
         return Inspection(
             domain_id=self._domain_id,
             namespace=namespace,
@@ -150,12 +150,12 @@ class DomainInspector:
         """Reads topics until no client requests them. Cyclone's entities end with this call."""
         now_s = time.monotonic()
         session = Session(self._open_port(self._domain_id, self._interface), self._domain_id, now_s)
-        show_s = now_s
+        next_show_s = now_s
         while not self._stop.wait(READ_EVERY_S) and (namespaces := self._active_namespaces()):
             now_s = time.monotonic()
             session.read(namespaces, now_s)
-            if now_s >= show_s:
-                show_s = now_s + SHOW_EVERY_S
+            if now_s >= next_show_s:
+                next_show_s = now_s + SHOW_EVERY_S
                 shown = {name: session.inspection(name, now_s) for name in namespaces}
                 with self._lock:
                     self._shown = shown

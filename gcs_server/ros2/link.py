@@ -97,7 +97,7 @@ class Ros2Link(Link):
         vehicle = None if run is None else run.vehicles.get(peer.name)
         if vehicle is None:
             raise OSError(f"{peer.name} is not connected")
-        vehicle.sent(data, time.time_ns() // 1000)
+        vehicle.send(data, time.time_ns() // 1000)
         return len(data)
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
@@ -139,7 +139,7 @@ class Ros2Link(Link):
 
 
 class _Run:
-    """The thread of an open link."""
+    """One run of a link, from opening to closing: the thread that reads DDS."""
 
     def __init__(self, link: Ros2Link, loop: asyncio.AbstractEventLoop, open_port: OpenPort) -> None:
         self._link, self._loop, self._open_port = link, loop, open_port
@@ -185,7 +185,7 @@ class _Run:
         batch: list[tuple[str, bytes]] = []
         for name, vehicle_port in self._ports.items():
             try:  # a fault affects this vehicle only
-                data = self.vehicles[name].received(vehicle_port.take(now_s), now_s)
+                data = self.vehicles[name].to_frames(vehicle_port.take(now_s), now_s)
             except Exception as error:
                 self._link.faults.add(error, f"reading {name}")
                 continue

@@ -1,7 +1,7 @@
 """One vehicle on a `ros2://` link: converts its samples to MAVLink frames, and the server's commands to
 VehicleCommand.
 
-Uses neither DDS nor a clock. `received` runs in the link's thread, `sent` in any thread.
+Uses neither DDS nor a clock. `to_frames` runs in the link's thread, `send` in any thread.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class VehicleLink:
         self._problems: dict[str, tuple[str, float]] = {}
         """Problem by topic, and when it last happened [s, monotonic]."""
 
-    def received(self, samples: Iterable[tuple[str, bytes]], now_s: float) -> bytes:
+    def to_frames(self, samples: Iterable[tuple[str, bytes]], now_s: float) -> bytes:
         """MAVLink frames of received samples; a malformed sample affects only itself.
 
         Args:
@@ -64,7 +64,7 @@ class VehicleLink:
         for topic, data in samples:
             try:
                 values = _TYPES[topic].decode(data)
-                made += self._acknowledged(values) if topic == COMMAND_ACK else self._converter.convert(
+                made += self._convert_ack(values) if topic == COMMAND_ACK else self._converter.convert(
                     topic, values, now_s
                 )  # fmt: skip
             except (MalformedMessage, ValueError, OverflowError) as problem:
@@ -74,14 +74,14 @@ class VehicleLink:
             made += [] if answer is None else [answer]
         return b"".join(self._frames(made, now_s))
 
-    def sent(self, data: bytes, unix_us: int) -> None:
+    def send(self, data: bytes, unix_us: int) -> None:
         """Sends a frame of the server to the vehicle, if ROS 2 has a message for it.
 
         Raises:
             OSError: ROS 2 has none, or DDS cannot send it.
         """
         for frame in FrameParser().feed(data, 0.0):
-            self._send(frame, unix_us)
+            self._send_frame(frame, unix_us)
 
     def problems(self, now_s: float) -> list[str]:
         """The problems of this vehicle's messages, as sentences."""
@@ -95,7 +95,7 @@ class VehicleLink:
     def _name(self, topic: str) -> str:
         return f"/{self.namespace}{topic}" if self.namespace else topic
 
-    def _acknowledged(self, values: Values) -> list[MAVLink_message]:
+    def _convert_ack(self, values: Values) -> list[MAVLink_message]:
         ack = command_ack(values, self._own_system_id)
         if ack is None:
             return []
@@ -116,7 +116,7 @@ class VehicleLink:
             yield encode_frame(message.get_msgId(), payload, self._seq, *address)
             self._seq = (self._seq + 1) & 0xFF
 
-    def _send(self, frame: Frame, unix_us: int) -> None:
+    def _send_frame(self, frame: Frame, unix_us: int) -> None:
         if frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
             return  # PX4 has no topic for heartbeats: DDS itself discovers programs
         requested = requested_message(frame)

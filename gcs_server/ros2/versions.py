@@ -2,7 +2,7 @@
 that the server does not know.
 
 PX4 appends the version of a message to the topic's name (`vehicle_status_v1`; version 0 has no suffix). A
-topic of another version never connects in DDS, so its messages would be missing without a word. No I/O.
+topic of another version never connects in DDS, so its messages would be missing without any report. No I/O.
 """
 
 from __future__ import annotations

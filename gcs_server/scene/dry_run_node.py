@@ -11,7 +11,7 @@ from gcs_server.scene.dry_runs import DryRunPath, corridor_edges, corridor_mesh,
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M
 from gcs_server.scene.moving_node import MovingNode
-from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.vehicle_node import LABEL_ABOVE_M, frustum_depth_m
@@ -39,9 +39,9 @@ class DryRunNode:
         shapes: Shapes,
     ) -> None:
         self.path, self.origin_enu_m = path, origin_enu_m
-        self._scene, self._colour = client.scene, lit(palette.target, palette)
+        self._scene, self._colour = client.scene, tone_corrected(palette.target, palette)
         self._drawn: VehiclePose | None = None
-        self._at = root = f"{ROOT}_{number}"
+        self._root_name = root = f"{ROOT}_{number}"
         self._root = self._scene.add_frame(root, show_axes=False)
         self._scene.add_frame(f"{root}/flown", show_axes=False, position=origin_enu_m)
         self._lines("/flown/way", path_lines(path), 1.6)
@@ -50,11 +50,11 @@ class DryRunNode:
         if lines is not None:
             self._lines("/flown/edges", lines, 1.0)
         self._ghost = self._scene.add_frame(f"{root}/ghost", show_axes=False)
-        self._flying = MovingNode(client, f"{root}/ghost")
+        self._ghost_node = MovingNode(client, f"{root}/ghost")
         self._mesh("/ghost/shell", shapes.shell, 0.45)
         self._lines("/ghost/outline", shapes.ghost, 1.6)
         self._scene.add_frame(f"{root}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
-        self._looking = MovingNode(client, f"{root}/ghost/gimbal")
+        self._gimbal_node = MovingNode(client, f"{root}/ghost/gimbal")
         self._frustum = self._scene.add_frame(f"{root}/ghost/gimbal/sees", show_axes=False)
         volume, edges = shapes.frustum
         self._mesh("/ghost/gimbal/sees/volume", volume, 0.13)
@@ -79,10 +79,10 @@ class DryRunNode:
         if pose == self._drawn:
             return
         self._drawn = pose
-        self._flying.place(pose.position_enu_m)
-        self._flying.turn(pose.q_enu_flu)
+        self._ghost_node.place(pose.position_enu_m)
+        self._ghost_node.turn(pose.q_enu_flu)
         if pose.q_body_camera is not None:
-            self._looking.turn(pose.q_body_camera)
+            self._gimbal_node.turn(pose.q_body_camera)
             self._frustum.scale = frustum_depth_m(pose, pose.q_body_camera)
         x, y, z = pose.position_enu_m
         self.label.move((x, y, z + LABEL_ABOVE_M))
@@ -90,7 +90,7 @@ class DryRunNode:
 
     def _mesh(self, name: str, mesh: Any, opacity: float) -> Any:
         return self._scene.add_mesh_simple(
-            self._at + name,
+            self._root_name + name,
             mesh.vertices,
             mesh.faces,
             color=self._colour,
@@ -102,5 +102,5 @@ class DryRunNode:
 
     def _lines(self, name: str, points: Any, width_px: float) -> None:
         self._scene.add_line_segments(
-            self._at + name, points, self._colour, thickness=width_px, thickness_units="screen"
+            self._root_name + name, points, self._colour, thickness=width_px, thickness_units="screen"
         )

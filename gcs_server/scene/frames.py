@@ -14,7 +14,7 @@ from missions.frames import Quaternion, Vector3, multiply, q_from_yaw
 Q_ENU_NED: Quaternion = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 """Half a turn about the axis between north and east: (n, e, d) becomes (e, n, -d)."""
 Q_FRD_FLU: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Half a turn about forward."""
+"""Half a turn about the forward axis."""
 
 WGS84_SEMI_MAJOR_M = 6378137.0
 WGS84_FLATTENING = 1.0 / 298.257223563

@@ -84,8 +84,8 @@ class ViserHost:
         except (OSError, TimeoutError) as error:
             self._remove_folder()
             raise SceneError(
-                f"The 3D view could not be started: {error or 'viser did not come up'}.",
-                remedy="Flying is not affected. Is the folder for temporary files writable?",
+                f"The 3D view could not be started: {error or 'viser did not start in time'}.",
+                remedy="Flying is not affected. Check that the folder for temporary files is writable.",
             ) from error
         return ViserAddress(str(self.socket_path), self.secret)
 
@@ -167,11 +167,11 @@ def _own_folder() -> Path:
     if len(str(folder)) > MAX_SOCKET_PATH:
         folder.rmdir()
         folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir="/tmp"))
-    _sweep(folder)
+    _remove_stale_folders(folder)
     return folder
 
 
-def _sweep(ours: Path) -> None:
+def _remove_stale_folders(ours: Path) -> None:
     """Removes folders of killed servers: those with a socket that no process listens on."""
     for folder in ours.parent.glob(f"{FOLDER_PREFIX}*"):
         if folder == ours:

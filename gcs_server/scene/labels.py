@@ -85,8 +85,8 @@ class LabelLayer:
             origin: geographic position of the world's origin, for layers that the page draws over the view;
                 empty while it is not known.
         """
-        place = f'data-gcs-mode="{html.escape(mode)}" data-gcs-origin="{html.escape(origin)}"'
-        view = f"<i {place}>{html.escape(scale)}</i>"
+        attributes = f'data-gcs-mode="{html.escape(mode)}" data-gcs-origin="{html.escape(origin)}"'
+        view = f"<i {attributes}>{html.escape(scale)}</i>"
         text = view + "".join(label.html() for label in labels)
         if text != self._sent_text:
             self._sent_text = text

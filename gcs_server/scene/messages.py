@@ -12,7 +12,7 @@ from gcs_server.scene.view_request import ViewRequest
 
 SECRET_HEADER = "X-Scene-Secret"
 ACKNOWLEDGED_EVERY = 4
-"""Number of snapshots after which the process reports at the latest."""
+"""The process reports at the latest after this number of snapshots."""
 MAX_DRY_RUNS = 8
 """Number of newest dry runs that both sides keep."""
 

@@ -90,7 +90,7 @@ PALETTES: dict[Theme, Palette] = {
 }
 
 
-def lit(colour: str, palette: Palette) -> Rgb:
+def tone_corrected(colour: str, palette: Palette) -> Rgb:
     """The colour to send, so that viser's filmic tone curve displays the given colour.
 
     The curve desaturates bright colours, so most of the grey is removed beforehand. It hardly changes dark

@@ -131,11 +131,11 @@ class Placement:
         origin = self._world_origin_deg_m
         return None if origin is None else geodetic_from_enu(point_enu_m, origin_deg_m=origin)
 
-    def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
+    def enu(self, position_deg_m: tuple[float, float, float]) -> Vector3 | None:
         """Position of (lat_deg, lon_deg, alt_amsl_m) in the world; None if the world's origin has no global
         position."""
         origin = self._world_origin_deg_m
-        return None if origin is None else enu_from_geodetic(*place_deg_m, origin_deg_m=origin)
+        return None if origin is None else enu_from_geodetic(*position_deg_m, origin_deg_m=origin)
 
     def _geodetic(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3 | None:
         if not _finite((lat_deg, lon_deg, alt_amsl_m)) or (lat_deg == 0.0 and lon_deg == 0.0):

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd, q_ned_camera, yaw_enu_from_ned
+from gcs_server.scene.measured_points import measured_points
 from gcs_server.scene.placement import VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
-from gcs_server.scene.returns import returns_of
 from gcs_server.scene.texts import height_text
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
 from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, normalized
@@ -51,7 +51,7 @@ class VehiclePose:
     label: str
     note: str
     """Note after the label: simulated, replayed, lost, no position; otherwise empty."""
-    returns_enu_m: tuple[Vector3, ...] = ()
+    measured_points_enu_m: tuple[Vector3, ...] = ()
     """Points measured by its distance sensors."""
 
 
@@ -75,7 +75,9 @@ def pose_of(
         lost=lost,
         label=_label(vehicle.id, place),
         note=_note(vehicle, place, lost),
-        returns_enu_m=(() if lost else returns_of(vehicle, q_ned_frd, place.position_enu_m, now_monotonic_s)),
+        measured_points_enu_m=(
+            () if lost else measured_points(vehicle, q_ned_frd, place.position_enu_m, now_monotonic_s)
+        ),
     )
 
 

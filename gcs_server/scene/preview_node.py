@@ -15,7 +15,7 @@ from gcs_server.scene.frames import enu_from_ned, yaw_enu_from_ned
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import q_along
-from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.texts import height_text
 from gcs_server.scene.views import Preview
@@ -141,7 +141,7 @@ class PreviewNode:
         return self._scene.add_line_segments(
             f"/world/preview{name}",
             points,
-            lit(palette.target, palette),
+            tone_corrected(palette.target, palette),
             thickness=width_px,
             thickness_units="screen",
         )

@@ -87,24 +87,24 @@ class Scene:
 
     def _step(self, now_s: float, dt_s: float) -> None:
         clients = self._host.clients()
-        for gone in [c for c in self._browser_scenes if c not in clients]:
-            del self._browser_scenes[gone]
-        reading = {i: c for i, c in clients.items() if not self._stalled(i)}
-        if not reading:
+        for closed in [c for c in self._browser_scenes if c not in clients]:
+            del self._browser_scenes[closed]
+        reading_clients = {i: c for i, c in clients.items() if not self._stalled(i)}
+        if not reading_clients:
             return
         drawn = self._tracks.update(now_s, dt_s, self.followed)
-        for client_id, client in reading.items():
-            known = self._browser_scenes.get(client_id)
-            token = known[0] if known is not None else self._token(client_id)
+        for client_id, client in reading_clients.items():
+            entry = self._browser_scenes.get(client_id)
+            token = entry[0] if entry is not None else self._token(client_id)
             view = self._views[token]
-            if known is None or known[1].theme != view.theme:
-                before = known[1] if known is not None else None
+            if entry is None or entry[1].theme != view.theme:
+                before = entry[1] if entry is not None else None
                 if before is not None:
                     before.close()
-                known = (token, BrowserScene(client, view, self._tracks.isolation, before))
-                self._browser_scenes[client_id] = known
+                entry = (token, BrowserScene(client, view, self._tracks.isolation, before))
+                self._browser_scenes[client_id] = entry
             start_m = self._tracks.enu(view.dry_run.paths[0].origin_deg_m) if view.dry_run else None
-            known[1].update(view, drawn, now_s, start_m, self._tracks.origin_deg_m)
+            entry[1].update(view, drawn, now_s, start_m, self._tracks.origin_deg_m)
 
     def set_view(self, token: str, wanted: ViewRequest) -> View:
         """Sets the content of the view with a token."""
@@ -116,7 +116,7 @@ class Scene:
             self._preview(wanted, old),
             self._dry_run(wanted, old),
         )
-        return self._keep(token, view)
+        return self._store_view(token, view)
 
     def _preview(self, wanted: ViewRequest, old: View) -> Preview | None:
         """The preview after a request; an omitted preview stays, but not for another vehicle."""
@@ -184,10 +184,10 @@ class Scene:
         if not TOKEN.fullmatch(token):
             token = f".{client_id}"  # no page can use this token
         if token not in self._views:
-            self._keep(token, _view_from_query(query))
+            self._store_view(token, _view_from_query(query))
         return token
 
-    def _keep(self, token: str, view: View) -> View:
+    def _store_view(self, token: str, view: View) -> View:
         self._views[token] = view
         self._views.move_to_end(token)
         in_use = {t for t, _ in self._browser_scenes.values()} | {token}

@@ -82,7 +82,7 @@ class SnapshotData(msgspec.Struct, array_like=True, frozen=True):
     """Bridges of the browsers that do not read now."""
 
 
-class _Sent:
+class _SentSamples:
     """The samples of one vehicle that the process has."""
 
     def __init__(self, vehicle: SceneVehicle, number: int) -> None:
@@ -104,7 +104,7 @@ class SnapshotBuilder:
     def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None, clock: Clock) -> None:
         self._fleet, self._offboard = fleet, offboard
         self._isolation = Isolation(clock, log, "The 3D view")
-        self._sent: dict[str, _Sent] = {}
+        self._sent: dict[str, _SentSamples] = {}
         self._count = 0
         self._turn = 0
         """A vehicle is due if its index modulo `UPDATE_DIVISOR` has this value."""
@@ -140,7 +140,7 @@ class SnapshotBuilder:
             is_new = sent is None
             if sent is None:
                 self._count += 1
-                sent = self._sent[vehicle.id] = _Sent(vehicle, self._count)
+                sent = self._sent[vehicle.id] = _SentSamples(vehicle, self._count)
             order.append(sent.number)
             if (
                 is_new
@@ -152,7 +152,7 @@ class SnapshotBuilder:
                 changed += [] if data is None else [data]
         return _encode(SnapshotData(order, changed, list(stalled)))
 
-    def _changes(self, vehicle: SceneVehicle, sent: _Sent) -> VehicleData:
+    def _changes(self, vehicle: SceneVehicle, sent: _SentSamples) -> VehicleData:
         samples: list[SampleData] = []
         absent: list[str] = []
         for topic in DRAWN_TOPICS:

@@ -124,11 +124,11 @@ class Tracks:
         position."""
         return self._placement.origin_deg_m
 
-    def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
+    def enu(self, position_deg_m: tuple[float, float, float]) -> Vector3 | None:
         """Position at which (lat_deg, lon_deg, alt_amsl_m) is drawn; None until a vehicle has reported a
         global position.
         """
-        return self._placement.enu(place_deg_m)
+        return self._placement.enu(position_deg_m)
 
     def on_ground(
         self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3

@@ -9,11 +9,11 @@ import numpy as np
 import viser
 
 from gcs_server.scene.labels import Label
+from gcs_server.scene.measured_points import upright_lines
 from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
 from gcs_server.scene.moving_node import MovingNode
-from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.pose import Target, VehiclePose
-from gcs_server.scene.returns import upright_lines
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import Trail
@@ -45,7 +45,7 @@ class VehicleNode:
         self._client, self._scene = client, client.scene
         self._palette, self._shapes = palette, shapes
         self._colour = palette.identity(index)
-        self._rgb = lit(self._colour, palette)
+        self._rgb = tone_corrected(self._colour, palette)
         self._drawn: VehiclePose | None = None
         self._angles: tuple[float, ...] = ()
         self._trail_version = -1
@@ -59,11 +59,11 @@ class VehicleNode:
         self._add_gimbal()
         self._add_ground_marks()
         self._add_target()
-        self._returns: Any = None
+        self._measured_points: Any = None
         """Node of the measured points; created with the first one, because most vehicles have no sensor."""
         self._sealed: Any = None
         self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
-        self._tail = self._moving("/tail")
+        self._tail_node = self._moving("/tail")
         self._label = Label(client, f"{self._root}/place/label", self._colour)
         self._label.move((0.0, 0.0, LABEL_ABOVE_M))
         self._hidden: bool | None = None
@@ -97,7 +97,7 @@ class VehicleNode:
             self._move(pose, last)
         if pose.motors is not None and smoother.rotor_angles_rad != self._angles:
             self._angles = smoother.rotor_angles_rad
-            self._rotors.change("batched_wxyzs", rotor_quaternions(self._angles))
+            self._blades_node.change("batched_wxyzs", rotor_quaternions(self._angles))
         self._point_gimbal(pose, last)
         if last is None or pose.lost != last.lost:
             self._show_lost(pose.lost)
@@ -106,8 +106,8 @@ class VehicleNode:
             if pose.home_enu_m is not None:
                 self._home.position = _lifted(pose.home_enu_m)
         self._show_target(pose, last)
-        if last is None or pose.returns_enu_m != last.returns_enu_m:
-            self._show_returns(pose)
+        if last is None or pose.measured_points_enu_m != last.measured_points_enu_m:
+            self._show_measured_points(pose)
         self._label.text, self._label.note = pose.label, pose.note
         if now_s >= self._next_trail_s:
             self._next_trail_s = now_s + TRAIL_EVERY_S
@@ -117,13 +117,13 @@ class VehicleNode:
     def _move(self, pose: VehiclePose, last: VehiclePose | None) -> None:
         x, y, z = pose.position_enu_m
         if last is None or pose.q_enu_flu != last.q_enu_flu:
-            self._turning.turn(pose.q_enu_flu)
+            self._body_node.turn(pose.q_enu_flu)
         if last is not None and pose.position_enu_m == last.position_enu_m:
             return
-        self._place.place(pose.position_enu_m)
+        self._position_node.place(pose.position_enu_m)
         height_m = z - pose.ground_z_m
-        self._below.place((x, y, pose.ground_z_m))
-        self._plumb_line.scale(1.0, 1.0, max(0.001, height_m))
+        self._ground_node.place((x, y, pose.ground_z_m))
+        self._plumb_node.scale(1.0, 1.0, max(0.001, height_m))
         self._plumb.visible = height_m > 0.3
 
     def _point_gimbal(self, pose: VehiclePose, last: VehiclePose | None) -> None:
@@ -133,7 +133,7 @@ class VehicleNode:
         if q is None:
             return
         if last is None or q != last.q_body_camera:
-            self._looking.turn(q)
+            self._gimbal_node.turn(q)
         depth_m = frustum_depth_m(pose, q)
         if abs(depth_m - self._frustum_m) > 0.02:
             self._frustum_m = depth_m
@@ -155,41 +155,41 @@ class VehicleNode:
     def _show_target(self, pose: VehiclePose, last: VehiclePose | None) -> None:
         target = pose.target
         if last is None or (target is None) != (last.target is None):
-            self._target.visible = self._way.visible = target is not None
+            self._target.visible = self._target_dots.visible = target is not None
             self._target_label.shown = target is not None
         if target is None:
             return
         if last is None or target != last.target:
             yaw = target.yaw_enu_rad
-            self._target_at.place(target.position_enu_m)
-            self._target_at.turn(q_from_yaw(yaw) if yaw is not None else IDENTITY)
+            self._target_node.place(target.position_enu_m)
+            self._target_node.turn(q_from_yaw(yaw) if yaw is not None else IDENTITY)
             x, y, z = target.position_enu_m
             self._target_label.move((x, y, z - LABEL_BELOW_M))
         self._stretch(pose, target)
         height_m = target.position_enu_m[2] - pose.ground_z_m
         self._target_label.text = "velocity" if target.is_velocity else f"target {height_m:.1f} m"
 
-    def _show_returns(self, pose: VehiclePose) -> None:
-        if self._returns is None and pose.returns_enu_m:
-            self._returns = self._lines(
-                "/returns", upright_lines(pose.returns_enu_m), self._palette.text_2, 3.0
+    def _show_measured_points(self, pose: VehiclePose) -> None:
+        if self._measured_points is None and pose.measured_points_enu_m:
+            self._measured_points = self._lines(
+                "/measured_points", upright_lines(pose.measured_points_enu_m), self._palette.text_2, 3.0
             )
-        elif self._returns is not None:
-            self._returns.visible = bool(pose.returns_enu_m)
-            if pose.returns_enu_m:
-                self._returns.points = upright_lines(pose.returns_enu_m)
+        elif self._measured_points is not None:
+            self._measured_points.visible = bool(pose.measured_points_enu_m)
+            if pose.measured_points_enu_m:
+                self._measured_points.points = upright_lines(pose.measured_points_enu_m)
 
     def _stretch(self, pose: VehiclePose, target: Target) -> None:
         a, b = pose.position_enu_m, target.position_enu_m
         offset = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
         length_m = math.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         has_line = length_m > MIN_LINE_M
-        self._way.visible = has_line
+        self._target_dots.visible = has_line
         self._target_label.shown = has_line
         if has_line:
-            self._target_line.place(a)
-            self._target_line.turn(q_along(offset))
-            self._target_line.scale(length_m, 1.0, 1.0)
+            self._target_line_node.place(a)
+            self._target_line_node.turn(q_along(offset))
+            self._target_line_node.scale(length_m, 1.0, 1.0)
 
     def _draw_trail(self, trail: Trail, head: Vector3) -> None:
         if trail.version != self._trail_version:
@@ -202,7 +202,7 @@ class VehicleNode:
             self._tail_end = None
         if trail.recent and head != self._tail_end:
             self._tail_end = head
-            self._tail.change("points", self._tail_to(trail.recent, head))
+            self._tail_node.change("points", self._tail_to(trail.recent, head))
 
     def _tail_to(self, recent: list[Vector3], head: Vector3) -> Points:
         """The lines between the newest points and to the vehicle; most calls change only the last line."""
@@ -216,9 +216,9 @@ class VehicleNode:
         s, p = self._shapes, self._palette
         self._top = self._scene.add_frame(self._root, show_axes=False)
         self._scene.add_frame(f"{self._root}/place", show_axes=False)
-        self._place = self._moving("/place")
+        self._position_node = self._moving("/place")
         self._body = self._scene.add_frame(f"{self._root}/place/body", show_axes=False)
-        self._turning = self._moving("/place/body")
+        self._body_node = self._moving("/place/body")
         self._shell = self._mesh("/place/body/shell", s.shell, p.body)
         self._dark = self._mesh("/place/body/dark", s.dark_parts, p.dark_part)
         self._mark = self._mesh("/place/body/mark", s.front_mark, self._rgb, side="double")
@@ -238,14 +238,14 @@ class VehicleNode:
             cast_shadow=False,
             receive_shadow=False,
         )
-        self._rotors = self._moving("/place/body/blades")
+        self._blades_node = self._moving("/place/body/blades")
 
     def _add_gimbal(self) -> None:
         s, p = self._shapes, self._palette
         self._gimbal = self._scene.add_frame(
             f"{self._root}/place/body/gimbal", show_axes=False, position=GIMBAL_AT_M
         )
-        self._looking = self._moving("/place/body/gimbal")
+        self._gimbal_node = self._moving("/place/body/gimbal")
         self._mesh("/place/body/gimbal/camera", s.camera, p.dark_part)
         self._lines("/place/body/gimbal/lens", s.lens, p.text, 2.0)
         self._frustum = self._scene.add_frame(f"{self._root}/place/body/gimbal/sees", show_axes=False)
@@ -257,7 +257,7 @@ class VehicleNode:
         p = self._palette
         self._home = self._lines("/home", self._shapes.home, p.text_2, 1.8)
         self._scene.add_frame(f"{self._root}/below", show_axes=False)
-        self._below = self._moving("/below")
+        self._ground_node = self._moving("/below")
         self._scene.add_image(
             f"{self._root}/below/shadow",
             self._shadow_image(),
@@ -270,16 +270,16 @@ class VehicleNode:
         )
         upright = np.asarray([[(0, 0, 0), (0, 0, 1)]], np.float32)
         self._plumb = self._lines("/below/plumb", upright, p.text_3, 1.0)
-        self._plumb_line = self._moving("/below/plumb")
+        self._plumb_node = self._moving("/below/plumb")
 
     def _add_target(self) -> None:
         p = self._palette
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
-        self._target_at = self._moving("/target")
-        self._way = self._lines("/way", self._shapes.dots, p.target, 2.0)
-        self._target_line = self._moving("/way")
+        self._target_node = self._moving("/target")
+        self._target_dots = self._lines("/way", self._shapes.dots, p.target, 2.0)
+        self._target_line_node = self._moving("/way")
         self._target_label = Label(self._client, f"{self._root}/target_label", p.target, side="below")
-        self._target.visible = self._way.visible = False
+        self._target.visible = self._target_dots.visible = False
         self._target_label.shown = False
 
     def _shadow_image(self) -> Any:
@@ -305,7 +305,7 @@ class VehicleNode:
         return self._scene.add_line_segments(
             self._root + name,
             points,
-            lit(colour, self._palette),
+            tone_corrected(colour, self._palette),
             thickness=width_px,
             thickness_units="screen",
         )

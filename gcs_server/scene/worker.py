@@ -43,7 +43,7 @@ class Worker:
         self._pipe = pipe
         self._fleet = MirrorFleet(self._request_history)
         self._dry_runs: OrderedDict[str, tuple[DryRunPath, ...]] = OrderedDict()
-        self._taken = 0
+        self._snapshots = 0
         self._reported = m.Drawn(0, 0, frozenset(), ())
         self.scene = Scene(
             self._fleet,
@@ -62,10 +62,10 @@ class Worker:
             while True:
                 select.select([self._pipe], [self._pipe] if self._pipe.has_unsent_data else [], [])
                 self._pipe.flush()
-                taken = self._taken
+                taken = self._snapshots
                 for message in self._pipe.receive():
                     self._handle(message)
-                if self._taken > taken:
+                if self._snapshots > taken:
                     self.scene.draw()
                     self._report()
         except EOFError:
@@ -75,9 +75,9 @@ class Worker:
 
     def _report(self) -> None:
         faults = (*self._fleet.faults, *self.scene.faults())
-        drawn = m.Drawn(self._taken, self.scene.viewers, self.scene.followed, faults)
-        before = replace(self._reported, snapshots=self._taken)
-        if drawn != before or self._taken - self._reported.snapshots >= m.ACKNOWLEDGED_EVERY:
+        drawn = m.Drawn(self._snapshots, self.scene.viewers, self.scene.followed, faults)
+        before = replace(self._reported, snapshots=self._snapshots)
+        if drawn != before or self._snapshots - self._reported.snapshots >= m.ACKNOWLEDGED_EVERY:
             self._reported = drawn
             self._pipe.send(drawn)
 
@@ -88,7 +88,7 @@ class Worker:
         match message:
             case m.Snapshot(data):
                 self._fleet.take(data)
-                self._taken += 1
+                self._snapshots += 1
             case m.HistoryAnswer(vehicle, samples):
                 self._fleet.take_history(vehicle, samples)
             case m.SetView(number, token, request):

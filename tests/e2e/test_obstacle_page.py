@@ -29,7 +29,7 @@ ARM_AT_S, TO_WAYPOINT_AT_S = 2.0, 8.0
 RETURNS = """
 () => {
   const nodes = window.__viserMutable.nodeRefFromName;
-  const found = Object.keys(nodes).filter((name) => name.endsWith('/returns') && nodes[name]?.visible);
+  const found = Object.keys(nodes).filter((n) => n.endsWith('/measured_points') && nodes[n]?.visible);
   return found.length;
 }
 """

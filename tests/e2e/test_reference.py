@@ -24,7 +24,7 @@ def test_the_reference_shows_every_call_and_loads_nothing_from_other_sites() -> 
         page.get_by_label("Find").fill("takeoff")
         assert page.locator("details:visible").count() == 1
         page.locator("details:visible summary").click()
-        assert page.get_by_text("Height above home to climb to [m], 1 to 120.").is_visible()
+        assert page.get_by_text("Altitude above home to climb to [m], 1 to 120.").is_visible()
         page.set_viewport_size({"width": 360, "height": 740})
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no horizontal scrolling"
         watched.check()

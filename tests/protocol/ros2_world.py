@@ -161,14 +161,14 @@ class Ros2World(SimulatedVehicles):
     def _command(self, data: bytes, peer: Peer) -> None:
         assert peer.dds is not None
         row = int(peer.dds.namespace.removeprefix("px4_"))
-        self._vehicles[row].sent(data, int(self.clock.unix_s() * 1e6))
+        self._vehicles[row].send(data, int(self.clock.unix_s() * 1e6))
 
     async def _simulate(self) -> None:
         while True:
             self.sim.step(TICK_S)
             now_s = self.clock.monotonic_s()
             for row, vehicle in enumerate(self._vehicles):
-                if data := vehicle.received(self.topics[row].received(now_s), now_s):
+                if data := vehicle.to_frames(self.topics[row].received(now_s), now_s):
                     self.ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
             if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
                 self.mavlink.inject(data, "vehicle")

@@ -43,4 +43,4 @@ class Publisher:
     def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:
         """Sends the bytes of a message."""
         kind, writer = self.prepare(topic, message)
-        writer.write(kind.of(data))
+        writer.write(kind.from_cdr(data))

@@ -35,7 +35,7 @@ def request_head(method="GET", path="/", query="", *, host="localhost:8080", sec
     scope = {"type": "http", "method": method, "path": path, "query_string": query.encode(), "headers": raw}
     if method == "WEBSOCKET":
         scope = {**scope, "type": "websocket"}
-    return RequestHead.of({**scope, "scheme": "https" if secure else "http"})
+    return RequestHead.from_scope({**scope, "scheme": "https" if secure else "http"})
 
 
 def code(access, request):
@@ -215,7 +215,7 @@ def test_invalid_requests_are_never_allowed_and_never_raise(method, path, query,
         raw = [(name.encode(), value.encode("latin-1")) for name, value in headers]
         scope = {"type": "websocket" if method == "WEBSOCKET" else "http", "method": method, "path": path}
         verdict = access.decide(
-            RequestHead.of({**scope, "query_string": query.encode("latin-1"), "headers": raw})
+            RequestHead.from_scope({**scope, "query_string": query.encode("latin-1"), "headers": raw})
         )
         if access is not ALONE:
             assert isinstance(verdict, Refusal)

@@ -56,7 +56,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Add Link
-         * @description Opens a link. If it cannot be opened yet, it keeps trying and reports the reason.
+         * @description Opens a link. If it cannot be opened yet, the server keeps trying and reports the reason.
          *
          *     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while another client has
          *     control of a vehicle, because that station could command the vehicle.
@@ -1747,7 +1747,7 @@ export interface paths {
         };
         /**
          * Show Dry Run
-         * @description The result of a dry run; the last ten are kept until the server is shut down.
+         * @description The result of a dry run; the last ten are stored until the server is shut down.
          */
         readonly get: operations["show_dry_run_api_v1_dry_runs__d__get"];
         readonly put?: never;
@@ -1983,8 +1983,8 @@ export interface paths {
          *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
          *     when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
          *     position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
-         *     from the position at which it begins: before arming if it begins with a take-off, and PX4 does not arm in
-         *     its mode until it is compiled (`ready`).
+         *     from the position at which it begins. A mission that begins with a take-off is compiled before arming, and
+         *     PX4 does not arm in its mode until it is compiled (`ready`).
          */
         readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
         readonly delete?: never;
@@ -3017,7 +3017,7 @@ export interface components {
         };
         /**
          * CircleFenceBody
-         * @description Stay inside.
+         * @description A circle that the vehicle must not leave.
          */
         readonly CircleFenceBody: {
             /**
@@ -4694,7 +4694,7 @@ export interface components {
         readonly FenceView: {
             /**
              * Kind
-             * @description Which.
+             * @description Kind of the fence.
              * @enum {string}
              */
             readonly kind: "polygon" | "circle";
@@ -6207,7 +6207,7 @@ export interface components {
         readonly HeldView: {
             /**
              * State
-             * @description plan: the plan given here; another: not the plan that was uploaded last; not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
+             * @description plan: the vehicle has `plan`; another: the vehicle has another plan than the one that was uploaded last; not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
              * @enum {string}
              */
             readonly state: "plan" | "another" | "not_known";
@@ -6315,7 +6315,7 @@ export interface components {
             readonly vehicle: string;
             /**
              * Topic
-             * @description Which topic.
+             * @description Name of the topic.
              */
             readonly topic: string;
             /**
@@ -7947,7 +7947,7 @@ export interface components {
             readonly in_air?: boolean;
             /**
              * Positions
-             * @description For planned starts that differ: positions relative to start or home count `from_start` of `plan`, or are converted to the `same_places`; null: refused if it makes a difference.
+             * @description Needed if the planned starts of the two missions differ. `from_start`: positions relative to start or home are measured from the start of `plan`. `same_places`: they are converted, so that the inserted mission is flown at the same places. null: refused if this makes a difference.
              */
             readonly positions?: ("from_start" | "same_places") | null;
         };
@@ -10266,7 +10266,7 @@ export interface components {
             readonly plan: components["schemas"]["Plan"];
             /**
              * Tolerance M
-             * @description Tolerance of the height above the ground [m]: waypoints are added until the straight lines keep it; null: no waypoints are added.
+             * @description Tolerance of the height above the ground [m]: waypoints are added until the straight lines stay within it; null: no waypoints are added.
              */
             readonly tolerance_m?: number | null;
         };
@@ -10342,7 +10342,7 @@ export interface components {
         };
         /**
          * PolygonFenceBody
-         * @description Stay inside.
+         * @description A polygon that the vehicle must not leave.
          */
         readonly PolygonFenceBody: {
             /**
@@ -12380,7 +12380,7 @@ export interface components {
         readonly TakeoffRequest: {
             /**
              * Alt Home M
-             * @description Height above home to climb to [m], 1 to 120.
+             * @description Altitude above home to climb to [m], 1 to 120.
              */
             readonly alt_home_m: number;
         };
@@ -13606,7 +13606,7 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only the flight from here to a later `item`, and on, has; `separation` if the flight may come too near to another vehicle.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors of a flight from here to a later `item` and onwards, which the plan itself does not have; `separation` if the flight may come too near to another vehicle.
              */
             readonly despite?: readonly string[];
             /**
@@ -18826,7 +18826,7 @@ export interface operations {
     readonly import_table_api_v1_plans_table_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description Name of the file; the name of the table is made of it. */
+                /** @description Name of the file; the name of the table is derived from it. */
                 readonly filename?: string;
             };
             readonly header?: never;

@@ -46,7 +46,7 @@ def test_a_cancelled_operation_is_returned():
 def test_a_timeout_reports_the_progress():
     async def scenario():
         began_s = asyncio.get_running_loop().time()
-        with pytest.raises(Timeout, match=r"Operation 4 still runs after 5 s: 12 of 40"):
+        with pytest.raises(Timeout, match=r"Operation 4 is still running after 5 s: 12 of 40"):
             await Operations(Server(operation("running"))).wait("4", timeout_s=5)
         assert 5.0 <= asyncio.get_running_loop().time() - began_s < 6.0
 

@@ -31,11 +31,11 @@ class Vehicle:
         self.sent.append((topic, MESSAGES["VehicleCommand"].decode(data)))
 
     def receive(self, *samples: tuple[str, bytes], now_s: float = 0.0) -> list[Any]:
-        frames = FrameParser().feed(self.link.received(samples, now_s), now_s)
+        frames = FrameParser().feed(self.link.to_frames(samples, now_s), now_s)
         return [decode(frame) for frame in frames]
 
     def command(self, message: d.MAVLink_message, sender: tuple[int, int] = (255, 190)) -> None:
-        self.link.sent(encode_frame(message.get_msgId(), encode_payload(message), 0, *sender), UNIX_US)
+        self.link.send(encode_frame(message.get_msgId(), encode_payload(message), 0, *sender), UNIX_US)
 
     def answer(self, **values: int) -> list[Any]:
         return self.receive((ACK, MESSAGES["VehicleCommandAck"].encode(values)))
@@ -128,6 +128,6 @@ def test_a_malformed_sample_affects_only_itself_and_is_reported_for_a_minute(veh
 
 
 def test_frames_are_numbered(vehicle: Vehicle) -> None:
-    frames = FrameParser().feed(vehicle.link.received([(STATUS, recorded()[STATUS])] * 2, 0.0), 0.0)
+    frames = FrameParser().feed(vehicle.link.to_frames([(STATUS, recorded()[STATUS])] * 2, 0.0), 0.0)
     numbers = [frame.seq for frame in frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_server.scene import model, strokes
-from gcs_server.scene.palette import PALETTES, lit
+from gcs_server.scene.palette import PALETTES, tone_corrected
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.pose import pose_of
 from gcs_server.scene.smoothing import Smoother
@@ -197,5 +197,5 @@ def test_identity_colours_are_those_of_the_page(shared):
 
 
 def test_light_colours_are_shown_as_they_are():
-    assert lit("#00788a", PALETTES["light"]) == (0, 0x78, 0x8A)
-    assert max(lit("#35d6e6", PALETTES["dark"])) > 150
+    assert tone_corrected("#00788a", PALETTES["light"]) == (0, 0x78, 0x8A)
+    assert max(tone_corrected("#35d6e6", PALETTES["dark"])) > 150

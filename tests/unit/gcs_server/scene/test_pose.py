@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from gcs_server.scene.measured_points import HALF_HEIGHT_M, SHOWN_S, upright_lines
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
-from gcs_server.scene.returns import HALF_HEIGHT_M, SHOWN_S, upright_lines
 from gcs_server.vehicle.samples import DistanceSensor, DistanceSensors, ObstacleDistance, TargetLocal
 from missions.frames import rotate
 from tests.unit.gcs_server.scene.scene_fakes import (
@@ -134,14 +134,14 @@ def test_a_silent_vehicle_has_a_label_without_height():
 def test_measured_points_are_drawn_for_a_limited_time():
     vehicle = flying()
     vehicle.values["attitude"] = attitude(yaw=math.pi / 2)
-    assert look(vehicle).returns_enu_m == ()
+    assert look(vehicle).measured_points_enu_m == ()
     ahead = DistanceSensor(1, (1.0, 0.0, 0.0), 4.0, 0.1, 20.0, None, 0.0)
     down = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
     vehicle.values["distance_sensors"] = DistanceSensors((ahead, down))
     vehicle.values["obstacle_distance"] = ObstacleDistance("north", 0.0, 5.0, (3.0, 20.01, None), 0.1, 20.0)
     seen = look(vehicle)
     x, y, z = seen.position_enu_m
-    assert seen.returns_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
-    assert upright_lines(seen.returns_enu_m).shape == (2, 2, 3)
+    assert seen.measured_points_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
+    assert upright_lines(seen.measured_points_enu_m).shape == (2, 2, 3)
     assert upright_lines(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
-    assert look(vehicle, now_s=SHOWN_S + 0.1).returns_enu_m == ()
+    assert look(vehicle, now_s=SHOWN_S + 0.1).measured_points_enu_m == ()

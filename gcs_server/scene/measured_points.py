@@ -17,7 +17,7 @@ HALF_HEIGHT_M = 0.18
 """Half the height of the stroke that marks a point [m]."""
 
 
-def returns_of(
+def measured_points(
     vehicle: SceneVehicle, q_ned_frd: Quaternion, position_enu_m: Vector3, now_monotonic_s: float
 ) -> tuple[Vector3, ...]:
     """The measured points, except those of sensors that point down."""
@@ -34,8 +34,8 @@ def returns_of(
     return tuple(points)
 
 
-def upright_lines(places_enu_m: tuple[Vector3, ...]) -> Points:
+def upright_lines(points_enu_m: tuple[Vector3, ...]) -> Points:
     """An upright line at each point, (N, 2, 3), which is visible from all sides."""
-    at = np.asarray(places_enu_m, np.float32).reshape(-1, 1, 3)
+    at = np.asarray(points_enu_m, np.float32).reshape(-1, 1, 3)
     half = np.asarray([[0.0, 0.0, -HALF_HEIGHT_M], [0.0, 0.0, HALF_HEIGHT_M]], np.float32)
     return at + half
