@@ -86,7 +86,7 @@ class Finding:
     is_error_here: bool = False
     """Whether this vehicle's parameters make this warning an error."""
     limit: float | None = None
-    """The number that it was checked against: height above home [m] or speed [m/s]; None: it has none."""
+    """The limit that was exceeded: height above home [m] or speed [m/s]; None: the finding has none."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:

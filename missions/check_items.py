@@ -94,16 +94,16 @@ def _lacks_position(item: CommandItem) -> bool:
 
 def _takeoff(context: Context) -> Iterator[Finding]:
     earlier: str | None = None
-    least_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
+    required_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
     for row, item in context.items:
         if isinstance(item, Takeoff):
             height_m = context.height_m(item)
-            if height_m is not None and height_m < least_m:
+            if height_m is not None and height_m < required_m:
                 message = (
-                    f"{name(row, item)} climbs to {height_m:.1f} m above home; PX4 needs {least_m:.1f} m."
+                    f"{name(row, item)} climbs to {height_m:.1f} m above home; PX4 needs {required_m:.1f} m."
                 )
                 yield Finding(
-                    "takeoff_too_low", message, row, fix=f"Raise it to {least_m:.1f} m.", limit=least_m
+                    "takeoff_too_low", message, row, fix=f"Raise it to {required_m:.1f} m.", limit=required_m
                 )
             if earlier is not None:
                 message = f"PX4 requires the take-off before {earlier}."
@@ -160,7 +160,7 @@ def _unreachable_items(context: Context) -> Iterator[Finding]:
 
 
 def _speeds(context: Context) -> Iterator[Finding]:
-    most = context.vehicle.speed_max_m_s
+    max_m_s = context.vehicle.speed_max_m_s
     for row, item in context.items:
         if not isinstance(item, ChangeSpeed):
             continue
@@ -170,17 +170,17 @@ def _speeds(context: Context) -> Iterator[Finding]:
             yield Finding(
                 "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's own."
             )
-        elif item.speed_type in GROUND_SPEED_TYPES and speed > most:
-            message = f"{name(row, item)} requests {speed:g} m/s; the vehicle's maximum is {most:g} m/s."
-            yield Finding("speed_too_high", message, row, fix=f"Set {most:g} m/s or less.", limit=most)
+        elif item.speed_type in GROUND_SPEED_TYPES and speed > max_m_s:
+            message = f"{name(row, item)} requests {speed:g} m/s; the vehicle's maximum is {max_m_s:g} m/s."
+            yield Finding("speed_too_high", message, row, fix=f"Set {max_m_s:g} m/s or less.", limit=max_m_s)
     planned = context.plan.hover_speed_m_s
-    if planned is not None and planned > most:
-        message = f"The planned speed is {planned:g} m/s; the vehicle flies {most:g} m/s at most."
-        yield Finding("speed_too_high", message, fix=f"Plan {most:g} m/s or less.", limit=most)
+    if planned is not None and planned > max_m_s:
+        message = f"The planned speed is {planned:g} m/s; the vehicle flies {max_m_s:g} m/s at most."
+        yield Finding("speed_too_high", message, fix=f"Plan {max_m_s:g} m/s or less.", limit=max_m_s)
 
 
 def _altitudes(context: Context) -> Iterator[Finding]:
-    most, fence_m = context.limits.altitude_home_max_m, context.vehicle.fence_height_m
+    max_m, fence_m = context.limits.altitude_home_max_m, context.vehicle.fence_height_m
     for row, item in context.items:
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
@@ -194,10 +194,10 @@ def _altitudes(context: Context) -> Iterator[Finding]:
             message = f"{name(row, item)} is {height_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
             fix = f"Lower it to {fence_m:.0f} m or less."
             yield Finding("altitude_fence", message, row, fix=fix, limit=fence_m)
-        elif most is not None and height_m > most:
-            message = f"{name(row, item)} is {height_m:.0f} m above home; the limit is {most:.0f} m."
-            fix = f"Lower it to {most:.0f} m or less."
-            yield Finding("altitude_too_high", message, row, fix=fix, limit=most)
+        elif max_m is not None and height_m > max_m:
+            message = f"{name(row, item)} is {height_m:.0f} m above home; the limit is {max_m:.0f} m."
+            fix = f"Lower it to {max_m:.0f} m or less."
+            yield Finding("altitude_too_high", message, row, fix=fix, limit=max_m)
         elif height_m <= 0.0 and not isinstance(item, Land):
             message = f"{name(row, item)} is at or below the altitude of home ({height_m:.1f} m)."
             yield Finding("altitude_below_home", message, row, fix="Check the ground there, or raise it.")

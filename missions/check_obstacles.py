@@ -26,26 +26,26 @@ def _obstacles(context: Context) -> Iterator[Finding]:
     shapes = ObstacleShapes(plan.obstacles, origin, context.home_amsl_m)
     reported: set[tuple[int, int]] = set()
     for line in flown_lines(plan, context.vehicle.return_alt_m):
-        places = [origin.to_ned(*place) for place in _way(line, context)]
-        for clearance in shapes.near(np.array(places)):
+        positions = [origin.to_ned(*position) for position in _flown_path(line, context)]
+        for clearance in shapes.near(np.array(positions)):
             if (line.step.seq, clearance.index) not in reported:
                 reported.add((line.step.seq, clearance.index))
                 yield _finding(line, clearance)
 
 
-def _way(line: FlownLine, context: Context) -> list[GeoPlace]:
+def _flown_path(line: FlownLine, context: Context) -> list[GeoPlace]:
     """The straight path, with the climb or the descent at its ends."""
     item, home = line.step.item, context.plan.planned_home
     ground_m = line.end[2] if home is None else home.alt_amsl_m
-    way = [line.start, line.end]
+    path = [line.start, line.end]
     if line.from_home or isinstance(item, Takeoff):
-        way.insert(0, (*line.start[:2], ground_m))
+        path.insert(0, (*line.start[:2], ground_m))
     if isinstance(item, Land):
         touchdown_m = item.altitude.amsl_m(context.home_amsl_m)
-        way.append((*line.end[:2], ground_m if touchdown_m is None else touchdown_m))
+        path.append((*line.end[:2], ground_m if touchdown_m is None else touchdown_m))
     elif isinstance(item, ReturnHome):
-        way.append((*line.end[:2], ground_m))
-    return way
+        path.append((*line.end[:2], ground_m))
+    return path
 
 
 def _finding(line: FlownLine, clearance: Clearance) -> Finding:

@@ -27,10 +27,10 @@ def _distances(context: Context) -> Iterator[Finding]:
     home = context.plan.planned_home
     if home is not None:
         yield from _from_home(context, home.lat_deg, home.lon_deg)
-    most = context.limits.leg_max_m
+    leg_max_m = context.limits.leg_max_m
     seen: set[int] = set()
     for leg in context.legs:
-        if most is None or leg.length_m <= most or leg.step.seq in seen:
+        if leg_max_m is None or leg.length_m <= leg_max_m or leg.step.seq in seen:
             continue
         seen.add(leg.step.seq)
         message = f"{name(leg.step.row, leg.step.item)} is {leg.length_m:.0f} m from the previous item."
@@ -38,17 +38,17 @@ def _distances(context: Context) -> Iterator[Finding]:
 
 
 def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Finding]:
-    far_m, radius_m = context.vehicle.first_waypoint_max_m, context.vehicle.fence_radius_m
+    first_max_m, fence_m = context.vehicle.first_waypoint_max_m, context.vehicle.fence_radius_m
     flown_to = [
         (row, item) for row, item in context.items if isinstance(item, PlacedItem) and is_flown_to(item)
     ]
     for index, (row, item) in enumerate(flown_to):
         away_m = distance_m(lat_deg, lon_deg, item.lat_deg, item.lon_deg)
-        if index == 0 and 0.0 < far_m < away_m:
-            message = f"{name(row, item)}, the first one, is {away_m:.0f} m from home."
+        if index == 0 and 0.0 < first_max_m < away_m:
+            message = f"{name(row, item)}, the first waypoint, is {away_m:.0f} m from home."
             yield Finding("first_waypoint_far", message, row, fix="Check that this is the right plan.")
-        if 0.0 < radius_m < away_m:
-            message = f"{name(row, item)} is {away_m:.0f} m from home; the fence limit is {radius_m:.0f} m."
+        if 0.0 < fence_m < away_m:
+            message = f"{name(row, item)} is {away_m:.0f} m from home; the fence limit is {fence_m:.0f} m."
             yield Finding("radius_exceeded", message, row, fix="Move it nearer to home.")
 
 

@@ -30,7 +30,7 @@ def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
     """All findings about a plan, in the order of the rules."""
     limits = limits or CheckLimits()
     rules: tuple[Rule, ...] = (
-        *check_items.RULES, *check_space.RULES, *check_obstacles.RULES, _totals, _parameters
+        *check_items.RULES, *check_space.RULES, *check_obstacles.RULES, _endurance, _parameters
     )  # fmt: skip
     findings: list[Finding] = []
     try:
@@ -54,7 +54,7 @@ def _parameters(context: Context) -> Iterator[Finding]:
         yield Finding("parameters_unknown", unknown_parameters_text(names), fix=UNKNOWN_PARAMETERS_FIX)
 
 
-def _totals(context: Context) -> Iterator[Finding]:
+def _endurance(context: Context) -> Iterator[Finding]:
     """Endurance of the whole flight."""
     limits = context.limits
     total = estimate(context.plan, limits.vehicle, limits.power)

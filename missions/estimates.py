@@ -109,13 +109,13 @@ def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None)
 
 def leg_time_s(leg: Leg, speed_m_s: float, vehicle: VehicleModel) -> float:
     """Time of one leg [s], from rest to rest."""
-    across_s = travel_time_s(leg.length_m, speed_m_s, vehicle.acceleration_m_s2)
+    horizontal_s = travel_time_s(leg.length_m, speed_m_s, vehicle.acceleration_m_s2)
     up_m = leg.climb_m or 0.0
     if isinstance(leg.step.item, Takeoff):
-        return up_m / vehicle.takeoff_m_s + across_s if up_m > 0.0 else across_s
+        return up_m / vehicle.takeoff_m_s + horizontal_s if up_m > 0.0 else horizontal_s
     if isinstance(leg.step.item, Land):
-        return across_s + land_time_s(max(0.0, -up_m), vehicle)
-    return max(across_s, up_m / vehicle.climb_m_s if up_m >= 0.0 else -up_m / vehicle.descent_m_s)
+        return horizontal_s + land_time_s(max(0.0, -up_m), vehicle)
+    return max(horizontal_s, up_m / vehicle.climb_m_s if up_m >= 0.0 else -up_m / vehicle.descent_m_s)
 
 
 def travel_time_s(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> float:
@@ -149,7 +149,7 @@ def _return(
     amsl_m = last.altitude.amsl_m(home.alt_amsl_m)
     height_m = vehicle.return_alt_m if amsl_m is None else amsl_m - home.alt_amsl_m
     top_m = max(height_m, vehicle.return_alt_m)
-    across_m = distance_m(last.lat_deg, last.lon_deg, home.lat_deg, home.lon_deg)
+    horizontal_m = distance_m(last.lat_deg, last.lon_deg, home.lat_deg, home.lon_deg)
     time_s = (top_m - height_m) / vehicle.climb_m_s + land_time_s(top_m, vehicle)
-    time_s += travel_time_s(across_m, speed_m_s, vehicle.acceleration_m_s2)
-    return across_m + 2.0 * top_m - height_m, time_s, top_m - height_m
+    time_s += travel_time_s(horizontal_m, speed_m_s, vehicle.acceleration_m_s2)
+    return horizontal_m + 2.0 * top_m - height_m, time_s, top_m - height_m

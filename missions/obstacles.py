@@ -88,14 +88,14 @@ class ObstacleShapes:
         for index, name, shape, top_down_m in self._shapes:
             if not _comes_near(path_ned_m, shape, top_down_m):
                 continue
-            places = _places_near(path_ned_m, shape)
-            if not len(places):
+            positions = _positions_near(path_ned_m, shape)
+            if not len(positions):
                 continue
-            aside_m = shapely.distance(shapely.points(places[:, 0], places[:, 1]), shape)
-            distance_m = np.hypot(aside_m, np.maximum(top_down_m - places[:, 2], 0.0))
+            horizontal_m = shapely.distance(shapely.points(positions[:, 0], positions[:, 1]), shape)
+            distance_m = np.hypot(horizontal_m, np.maximum(top_down_m - positions[:, 2], 0.0))
             nearest = int(distance_m.argmin())
             if distance_m[nearest] < NEAR_M:
-                north, east, _ = places[nearest].tolist()
+                north, east, _ = positions[nearest].tolist()
                 yield Clearance(index, name, float(distance_m[nearest]), north, east)
 
 
@@ -108,13 +108,13 @@ def _comes_near(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> bo
     return not beside and high_d > top_down_m
 
 
-def _places_near(path_ned_m: Array, shape: BaseGeometry) -> Array:
+def _positions_near(path_ned_m: Array, shape: BaseGeometry) -> Array:
     """(M, 3) positions of the path near a shape, close together."""
     rough = _divided(path_ned_m)
-    aside_m = np.asarray(shapely.distance(shapely.points(rough[:, 0], rough[:, 1]), shape))
+    horizontal_m = np.asarray(shapely.distance(shapely.points(rough[:, 0], rough[:, 1]), shape))
     if len(rough) == 1:
         return rough
-    is_near = np.minimum(aside_m[:-1], aside_m[1:]) < NEAR_M + COARSE_M
+    is_near = np.minimum(horizontal_m[:-1], horizontal_m[1:]) < NEAR_M + COARSE_M
     starts, ends = rough[:-1][is_near], rough[1:][is_near]
     share = np.linspace(0.0, 1.0, FINE_STEPS + 1)[None, :, None]
     return (starts[:, None] + (ends - starts)[:, None] * share).reshape(-1, 3)

@@ -127,13 +127,14 @@ GeoPlace = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class FlownLine:
-    """The straight path that is flown for one item; for a first item without a planned home, its position."""
+    """The straight path that is flown for one item. Without a planned home, the path of the first item begins
+    and ends at its position."""
 
     step: Step
     start: GeoPlace
     end: GeoPlace
     from_home: bool = False
-    """Whether it begins at home, where the vehicle has climbed to the altitude of its end."""
+    """Whether it begins above home, after the vehicle has climbed there to the altitude of the path."""
 
 
 def flown_lines(plan: Plan, return_alt_m: float) -> Iterator[FlownLine]:

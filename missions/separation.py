@@ -113,7 +113,7 @@ def stopping_m(speed_m_s: Any, decel_m_s2: float = STOP_M_S2) -> Any:
 
 
 def samples(longest_s: float) -> int:
-    """Number of samples of the braking distance, from the longer braking time."""
+    """Number of samples until both vehicles have stopped; `longest_s` is the longer braking time."""
     return math.ceil((STOP_DELAY_S + longest_s) / STEP_S) + 1
 
 
@@ -137,8 +137,7 @@ def closest_m(
     """
     speed_a, speed_b = _norm(velocity_a), _norm(velocity_b)
     longest_s = max(float(np.max(speed_a / decel_a_m_s2)), float(np.max(speed_b / decel_b_m_s2)))
-    long_s = STOP_DELAY_S + longest_s
-    after_s = np.linspace(0.0, long_s, samples(longest_s))
+    after_s = np.linspace(0.0, STOP_DELAY_S + longest_s, samples(longest_s))
     apart = (
         (position_a - position_b)[..., None, :]
         + _braking_path(velocity_a, speed_a, after_s, decel_a_m_s2)
@@ -159,7 +158,7 @@ def braking_separation_m(
     velocity_a: Vectors,
     position_b: Vectors,
     velocity_b: Vectors,
-    least_m: float,
+    required_m: float,
     decel_m_s2: float = STOP_M_S2,
 ) -> Vectors:
     """For each time, the smallest distance from then on if both vehicles were stopped at that time.
@@ -169,12 +168,12 @@ def braking_separation_m(
         velocity_a: velocities (N, 3) [m/s].
         position_b: position of the other vehicle.
         velocity_b: velocity of the other vehicle.
-        least_m: braking is computed only if the distance could become less than this.
+        required_m: separation below which braking is computed; pairs that stay farther apart are skipped.
         decel_m_s2: deceleration of both.
     """
     distance_m = _norm(position_a - position_b)
     reach_m = stopping_m(_norm(velocity_a), decel_m_s2) + stopping_m(_norm(velocity_b), decel_m_s2)
-    near = np.nonzero(distance_m - reach_m < least_m)[0]
+    near = np.nonzero(distance_m - reach_m < required_m)[0]
     for begin in range(0, len(near), SAMPLES_AT_ONCE):
         batch = near[begin : begin + SAMPLES_AT_ONCE]
         distance_m[batch] = closest_m(

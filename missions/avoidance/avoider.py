@@ -37,6 +37,7 @@ FRESH_S = 1.0
 MAX_CLIMB_M = 15.0
 """Largest climb above the wanted altitude; the vehicle flies around higher obstacles."""
 CEILING_MARGIN_M = 0.7
+"""The vehicle stays this far below the upper altitude limit."""
 DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_DESCENT_M_S = 2.0, 1.5, 1.0
 CLEAR_FOR_S = 0.5
 """The direct path must be clear for this long before the vehicle returns to it."""
@@ -173,14 +174,14 @@ class Avoider:
         yaw: float | None,
     ) -> AdjustedMotion:
         up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
-        required_m = blocking.highest_m + OVER_M
-        most_m = min(goal_up_m + MAX_CLIMB_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
+        required_up_m = blocking.highest_m + OVER_M
+        max_up_m = min(goal_up_m + MAX_CLIMB_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
         started = self._side is not None or self._no_way_to is not None
-        if self.way == "around" or required_m > most_m or started:
+        if self.way == "around" or required_up_m > max_up_m or started:
             if not started:
                 self._level_m = up_m
             return self._fly_around(now_s, here, wanted, seen, allowed, blocking.clearance_m)
-        climb = _clamp(max(required_m, min(goal_up_m, most_m)) - up_m, allowed)
+        climb = _clamp(max(required_up_m, min(goal_up_m, max_up_m)) - up_m, allowed)
         heading = _heading(here, wanted)
         measured_m = None if heading is None else range_at_m(seen, heading)
         outdated = all(now_s - scan.measured_s > MEASURED_WITHIN_S for scan in seen if measures_level(scan))
@@ -202,8 +203,8 @@ class Avoider:
         allowed: DetourLimits,
         clearance_m: float,
     ) -> AdjustedMotion:
-        high = "" if self.way == "around" else " and too high to climb over"
-        no_way = f"Obstacle ahead{high}, and the sensors measure no clear way around it."
+        too_high = "" if self.way == "around" else " and too high to climb over"
+        no_way = f"Obstacle ahead{too_high}, and the sensors measure no clear way around it."
         goal = wanted.position_ned_m
         if self._no_way_to is not None and math.dist(self._no_way_to, goal) < GOAL_MOVED_M:
             return self._stop_and_hold(here, wanted, no_way)
@@ -240,7 +241,7 @@ class Avoider:
         if abs(down_m) < BELOW_M and not waits and (not moves or _distance(here, wanted) < RETURNED_WITHIN_M):
             return AdjustedMotion("clear", yaw_ned_rad=yaw)
         blind = not any(measures_down(scan) for scan in seen)
-        text = "The way is free: returning to the path."
+        text = "The way is clear: returning to the path."
         climb = _clamp(-down_m, allowed)
         if down_m > BELOW_M:
             text = "Descending to the path."
@@ -260,9 +261,9 @@ class Avoider:
     def _to_track(self, now_s: float, here: MotionState, wanted: WantedMotion) -> NorthEast:
         """Velocity back to the track of this detour; zero if an obstacle is on the way there [m/s]."""
         point = self._track.nearest(here, wanted)
-        aside = WantedMotion((*point, here.position_ned_m[2]))
+        to_point = WantedMotion((*point, here.position_ned_m[2]))
         nearby = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
-        if blocking_obstacles(nearby, here, aside, 0.0) is not None:
+        if blocking_obstacles(nearby, here, to_point, 0.0) is not None:
             return 0.0, 0.0
         return velocity_towards(here, point)
 

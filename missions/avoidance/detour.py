@@ -16,9 +16,9 @@ Side = Literal["left", "right"]
 STEP_RAD = math.radians(10.0)
 STEPS = 16
 """160° to each side; larger turns lead backwards."""
-LOOK_M = 6.0
+LOOK_AHEAD_M = 6.0
 MIN_FREE_M = 2.0
-"""Free distance beyond the clearance that a heading must have; `LOOK_M` is preferred."""
+"""Free distance beyond the clearance that a heading must have; `LOOK_AHEAD_M` is preferred."""
 FENCE_MARGIN_M = 2.0
 
 
@@ -49,13 +49,13 @@ def choose_heading(
     n, e = here.position_ned_m[:2]
     goal = math.atan2(wanted.position_ned_m[1] - e, wanted.position_ned_m[0] - n)
     sides: tuple[Side, ...] = ("right", "left") if side is None else (side,)
-    for least_m in (LOOK_M, MIN_FREE_M):
+    for required_free_m in (LOOK_AHEAD_M, MIN_FREE_M):
         for turn in range(STEPS + 1):
             for name in sides:
                 heading = goal + (turn if name == "right" else -turn) * STEP_RAD
                 free_m = _free_m(points, (n, e), heading, clearance_m)
                 if (
-                    free_m < least_m
+                    free_m < required_free_m
                     or range_at_m(scans, heading) is None
                     or _leaves(allowed, (n, e), heading)
                 ):
@@ -69,18 +69,18 @@ def _free_m(
 ) -> float:
     """How far the vehicle may fly on a heading before it must stop."""
     if not len(points):
-        return LOOK_M
+        return LOOK_AHEAD_M
     un, ue = math.cos(heading), math.sin(heading)
     north, east = points[:, 0] - at_ne_m[0], points[:, 1] - at_ne_m[1]
     ahead = north * un + east * ue
     blocking = (ahead > 0.0) & (np.abs(east * un - north * ue) < clearance_m)
-    return min(LOOK_M, float(ahead[blocking].min()) - clearance_m) if blocking.any() else LOOK_M
+    return min(LOOK_AHEAD_M, float(ahead[blocking].min()) - clearance_m) if blocking.any() else LOOK_AHEAD_M
 
 
 def _leaves(allowed: DetourLimits, at_ne_m: tuple[float, float], heading: float) -> bool:
     region = allowed.region
     if allowed.fence is not None:
-        n, e = (at_ne_m[0] + LOOK_M * math.cos(heading), at_ne_m[1] + LOOK_M * math.sin(heading))
+        n, e = (at_ne_m[0] + LOOK_AHEAD_M * math.cos(heading), at_ne_m[1] + LOOK_AHEAD_M * math.sin(heading))
         if allowed.fence.line_leaves(at_ne_m, (n, e)):
             return True
     if not region.is_limited_horizontally:

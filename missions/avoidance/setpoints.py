@@ -86,7 +86,7 @@ class SetpointAvoidance:
         requested: DirectSetpoint,
         later: Later | None,
         way: AvoidanceWay | None,
-        around: Callable[[], Surroundings],
+        surroundings: Callable[[], Surroundings],
     ) -> DirectSetpoint:
         """The setpoint to send instead of the requested one.
 
@@ -95,14 +95,14 @@ class SetpointAvoidance:
             requested: the currently requested setpoint.
             later: returns the requested setpoint at later times; None: it does not change.
             way: what to try first (over or around); None: avoidance is off.
-            around: returns the vehicle and its surroundings; called only while avoidance is on.
+            surroundings: returns the vehicle and its surroundings; called only while avoidance is on.
         """
         if way is None:
             self.forget()
             return requested
         if self._avoider is None or self._avoider.way != way:
             self._avoider = Avoider(way)
-        here = around()
+        here = surroundings()
         target = _target(requested, here.origin)
         if target is None:
             self._set("clear", NOT_AVOIDED)
@@ -110,13 +110,13 @@ class SetpointAvoidance:
         if here.motion is None:
             self._set("stopped", "No valid position estimate: the vehicle is stopped.")
             return Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-        feed = (
+        feed_forward = (
             zeros_for_none(requested.velocity_ned_m_s)
             if isinstance(requested, Trajectory)
             else (0.0, 0.0, 0.0)
         )
         yaw = getattr(requested, "yaw_ned_rad", None)
-        wanted = WantedMotion(target, feed, yaw, _future_targets(now_s, later, here.origin))
+        wanted = WantedMotion(target, feed_forward, yaw, _future_targets(now_s, later, here.origin))
         adjusted = self._avoider.adjust(now_s, here.motion, wanted, here.scans, here.limits)
         self._set(adjusted.state, adjusted.text)
         return _apply_adjustment(requested, adjusted)

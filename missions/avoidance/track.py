@@ -11,9 +11,9 @@ import math
 from missions.avoidance.values import MotionState, WantedMotion
 from missions.fence import NorthEast
 
-WIDTH_M = 3.0
-"""A vehicle farther than this from its track gets a new one [m]: its position estimate was reset, or it was
-pushed away."""
+MAX_DISTANCE_M = 3.0
+"""If the vehicle is farther than this from its track [m], because its position estimate was reset or it was
+pushed away, a new track begins at its position."""
 TO_TRACK_M_S, TO_TRACK_PER_S = 1.0, 0.95
 """Largest speed towards the track [m/s], and its increase with the distance from it [1/s]: PX4's default gain
 of position (MPC_XY_P)."""
@@ -22,7 +22,7 @@ MIN_GOAL_DISTANCE_M = 0.5
 
 
 class Track:
-    """The straight track of one detour, from where it began to the goal, which may move."""
+    """The straight track of one detour, from the start of the detour to the goal, which may move."""
 
     def __init__(self) -> None:
         self._point_ne: NorthEast | None = None
@@ -33,9 +33,9 @@ class Track:
         self._point_ne = None
 
     def nearest(self, here: MotionState, wanted: WantedMotion) -> NorthEast:
-        """Point of the track next to the vehicle, in the local frame [m]; the vehicle's position at first."""
+        """Point of the track next to the vehicle, in the local frame [m]; first the vehicle's position."""
         north, east, _ = here.position_ned_m
-        if self._point_ne is None or math.dist(self._point_ne, (north, east)) > WIDTH_M:
+        if self._point_ne is None or math.dist(self._point_ne, (north, east)) > MAX_DISTANCE_M:
             self._point_ne = (north, east)
         start_n, start_e = self._point_ne
         goal_n, goal_e, _ = wanted.position_ned_m

@@ -143,8 +143,8 @@ def _check_counts(
     items: Sequence[Any], fence: Sequence[Any], rally: Sequence[Any], obstacles: Sequence[Any]
 ) -> None:
     counts = (len(items), len(fence), len(rally), len(obstacles))
-    most = (MAX_ITEMS, MAX_FENCE_ZONES, MAX_RALLY_POINTS, MAX_OBSTACLES)
-    if any(number > limit for number, limit in zip(counts, most, strict=True)):
+    limits = (MAX_ITEMS, MAX_FENCE_ZONES, MAX_RALLY_POINTS, MAX_OBSTACLES)
+    if any(number > limit for number, limit in zip(counts, limits, strict=True)):
         reason = (
             f"it has more than {MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, "
             f"{MAX_RALLY_POINTS} rally points or {MAX_OBSTACLES} obstacles"

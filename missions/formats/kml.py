@@ -53,7 +53,7 @@ def read(data: bytes, options: ImportOptions | None = None) -> Imported:
 
 def _unpacked(data: bytes) -> bytes:
     if len(data) > MAX_FILE_BYTES:
-        decode(data, "the KMZ file")
+        decode(data, "the KMZ file")  # raises PlanError: the file is too large
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = archive.infolist()

@@ -164,7 +164,7 @@ def shape(state: State, step: Orbit | FigureEight) -> None:
     else:
         path = shapes.arc(
             center, step.radius_m, step.turns,
-            start_angle_ned_rad=_nearest_angle(state, center, step),
+            start_angle_ned_rad=_start_angle(state, center, step),
             clockwise=step.clockwise,
             climb_m=step.climb_m if isinstance(step, Helix | Spiral) else 0.0,
             end_radius_m=step.end_radius_m if isinstance(step, Spiral) else None,
@@ -176,7 +176,7 @@ def shape(state: State, step: Orbit | FigureEight) -> None:
     add_curve(state, curve, state.title, step.photo_every_m)
 
 
-def _nearest_angle(state: State, center: Vector3, step: Orbit) -> float:
+def _start_angle(state: State, center: Vector3, step: Orbit) -> float:
     if step.start_angle_ned_rad is not None:
         return step.start_angle_ned_rad
     north, east = state.position_ned_m[0] - center[0], state.position_ned_m[1] - center[1]
@@ -190,9 +190,9 @@ def _vector(position: tuple[float | None, float | None, float | None]) -> Vector
 
 def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
     """Flies straight to the start of a path, and turns on the way."""
-    turns = yaw_ned_rad is not None
+    has_yaw = yaw_ned_rad is not None
     if math.dist(begin, state.position_ned_m) >= SAME_POINT_M:
-        here = PassPoint(state.position_ned_m, state.yaw_ned_rad if turns else None)
+        here = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
         add_curve(state, through([here, PassPoint(begin, yaw_ned_rad)], limits), "Approach")
     elif yaw_ned_rad is not None:
         turn_to(state, yaw_ned_rad)
@@ -230,17 +230,17 @@ def velocity(state: State, step: VelocityStep) -> None:
         "Use a fly step if the position matters.",
     )  # fmt: skip
     north, east, down = step.velocity_ned_m_s
-    across, speed = math.hypot(north, east), math.hypot(north, east, down)
+    horizontal, speed = math.hypot(north, east), math.hypot(north, east, down)
     motion = state.compilation.motion
     vertical_m_s = motion.descent_m_s if down > 0.0 else motion.climb_m_s
-    if across > motion.speed_m_s or abs(down) > vertical_m_s:
+    if horizontal > motion.speed_m_s or abs(down) > vertical_m_s:
         message = f"The velocity {step.velocity_ned_m_s} m/s is above the vehicle's limits."
         state.report("speed_exceeded", message, "Lower the velocity.")
         return
     end, line = state.position_ned_m, through([PassPoint(state.position_ned_m)], motion)
     if speed > 1e-3:
         acceleration = min(
-            motion.horizontal_acceleration_m_s2 * speed / max(across, 1e-9),
+            motion.horizontal_acceleration_m_s2 * speed / max(horizontal, 1e-9),
             motion.vertical_acceleration_m_s2 * speed / max(abs(down), 1e-9),
         )
         ramp_s = float(ramps.durations(np.array(speed), np.array(acceleration), np.array(motion.jerk_m_s3)))
@@ -248,17 +248,17 @@ def velocity(state: State, step: VelocityStep) -> None:
             message = f"The velocity is not reached in {step.duration_s:g} s; it takes {2.0 * ramp_s:.1f} s."
             state.report("duration_too_short", message, "Give more time, or a lower velocity.", 2.0 * ramp_s)
             return
-        scale = step.duration_s - ramp_s
+        speed_s = step.duration_s - ramp_s  # the same distance at constant speed takes this time
         end = _vector(
-            tuple(p + v * scale for p, v in zip(end, step.velocity_ned_m_s, strict=True))  # type: ignore[arg-type]
+            tuple(p + v * speed_s for p, v in zip(end, step.velocity_ned_m_s, strict=True))  # type: ignore[arg-type]
         )
-        slow = replace(
+        motion_in_step = replace(
             motion,
-            speed_m_s=across if across > 1e-3 else motion.speed_m_s,
+            speed_m_s=horizontal if horizontal > 1e-3 else motion.speed_m_s,
             climb_m_s=-down if down < -1e-3 else motion.climb_m_s,
             descent_m_s=down if down > 1e-3 else motion.descent_m_s,
         )
-        line = through([PassPoint(state.position_ned_m), PassPoint(end)], slow)
+        line = through([PassPoint(state.position_ned_m), PassPoint(end)], motion_in_step)
     state.add(
         VelocitySegment(
             state.place, state.title, step.duration_s, end, state.yaw_ned_rad,

@@ -119,9 +119,9 @@ def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> t
     """The mission with the new step and the lists that it needs, and the name of the called list."""
     called = free_name(wanted, lambda name: name in mission.missions or name in lists)
     merged = _with_step(mission, at, Call(mission=called), at)
-    again = _with_step(mission, at, Call(mission=wanted), at)
-    if again.missions.get(wanted) == lists[None] and not _unknown(again.missions, lists):
-        return again, wanted
+    with_existing = _with_step(mission, at, Call(mission=wanted), at)
+    if with_existing.missions.get(wanted) == lists[None] and not _unknown(with_existing.missions, lists):
+        return with_existing, wanted
     unknown = _unknown(merged.missions, lists)
     names: dict[str | None, str] = {None: called}
     for name in lists:

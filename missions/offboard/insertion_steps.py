@@ -1,4 +1,4 @@
-"""Adapts the steps of an inserted mission, so that they fly in the other mission as they do in their own."""
+"""Adapts the steps of an inserted mission, so that the vehicle flies them there as in their own mission."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SAME_PLACE_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """From the planned start of the inserted mission to that of the vehicle that flies it now."""
+    """From the planned start of the inserted mission to the planned start of the vehicle that flies it."""
 
     home: LocalOrigin
     added_home: LocalOrigin
@@ -48,7 +48,7 @@ class Move:
 
     @property
     def distance_m(self) -> float:
-        """The largest distance of the two starts."""
+        """The largest distance between the two starts."""
         north, east, down = self.local((0.0, 0.0, 0.0))
         return max(math.dist((north, east, down), start) for start in self.starts_ned_m)
 

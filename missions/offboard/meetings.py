@@ -24,7 +24,7 @@ def check_meetings(mission: OffboardMission) -> None:
     """
     meetings = _Meetings(mission)
     meetings.refuse_in_branches()
-    meetings_of = {role: meetings.of(role, steps) for role, steps in mission.steps_by_role.items()}
+    meetings_of = {role: meetings.names_of(role, steps) for role, steps in mission.steps_by_role.items()}
     if not mission.roles:
         if meetings_of[None]:
             raise PlanError("the steps", "a `meet`, but the mission has no roles", "Remove the `meet` step.")
@@ -52,7 +52,7 @@ class _Meetings:
         self._mission_has: dict[str, bool] = {}
         """Cache: whether a called mission has meetings."""
 
-    def of(self, role: str | None, steps: Iterable[MissionStep]) -> list[str]:
+    def names_of(self, role: str | None, steps: Iterable[MissionStep]) -> list[str]:
         """The names of a role's meetings, in flight order.
 
         Raises:

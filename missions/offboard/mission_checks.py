@@ -63,10 +63,10 @@ def _positions(segment: Segment, path: Array, compilation: Compilation) -> Itera
         home_down_m = start.origin.alt_amsl_m - start.home_alt_amsl_m
     height_m = home_down_m - path[:, 2]
     highest_m = float(height_m.max())
-    most_m, fence_m = limits.altitude_home_max_m, limits.vehicle.fence_height_m
-    if most_m is not None and highest_m > most_m + 0.01:
-        message = f"{segment.title} climbs to {highest_m:.0f} m above home, the limit is {most_m:.0f} m."
-        yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.", most_m)
+    max_m, fence_m = limits.altitude_home_max_m, limits.vehicle.fence_height_m
+    if max_m is not None and highest_m > max_m + 0.01:
+        message = f"{segment.title} climbs to {highest_m:.0f} m above home, the limit is {max_m:.0f} m."
+        yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.", max_m)
     if 0.0 < fence_m < highest_m:
         message = (
             f"{segment.title} climbs to {highest_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
@@ -128,27 +128,27 @@ def _fence(
 def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFinding]:
     times = np.linspace(0.0, segment.duration_s, MAX_SAMPLES)
     _, v = segment.path.sample(times)
-    across = float(np.hypot(v[:, 0], v[:, 1]).max())
+    horizontal = float(np.hypot(v[:, 0], v[:, 1]).max())
     up, down = float(-v[:, 2].min()), float(v[:, 2].max())
     limits = (
-        (across, motion.speed_m_s, "over the ground"),
+        (horizontal, motion.speed_m_s, "over the ground"),
         (up, motion.climb_m_s, "up"),
         (down, motion.descent_m_s, "down"),
     )
-    for speed, most, direction in limits:
-        if speed > most * TOLERANCE:
-            message = f"The table flies up to {speed:.1f} m/s {direction}, the limit is {most:g} m/s."
+    for speed, limit, direction in limits:
+        if speed > limit * TOLERANCE:
+            message = f"The table flies up to {speed:.1f} m/s {direction}, the limit is {limit:g} m/s."
             yield MissionFinding("speed_exceeded", message, segment.place, "Give the table more time.")
     a = np.diff(v, axis=0) / np.diff(times)[:, None]
     bounds = (
         (float(np.hypot(a[:, 0], a[:, 1]).max()), motion.horizontal_acceleration_m_s2, "horizontally"),
         (float(np.abs(a[:, 2]).max()), motion.vertical_acceleration_m_s2, "vertically"),
     )
-    for acceleration, most, direction in bounds:
-        if acceleration > most * TOLERANCE:
+    for acceleration, limit, direction in bounds:
+        if acceleration > limit * TOLERANCE:
             message = (
                 f"The table accelerates at up to {acceleration:.1f} m/s² {direction}, "
-                f"the limit is {most:.1f} m/s²."
+                f"the limit is {limit:.1f} m/s²."
             )
             yield MissionFinding("acceleration_exceeded", message, segment.place, "Give the table more time.")
 

@@ -21,7 +21,7 @@ MAX_BYTES = 2 * 1024 * 1024
 MAX_VALUES = 60_000
 MAX_DEPTH = 24
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
+_KEYWORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 Path = tuple[str | int, ...]
 
@@ -155,7 +155,7 @@ class _Reader:
 
 def is_text(text: str) -> bool:
     """Whether an unquoted scalar is read as a string, not as a number or a keyword like `true`."""
-    return text.lower() not in _WORDS and not _NUMBER.fullmatch(text)
+    return text.lower() not in _KEYWORDS and not _NUMBER.fullmatch(text)
 
 
 def _scalar(event: yaml.ScalarEvent, line: int) -> Any:
@@ -164,8 +164,8 @@ def _scalar(event: yaml.ScalarEvent, line: int) -> Any:
     text = event.value
     if is_text(text):
         return text
-    if text.lower() in _WORDS:
-        return _WORDS[text.lower()]
+    if text.lower() in _KEYWORDS:
+        return _KEYWORDS[text.lower()]
     if len(text) > 40:
         raise PlanError(f"line {line}", f"a number of {len(text)} digits", "Correct this value.")
     number = float(text)

@@ -167,7 +167,7 @@ def _too_near(
     block_starts_s: list[float],
     duration_s: float,
     starts: Mapping[str, Start],
-    frames: Mapping[str, Vector3],
+    offsets: Mapping[str, Vector3],
 ) -> Iterator[MissionFinding]:
     """For each pair of roles, a finding about the first time at which they are too close."""
     count = int(min(MAX_SAMPLES, 2 + duration_s / SPACING_S))
@@ -176,21 +176,21 @@ def _too_near(
     steps: dict[str, list[tuple[float, str]]] = {}
     for role in blocks:
         positions, steps[role] = _sampled(blocks[role], block_starts_s, times_s, starts[role].position_ned_m)
-        tracks[role] = positions + np.array(frames[role]), np.gradient(positions, times_s, axis=0)
+        tracks[role] = positions + np.array(offsets[role]), np.gradient(positions, times_s, axis=0)
     margin_m = planned_margin_m()
-    least_m = mission.separation_m + margin_m
+    required_m = mission.separation_m + margin_m
     for one, other in itertools.combinations(tracks, 2):
-        separation_m = braking_separation_m(*tracks[one], *tracks[other], least_m)
-        near = np.flatnonzero(separation_m < least_m)
+        separation_m = braking_separation_m(*tracks[one], *tracks[other], required_m)
+        near = np.flatnonzero(separation_m < required_m)
         if not len(near):
             continue
         begin = int(near[0])
-        after = np.flatnonzero(separation_m[begin:] >= least_m)
+        after = np.flatnonzero(separation_m[begin:] >= required_m)
         end = begin + int(after[0]) if len(after) else len(separation_m)
         worst = begin + int(separation_m[begin:end].argmin())
         t_s = float(times_s[worst])
         step, other_step = _step_at(steps[one], t_s), _step_at(steps[other], t_s)
-        n, e, d = (tracks[one][0][worst] - np.array(frames[one])).tolist()
+        n, e, d = (tracks[one][0][worst] - np.array(offsets[one])).tolist()
         message = (
             f"As planned, after {t_s:.0f} s the vehicles of {one} and {other} come within "
             f"{separation_m[worst]:.1f} m of each other, braking included ({step}; {other_step}): "

@@ -34,7 +34,7 @@ _HEADER_ERRORS = (
     ValueError, TypeError, KeyError, OSError, EOFError, OverflowError, SyntaxError, MemoryError,
     RecursionError, tokenize.TokenError,
 )  # fmt: skip
-"""What NumPy raises for a header that is not one: it evaluates the header as a Python literal."""
+"""Exceptions that NumPy raises for an invalid header, because it evaluates the header as a Python literal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,11 +176,11 @@ def _array(data: bytes) -> list[list[float]]:
         raise PlanError("the table", reason, f"Save shape (N, 4) or (N, 5): {', '.join(COLUMNS)}.{turned}")
     needed = shape[0] * shape[1] * dtype.itemsize
     if not 0 <= needed <= len(data) - begin:
-        reason = f"its header promises {shape[0]} rows, but the file ends before them"
+        reason = f"its header states {shape[0]} rows, but the file ends before them"
         raise PlanError("the table", reason, "Copy the file again, or save it again with numpy.save.")
     values: NDArray[np.generic] = np.frombuffer(data[begin : begin + needed], dtype)
     if dtype.kind == "f" and dtype.itemsize < 8:
-        values = values.astype(str)  # 0.1 of a shorter type stays 0.1
+        values = values.astype(str)  # a float32 of 0.1 becomes 0.1, not 0.10000000149
     with np.errstate(over="ignore"):  # `read_rows` refuses infinity
         numbers = values.astype(float)
     return numbers.reshape(shape, order="F" if is_fortran else "C").tolist()

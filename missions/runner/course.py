@@ -15,8 +15,8 @@ class Course:
     def __init__(self, timeline: Timeline) -> None:
         self._node = timeline
         self.segments = list(timeline.segments)
-        self._px4_from, self._px4_at = 0, -1
-        """From this segment on, the next take-off or landing is known, and its index."""
+        self._cached_from, self._cached_px4 = 0, -1
+        """Cache of `next_px4_segment`: the first index for which the result is valid, and the result."""
 
     @property
     def decision(self) -> Decision | None:
@@ -37,15 +37,15 @@ class Course:
         if continuation is not None:  # a decision always has both continuations
             self._node = continuation
             self.segments.extend(continuation.segments)
-            self._px4_at = -1
+            self._cached_px4 = -1
 
     def next_px4_segment(self, index: int) -> int:
         """Index of the first take-off or landing at or after `index`, or of the end of the segments."""
-        if not self._px4_from <= index <= self._px4_at:  # a mission can have many segments
+        if not self._cached_from <= index <= self._cached_px4:  # a mission can have many segments
             rest = range(index, len(self.segments))
             found = next((at for at in rest if flown_by_px4(self.segments[at])), len(self.segments))
-            self._px4_from, self._px4_at = index, found
-        return self._px4_at
+            self._cached_from, self._cached_px4 = index, found
+        return self._cached_px4
 
     def flown_by_px4(self, index: int) -> bool:
         """Whether PX4 flies the segment in one of its own modes (take-off or landing)."""

@@ -39,9 +39,9 @@ class Ending:
         self._suspended, self._reason = True, reason
         self._notify("suspended", f"{reason}.", warning=True)
 
-    def _end(self, how: str, reason: str | None) -> None:
-        self._final_state, self._reason = how, reason
-        self._notify(how, f"{reason}." if reason else "The mission is done.", warning=how == "stopped")
+    def _end(self, state: str, reason: str | None) -> None:
+        self._final_state, self._reason = state, reason
+        self._notify(state, f"{reason}." if reason else "The mission is done.", warning=state == "stopped")
 
     def _notify(self, code: str, text: str, *, warning: bool = False) -> None:
         self._requests.append(Notify(code, text, warning))

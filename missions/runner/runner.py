@@ -160,8 +160,8 @@ class Runner(Ending):
         land.
         """
         self._require_not_over("abort")
-        flies = not reading.on_ground or bool(reading.armed)
-        if flies and (not self._suspended or then != "hold"):
+        is_flying_or_armed = not reading.on_ground or bool(reading.armed)
+        if is_flying_or_armed and (not self._suspended or then != "hold"):
             self._requests.append(SetMode(MODE_OF[then]))
         self._end("aborted", f"{by} aborted the mission")
         return self._take_requests()
@@ -200,10 +200,10 @@ class Runner(Ending):
     def failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
         """Handles a failed request."""
         text = text.rstrip(".")
-        flies = isinstance(request, TakeOff | Play | SetMode)
+        is_flight_command = isinstance(request, TakeOff | Play | SetMode)
         if self._final_state is not None:
             self._notify("failed", f"{text}.", warning=True)
-        elif flies and not self._suspended and self._executor_control.lost(reading):
+        elif is_flight_command and not self._suspended and self._executor_control.lost(reading):
             self._taken_over(reading, REPLACED)
         elif isinstance(request, TakeOff):
             if not self._suspended:

@@ -21,6 +21,7 @@ circle)."""
 MARGIN = 0.8
 """Fraction of the jerk limit that is used near the goal, because time steps are finite."""
 NEAR = 2e-3
+"""A rate closer than this to its goal is set to the goal."""
 MAX_STEP_S = 0.05
 """Longer time steps are split [s]."""
 STILL: Vector3 = (0.0, 0.0, 0.0)
@@ -41,7 +42,7 @@ class TimeScale:
         """Current change of the rate [1/s]."""
 
     def is_at(self, goal: float) -> bool:
-        """Whether the rate stays as it is, whatever the path."""
+        """Whether the rate is at its goal and no longer changes."""
         return self.rate == goal and self.change == 0.0
 
     def step(
@@ -90,10 +91,10 @@ class TimeScale:
         rr = self.rate * self.rate
         n, e, d = (axis * rr for axis in acceleration)
         low, high = -math.inf, math.inf
-        across = (math.hypot(velocity[0], velocity[1]), n * velocity[0] + e * velocity[1], math.hypot(n, e))
-        upward = (abs(velocity[2]), d * velocity[2], abs(d))
+        horizontal = (math.hypot(*velocity[:2]), n * velocity[0] + e * velocity[1], math.hypot(n, e))
+        vertical = (abs(velocity[2]), d * velocity[2], abs(d))
         limits = (self.pace.acceleration_m_s2, self.pace.vertical_acceleration_m_s2)
-        for (speed, along, flown), limit in zip((across, upward), limits, strict=True):
+        for (speed, along, flown), limit in zip((horizontal, vertical), limits, strict=True):
             if speed > 1e-6:
                 limit = max(limit, flown)
                 slower = math.hypot(along, speed * math.sqrt((BRAKING * limit) ** 2 - flown**2))

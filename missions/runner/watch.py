@@ -13,9 +13,9 @@ ESTIMATE_LOST_S = 1.0
 IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
 """Estimates that are needed during the whole flight; global positions are already converted to local ones."""
 
-GOES_BACK = ("vehicle", "failsafe")
-"""Sources of a mode that do not change who started the mission: a disarmed vehicle is always named as the
-source itself, and in flight PX4 goes back to the mode after its failsafe."""
+PX4_SOURCES = ("vehicle", "failsafe")
+"""Sources of a mode change by PX4 itself. They do not change who started the mission: while the vehicle is
+disarmed, the source is always `vehicle`, and in flight PX4 returns to the mode after a failsafe."""
 
 
 def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimate, ...]) -> str | None:
@@ -59,14 +59,15 @@ class FlightWatch:
 
         Args:
             reading: the vehicle's state.
-            by_mode: whether a selected mode can be the reason, and not only a client's request.
+            by_mode: whether the mission may have been started by selecting its flight mode; False: a client's
+                request has started or resumed it.
         """
         self._owner, self._control_lost_reported = reading.holder, False
         flight = self._flight
         selected = by_mode and flight.mode != "offboard" and reading.mode == flight.mode
         if not selected or reading.mode_source == "command":
             flight.by_pilot = False
-        elif reading.mode_source not in GOES_BACK:
+        elif reading.mode_source not in PX4_SOURCES:
             flight.by_pilot = True
 
     def begin_part(self) -> None:

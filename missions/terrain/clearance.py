@@ -34,10 +34,10 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
     """
     home = plan.planned_home
     if home is not None:
-        found_m = ground.one(home.lat_deg, home.lon_deg)
-        if found_m is not None and abs(found_m - home.alt_amsl_m) > HOME_TOLERANCE_M:
+        ground_m = ground.one(home.lat_deg, home.lon_deg)
+        if ground_m is not None and abs(ground_m - home.alt_amsl_m) > HOME_TOLERANCE_M:
             message = (
-                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the ground there is at {found_m:.0f} m "
+                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the ground there is at {ground_m:.0f} m "
                 "by the elevation data."
             )
             yield Finding("home_off_ground", message, fix="Check the altitude of the planned home.")
@@ -70,11 +70,11 @@ def _low_clearance(flown: FlownLine, ground: Ground) -> Iterator[Finding]:
     above_m = flown_m - ground.at(line[:, 0], line[:, 1])
     if np.isnan(above_m).all():
         return
-    least_m = float(np.nanmin(above_m))
+    lowest_m = float(np.nanmin(above_m))
     what = f"The straight path to {name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):
         what = f"The straight path home of {name(step.row, step.item).lower()}"
-    found = _code_and_message(least_m, what)
+    found = _code_and_message(lowest_m, what)
     if found is not None:
         yield Finding(*found, step.row, fix="Raise it, or let it follow the ground.")
 
@@ -87,17 +87,17 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
         origin: of their local frame.
         ground: of the area.
     """
-    least_m: dict[str, float] = {}
+    lowest_m: dict[str, float] = {}
     for leg in legs:
-        places = np.array(leg.points)[:, 1:]
-        if np.hypot(*np.ptp(places[:, :2], axis=0)) < MIN_LEG_M:
+        positions_ned_m = np.array(leg.points)[:, 1:]
+        if np.hypot(*np.ptp(positions_ned_m[:, :2], axis=0)) < MIN_LEG_M:
             continue
-        lat_deg, lon_deg, amsl_m = geodetic(places, origin)
+        lat_deg, lon_deg, amsl_m = geodetic(positions_ned_m, origin)
         above_m = amsl_m - ground.at(lat_deg, lon_deg)
         if not np.isnan(above_m).all():
-            least_m[leg.place] = min(least_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
-    for place, metres in least_m.items():
-        found = _code_and_message(metres, "The path")
+            lowest_m[leg.place] = min(lowest_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
+    for place, height_m in lowest_m.items():
+        found = _code_and_message(height_m, "The path")
         if found is not None:
             yield MissionFinding(*found, place, fix="Raise its points.")
 
@@ -108,10 +108,10 @@ def geodetic(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floa
     return found[:, 0], found[:, 1], found[:, 2]
 
 
-def _code_and_message(least_m: float, what: str) -> tuple[str, str] | None:
+def _code_and_message(lowest_m: float, what: str) -> tuple[str, str] | None:
     """Code and message of a finding, or None."""
-    if least_m <= 0.0:
-        return "terrain_hit", f"{what} goes {-least_m:.0f} m below the ground."
-    if least_m < CLEARANCE_M:
-        return "terrain_near", f"{what} comes within {least_m:.0f} m of the ground."
+    if lowest_m <= 0.0:
+        return "terrain_hit", f"{what} goes {-lowest_m:.0f} m below the ground."
+    if lowest_m < CLEARANCE_M:
+        return "terrain_near", f"{what} comes within {lowest_m:.0f} m of the ground."
     return None

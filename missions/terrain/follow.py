@@ -68,14 +68,14 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
         )
 
     items: list[PlanItem] = []
-    first_of: list[int] = []
-    """New upload index of each item."""
+    new_index: list[int] = []
+    """New upload index of each item, by its old one."""
     count = 0
     previous: PlacedItem | None = None
     for row in plan.items:
         if isinstance(row, ComplexItem):
             inner = tuple(with_resolved_altitude(each) for each in row.items)
-            first_of += range(count, count + len(inner))
+            new_index += range(count, count + len(inner))
             count += len(inner)
             items.append(row.model_copy(update={"items": inner}))
             previous = None
@@ -86,7 +86,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
             between_them = _between(previous, current, ground, tolerance_m)
             items += between_them
             added, count = added + len(between_them), count + len(between_them)
-        first_of.append(count)
+        new_index.append(count)
         items.append(item)
         count += 1
         if current is not None:
@@ -97,7 +97,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     return GroundFollowing(
         plan.model_copy(
             update={
-                "items": tuple(_with_new_target(item, first_of) for item in items) if added else tuple(items),
+                "items": tuple(_with_new_target(row, new_index) for row in items) if added else tuple(items),
                 "rally_points": tuple(rally_with_resolved_altitude(each) for each in plan.rally_points),
             }
         ),
@@ -107,10 +107,10 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     )  # fmt: skip
 
 
-def _with_new_target(item: PlanItem, first_of: Sequence[int]) -> PlanItem:
+def _with_new_target(item: PlanItem, new_index: Sequence[int]) -> PlanItem:
     """The item; a jump gets the new index of its target."""
-    if isinstance(item, Jump) and item.target_index < len(first_of):
-        return item.model_copy(update={"target_index": first_of[item.target_index]})
+    if isinstance(item, Jump) and item.target_index < len(new_index):
+        return item.model_copy(update={"target_index": new_index[item.target_index]})
     return item
 
 

@@ -43,12 +43,12 @@ class WaypointMonitor:
     ) -> None:
         self._items = [item for _, item in plan.simple_items()]
         self._returns = {index for index, item in enumerate(self._items) if isinstance(item, ReturnHome)}
-        self._planned, self._why = planned, not_compared
+        self._planned, self._not_compared = planned, not_compared
         self._corridor = corridor
         self._watch = None if corridor is None else CorridorWatch(corridor)
         self._from_start = from_start
-        first = planned is not None and planned.passes[:1]
-        self._starts_at = first[0].items if first else frozenset[int]()
+        first_pass = planned is not None and planned.passes[:1]
+        self._start_items = first_pass[0].items if first_pass else frozenset[int]()
         self._progress: Progress | None = None
         self._match: Match | None = None
         self._here_known = True
@@ -132,7 +132,7 @@ class WaypointMonitor:
         if self.over or self.state == "paused" or self._match is not None:
             return None
         if self._planned is None:
-            return self._why
+            return self._not_compared
         if not self._here_known:
             return "The vehicle has no valid position estimate."
         if self._progress is not None and not self._progress.on_path:
@@ -203,7 +203,7 @@ class WaypointMonitor:
             self._first = self.item  # also if PX4 starts again at the first item
         self._here_known = here is not None
         if self._planned is not None and self._progress is None and item is not None:
-            on_path = self._from_start and item in self._starts_at
+            on_path = self._from_start and item in self._start_items
             self._progress = Progress(self._planned, on_path=on_path)
         self._match = None
         if self._progress is not None:

@@ -50,7 +50,7 @@ class PlannedPasses:
     without end."""
 
     def figures(self, first: int = 0) -> PlannedFlight:
-        """The same for the comparison after a flight that began at this pass."""
+        """The planned flight from a pass on, for the comparison with a flight that began there."""
         legs = tuple(each.leg for each in self.passes[first:])
         if self.duration_s is None or not legs:
             return PlannedFlight(self.by, None, None, legs)

@@ -11,10 +11,11 @@ from missions.frames import Vector3
 from missions.waypoints.planned import Pass, PlannedPasses
 
 JOINED_M = 2.0
-"""A vehicle that comes from elsewhere (start at a later item, after Hold) is on the path from this
+"""A vehicle that flies to the path (after Hold, or to a later first item) counts as on the path within this
 distance [m]."""
 SKIPPED_M = 20.0
-"""Distance from the path of the next item from which the previous item was skipped, and not reached [m]."""
+"""If the vehicle is farther than this from the start of the next item's path, the previous item was skipped,
+not reached [m]."""
 SAME_M = 0.5
 """Points of the path that are farther away by less than this are equally near; the one with the expected
 time is used."""

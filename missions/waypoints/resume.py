@@ -1,9 +1,10 @@
 """Where an interrupted flight of a plan resumes, and what the vehicle does not restore there.
 
-PX4 v1.16 starts a mission at any item. Landed, it climbs to the altitude of the first waypoint from there and
-flies straight to it. It then repeats, of the items before, the last speed, camera mode and gimbal angles, and
-the camera trigger when it has reached that waypoint: also after it was switched off, because it reads them
-from its mission. It repeats nothing else.
+PX4 v1.16 starts a mission at any item. From the ground, the vehicle climbs to the altitude of the first
+waypoint after that item and flies straight to it. PX4 then repeats the last speed, camera mode and gimbal
+angles of the earlier items, and the camera trigger when the vehicle has reached that waypoint. It reads these
+settings from the stored mission, so it repeats them also after the vehicle was switched off. It repeats
+nothing else.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from missions.plan import Plan, SimpleItem
 from missions.route import is_flown_to
 from missions.values import HomePosition
 
-GIVEN_UP: dict[str, tuple[str, str]] = {
+NOT_REPEATED: dict[str, tuple[str, str]] = {
     "roi_location": ("roi", "the region of interest"),
     "roi": ("roi", "the region of interest"),
     "roi_next_waypoint": ("roi", "the region of interest"),
@@ -46,8 +47,8 @@ GIVEN_UP: dict[str, tuple[str, str]] = {
 }
 """Items that PX4 does not repeat: kind → the setting that it changes, and its name (empty: switched off)."""
 SPEEDS = {0.0: "speed", 1.0: "speed", 2.0: "climb speed", 3.0: "descent speed"}
-FAR_M = 10.0
-"""Distance of the new take-off from the first one from which it is reported [m]."""
+REPORTED_DISTANCE_M = 10.0
+"""The operator is told if the new take-off is farther than this from the first one [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ def leg_start(items: Sequence[SimpleItem], item: int, first: int | None) -> int 
         first: index of the item at which that flight was started; None: not known.
 
     Returns:
-        None: nothing was flown yet that a start from the beginning would repeat.
+        None: no leg was flown after the take-off, so the flight starts again at its beginning.
     """
     flown = [index for index, each in enumerate(items[:item]) if is_waypoint(each)]
     reached = flown[-1] if flown else None
@@ -135,7 +136,7 @@ def _not_restored(items: Sequence[SimpleItem], item: int) -> Iterator[str]:
     settings: dict[str, tuple[int, str]] = {}
     speeds: dict[str, int] = {}
     for index, each in enumerate(items[:item]):
-        setting, name = GIVEN_UP.get(each.kind, (None, ""))
+        setting, name = NOT_REPEATED.get(each.kind, (None, ""))
         if setting is not None:
             settings.pop(setting, None)
             settings[setting] = (index, name)

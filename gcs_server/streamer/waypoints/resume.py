@@ -16,7 +16,7 @@ from missions.geodesy import distance_m
 from missions.plan import Plan
 from missions.values import Reference
 from missions.waypoints.planned import item_title
-from missions.waypoints.resume import FAR_M, ResumePoint, resume_after
+from missions.waypoints.resume import REPORTED_DISTANCE_M, ResumePoint, resume_after
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def _moved(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, 
     if home is None or here is None:
         return ()
     away_m = distance_m(here.lat_deg, here.lon_deg, home.lat_deg, home.lon_deg)
-    if away_m < FAR_M:
+    if away_m < REPORTED_DISTANCE_M:
         return ()
     return (
         f"The vehicle is {away_m:.0f} m from where the interrupted flight took off. Home will be here, and "
