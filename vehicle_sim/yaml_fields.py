@@ -21,7 +21,7 @@ def read_yaml(path: Path) -> Fields:
     """The mapping in a file.
 
     Raises:
-        FileProblem: no such file, no YAML, or no mapping.
+        FileProblem: the file does not exist, is not YAML, or is not a mapping.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -37,7 +37,7 @@ def parse_yaml(text: str, source: str) -> Fields:
     """The mapping in a text; `source` names it in errors.
 
     Raises:
-        FileProblem: no YAML, or no mapping.
+        FileProblem: the text is not YAML, or not a mapping.
     """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -47,7 +47,7 @@ def parse_yaml(text: str, source: str) -> Fields:
         problem = getattr(error, "problem", None) or "cannot be read"
         raise FileProblem(f"{source}{line}: not YAML ({problem})") from None
     if node is None:
-        raise FileProblem(f"{source}: empty; write `name: …` and what it holds")
+        raise FileProblem(f"{source}: empty; write `name: …` and the other fields")
     return Fields(source, "", node)
 
 
@@ -62,11 +62,11 @@ class Fields:
         self._read: set[str] = set()
         self._nodes: dict[str, yaml.Node] = {}
         if not isinstance(node, yaml.MappingNode):
-            raise self._problem(node, path, "must hold `name: value` lines")
+            raise self._problem(node, path, "must contain `name: value` lines")
         for key, value in node.value:
             name = str(key.value)
             if name in self._nodes:
-                raise self._problem(key, self._at(name), "stands here twice; keep one")
+                raise self._problem(key, self._at(name), "appears twice; keep one")
             self._nodes[name] = value
 
     @property

@@ -64,8 +64,11 @@ class Rest(Enum):
     """Result of a reading."""
 
     WAIT = auto()
+    """No change."""
     BEGAN = auto()
+    """The vehicle has come to rest."""
     BROKEN = auto()
+    """The vehicle has moved again."""
     STILL = auto()
     """At rest for long enough."""
 
@@ -88,13 +91,13 @@ class RestDetector:
 
     def feed(self, accel_frd_m_s2: Vector, dt_s: float) -> Rest:
         """Adds a reading, `dt_s` after the last one."""
-        follow, fade = dt_s / (dt_s + SMOOTHING_S), dt_s / AVERAGE_S
-        self._smooth = tuple(s + follow * (a - s) for s, a in zip(self._smooth, accel_frd_m_s2, strict=True))
-        off = [s - mean for s, mean in zip(self._smooth, self._average, strict=True)]
-        self._average = tuple(mean + fade * each for mean, each in zip(self._average, off, strict=True))
+        gain, decay = dt_s / (dt_s + SMOOTHING_S), dt_s / AVERAGE_S
+        self._smooth = tuple(s + gain * (a - s) for s, a in zip(self._smooth, accel_frd_m_s2, strict=True))
+        delta = [s - mean for s, mean in zip(self._smooth, self._average, strict=True)]
+        self._average = tuple(mean + decay * each for mean, each in zip(self._average, delta, strict=True))
         self._deviation = tuple(
-            max(old * (1.0 - fade), min(each * each, 8.0 * self._limit))
-            for old, each in zip(self._deviation, off, strict=True)
+            max(old * (1.0 - decay), min(each * each, 8.0 * self._limit))
+            for old, each in zip(self._deviation, delta, strict=True)
         )
         worst = max(self._deviation)
         if self._resting_s is not None:

@@ -31,8 +31,8 @@ class Allocation:
     """
 
     def __init__(self, count: int) -> None:
-        self._mix = np.zeros((count, 4, ROTOR_COUNT))
-        self._unmixer = np.zeros((count, ROTOR_COUNT, 3))
+        self._mixer = np.zeros((count, 4, ROTOR_COUNT))
+        self._inverse_mixer = np.zeros((count, ROTOR_COUNT, 3))
         """(N, 4, 3) pseudo-inverse of the mixer, from motor signals to torques."""
         self.unallocated = np.zeros((count, 3))
         """(N, 3) torque setpoint minus allocated torque in the last step."""
@@ -44,8 +44,8 @@ class Allocation:
             ValueError: rotors that cannot control all four axes.
         """
         rows = mixer_of(parameters)
-        self._mix[i] = rows
-        self._unmixer[i] = np.linalg.pinv(rows)[:, :3]
+        self._mixer[i] = rows
+        self._inverse_mixer[i] = np.linalg.pinv(rows)[:, :3]
 
     def update(self, powered: BoolArray, torque: FloatArray, thrust: FloatArray, motors: FloatArray) -> None:
         """Writes the motor signals.
@@ -56,7 +56,7 @@ class Allocation:
             thrust: (N,) collective.
             motors: (N, 4) written, 0..1.
         """
-        _allocate(powered, torque, thrust, self._mix, self._unmixer, self.unallocated, motors)
+        _allocate(powered, torque, thrust, self._mixer, self._inverse_mixer, self.unallocated, motors)
 
 
 @formula
@@ -101,7 +101,7 @@ def _desaturate(motors: FloatArray, axis: FloatArray, sign: float, highest: floa
 @formula
 def _step_length(motors: FloatArray, axis: FloatArray, sign: float, highest: float) -> float:
     """Step length: the largest positive plus the largest negative correction that a motor needs."""
-    least = most = 0.0
+    most_negative = most_positive = 0.0
     for k in range(ROTOR_COUNT):
         direction = sign * axis[k]
         if abs(direction) <= _SMALL:
@@ -112,8 +112,8 @@ def _step_length(motors: FloatArray, axis: FloatArray, sign: float, highest: flo
             need = (highest - motors[k]) / direction
         else:
             continue
-        least, most = min(least, need), max(most, need)
-    return least + most
+        most_negative, most_positive = min(most_negative, need), max(most_positive, need)
+    return most_negative + most_positive
 
 
 def mixer_of(parameters: Parameters) -> FloatArray:
@@ -155,7 +155,7 @@ def rotor_effectiveness(parameters: Parameters) -> FloatArray:
 
 @kernel
 def _allocate(
-    powered: Flags, torque: Rows, thrust: Column, mix: Blocks, unmixer: Blocks,
+    powered: Flags, torque: Rows, thrust: Column, mix: Blocks, inverse_mixer: Blocks,
     unallocated: Rows, motors: Rows,
 ) -> None:  # fmt: skip
     for i in range(motors.shape[0]):
@@ -178,5 +178,5 @@ def _allocate(
         for axis, demand in ((0, roll), (1, pitch), (2, yaw)):
             remainder = demand
             for k in range(ROTOR_COUNT):
-                remainder -= motors[i, k] * unmixer[i, k, axis]
+                remainder -= motors[i, k] * inverse_mixer[i, k, axis]
             unallocated[i, axis] = remainder if abs(remainder) >= _SMALL else 0.0

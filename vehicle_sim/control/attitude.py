@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _OPPOSITE = 1e-6
+"""Below this norm the thrust axes are opposite, and the yaw part of the rotation is not defined."""
 
 
 class AttitudeControl:

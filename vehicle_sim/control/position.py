@@ -184,11 +184,11 @@ def _integrate(
     error_d = _zero_if_nan(velocity_setpoint[2] - velocity[2])
     if (thrust[2] >= -lowest and error_d >= 0.0) or (thrust[2] <= -highest and error_d <= 0.0):
         error_d = 0.0
-    made_n, made_e = thrust[0] * GRAVITY_M_S2 / hover_thrust, thrust[1] * GRAVITY_M_S2 / hover_thrust
+    achieved_n, achieved_e = thrust[0] * GRAVITY_M_S2 / hover_thrust, thrust[1] * GRAVITY_M_S2 / hover_thrust
     wanted_n, wanted_e = demand_ne
-    if wanted_n * wanted_n + wanted_e * wanted_e > made_n * made_n + made_e * made_e:
-        error_n -= (wanted_n - made_n) * 2.0 / gain[0]
-        error_e -= (wanted_e - made_e) * 2.0 / gain[0]
+    if wanted_n * wanted_n + wanted_e * wanted_e > achieved_n * achieved_n + achieved_e * achieved_e:
+        error_n -= (wanted_n - achieved_n) * 2.0 / gain[0]
+        error_e -= (wanted_e - achieved_e) * 2.0 / gain[0]
     integral[0] += error_n * integral_gain[0] * dt_s
     integral[1] += error_e * integral_gain[1] * dt_s
     integral[2] = constrain(integral[2] + error_d * integral_gain[2] * dt_s, -GRAVITY_M_S2, GRAVITY_M_S2)
@@ -291,12 +291,14 @@ def _control(
         tilt = limit[_TILT_MAX] if math.isnan(tilt_limit[i]) else tilt_limit[i]
 
         velocity_setpoint = target_velocity[i]
-        by_n, by_e, by_d = _position_control(wanted_position[i], position[i], position_p[i])
-        velocity_setpoint[0] = _bounded(_sum(wanted_velocity[i, 0], by_n))
-        velocity_setpoint[1] = _bounded(_sum(wanted_velocity[i, 1], by_e))
-        velocity_setpoint[2] = constrain(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, descent)
+        correction_n, correction_e, correction_d = _position_control(
+            wanted_position[i], position[i], position_p[i]
+        )
+        velocity_setpoint[0] = _bounded(_sum(wanted_velocity[i, 0], correction_n))
+        velocity_setpoint[1] = _bounded(_sum(wanted_velocity[i, 1], correction_e))
+        velocity_setpoint[2] = constrain(_bounded(_sum(wanted_velocity[i, 2], correction_d)), -climb, descent)
         if _length(velocity_setpoint[0], velocity_setpoint[1]) > limit[_SPEED_XY]:
-            first_n, first_e = _zero_if_nan(by_n), _zero_if_nan(by_e)
+            first_n, first_e = _zero_if_nan(correction_n), _zero_if_nan(correction_e)
             velocity_setpoint[0], velocity_setpoint[1] = _constrained(
                 first_n,
                 first_e,

@@ -21,7 +21,7 @@ BoolArray = NDArray[np.bool_]
 
 EVERY_S = 0.2
 RESTS_AFTER_S = 2.5
-"""A vehicle that is disarmed on the ground for this time counts as at rest; the recorded flag rises then."""
+"""A vehicle that is disarmed on the ground for this time counts as at rest, as in PX4's recorded flags."""
 _ALIGNING_SPEED_VARIANCE, _REST_SPEED_VARIANCE = 0.001**2, 0.2**2
 """Variance of the zero velocity of a vehicle at rest, before and after its tilt is known."""
 _TILT_KNOWN_RAD = math.radians(3.0)
@@ -52,7 +52,7 @@ class Constraints:
         self._rest_time_s = np.full(count, RESTS_AFTER_S)
         self._gravity_variance = np.full(count, np.inf)
         """(N,) variance of one sample's direction, as a part of 1 g; infinite: gravity is not used."""
-        self._forget_per_s = np.full(count, math.inf)
+        self._peak_decay_per_s = np.full(count, math.inf)
         self._rest_gyro_variance = np.ones(count)
         """(N,) variance of the mean rate that a vehicle at rest measures, fused every EVERY_S."""
         self._peak_m_s2 = np.zeros(count)
@@ -64,8 +64,8 @@ class Constraints:
         self.active = True
         """A vehicle rests or is not aided, so the IMU samples must be added by `add`."""
         self._constrained = np.ones(count, dtype=np.bool_)
-        """(N,) vehicles that were at rest or unaided at the last update. Sums of the others are not used,
-        because they depend on the rest of the fleet."""
+        """(N,) vehicles that were at rest or unaided at the last update. The sums of the others are not used:
+        whether these were filled depends on other vehicles of the fleet."""
         self._force = np.zeros((count, 3))
         self._level_samples = np.zeros(count, dtype=np.int64)
         """(N,) samples in `_force`."""
@@ -77,7 +77,7 @@ class Constraints:
         noise = max(parameters.usable("EKF2_GRAV_NOISE"), 0.01)
         self._gravity_variance[i] = noise**2 if used else math.inf
         self._rest_gyro_variance[i] = max(parameters.usable("EKF2_GYR_NOISE"), 1e-4) ** 2
-        self._forget_per_s[i] = 1.0 / max(parameters.usable("EKF2_ABL_TAU"), 0.1)
+        self._peak_decay_per_s[i] = 1.0 / max(parameters.usable("EKF2_ABL_TAU"), 0.1)
 
     def reset(self, i: int) -> None:
         """Resets vehicle `i` when its estimator starts."""
@@ -94,7 +94,7 @@ class Constraints:
         """
         self._angle_sum += delta_angle
         size = row_norm(delta_velocity)[:, 0] / dt_s
-        np.maximum(self._peak_m_s2 * (1.0 - self._forget_per_s * dt_s), size, out=self._peak_m_s2)
+        np.maximum(self._peak_m_s2 * (1.0 - self._peak_decay_per_s * dt_s), size, out=self._peak_m_s2)
         near_gravity = (
             np.abs(self._peak_m_s2 - GRAVITY_M_S2) < _NEAR_G * GRAVITY_M_S2
         ) | self._fusion.vehicle_at_rest

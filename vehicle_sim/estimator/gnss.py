@@ -137,7 +137,7 @@ class Gnss:
         return self._fuse(now_s, sensors, passed, position, velocity)
 
     def _check(self, now_s: float, sensors: SensorState, fresh: BoolArray) -> BoolArray:
-        satellites, pdop, eph, epv, speed = self._limits.T
+        satellites, pdop, eph, epv, speed_accuracy = self._limits.T
         good = (
             fresh
             & (sensors.gps_fix_type >= 3)
@@ -145,7 +145,7 @@ class Gnss:
             & (np.hypot(sensors.gps_hdop, sensors.gps_vdop) <= pdop)
             & (sensors.gps_horizontal_accuracy_m <= eph)
             & (sensors.gps_vertical_accuracy_m <= epv)
-            & (sensors.gps_speed_accuracy_m_s <= speed)
+            & (sensors.gps_speed_accuracy_m_s <= speed_accuracy)
         )
         np.copyto(self._fusion.gps_quality_bad, ~good, where=fresh)
         self._failed_at_s[fresh & ~good] = now_s
@@ -182,13 +182,21 @@ class Gnss:
         )
         accuracy = np.maximum(sensors.gps_horizontal_accuracy_m, self._noise[:, 0])
         position_variance = np.minimum(accuracy, self._max_noise_m) ** 2
-        speed = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
-        climb_variance = speed * VERTICAL_NOISE_FACTOR**2
+        speed_variance = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
+        climb_variance = speed_variance * VERTICAL_NOISE_FACTOR**2
         height_variance = (
             np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_NOISE_FACTOR * self._noise[:, 0]) ** 2
         )
         variances = np.stack(
-            [speed, speed, climb_variance, position_variance, position_variance, height_variance], axis=1
+            [
+                speed_variance,
+                speed_variance,
+                climb_variance,
+                position_variance,
+                position_variance,
+                height_variance,
+            ],
+            axis=1,
         )
         measured = np.concatenate([velocity, position], axis=1)
 
@@ -197,7 +205,7 @@ class Gnss:
             now_s - self.position_at_s > RESET_TIMEOUT_S
         )
         position_timeout = use_position & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
-        heading_reset = self._reset_heading(now_s, use_velocity, velocity[:, :2], speed)
+        heading_reset = self._reset_heading(now_s, use_velocity, velocity[:, :2], speed_variance)
         resetting = (
             passed
             & (starting | both_timeout | position_timeout | heading_reset)

@@ -18,7 +18,7 @@ BAD_ACCEL_NOISE_M_S2 = 4.9
 """Noise of all accelerometers while the vertical one is marked faulty (EKF2's BADACC_BIAS_PNOISE); the
 recorded horizontal speed accuracy grows with it."""
 ACCEL_SMOOTHING_S = 1.0
-_LEAST_VARIANCE = 1e-12
+_MIN_VARIANCE = 1e-12
 UNUSED = 1e18
 """Variance of a measurement that must not be fused."""
 
@@ -140,14 +140,14 @@ def fuse_states(
 ) -> None:  # fmt: skip
     """Fuses the measurements one after the other; with independent noise this equals fusing all together."""
     for i in range(covariance.shape[0]):
-        taken = False
+        is_fused = False
         for m in range(innovation.shape[1]):
             if not variance[i, m] < UNUSED:
                 continue
-            if not taken:
+            if not is_fused:
                 for k in range(SIZE):
                     change[i, k, 0] = 0.0
-                taken = True
+                is_fused = True
             state = first + m
             scale = 1.0 / (covariance[i, state, state] + variance[i, m])
             residual = innovation[i, m] - change[i, state, 0]
@@ -158,7 +158,7 @@ def fuse_states(
                 change[i, k, 0] += gain * residual
                 for j in range(SIZE):
                     covariance[i, k, j] -= gain * change[i, j, 1]
-        if taken:
+        if is_fused:
             _apply_correction(change[i], bad_accel[i], bias_limit[i], vector[i], q[i], matrix[i])
 
 
@@ -195,10 +195,10 @@ def fuse_measurements(
     """Updates the covariance in Joseph's form, which is valid for any gain."""
     measured = innovation.shape[1]
     for i in range(covariance.shape[0]):
-        taken = False
+        is_used = False
         for k in range(SIZE):
-            taken = taken or correctable[i, k] != 0.0
-        if not taken:
+            is_used = is_used or correctable[i, k] != 0.0
+        if not is_used:
             continue
         _invert(innovation_covariance[i], measured, inverse[i])
         for k in range(SIZE):
@@ -234,4 +234,4 @@ def restore_symmetry(covariance: Blocks) -> None:
         for k in range(SIZE):
             for j in range(k):
                 covariance[i, k, j] = covariance[i, j, k] = 0.5 * (covariance[i, k, j] + covariance[i, j, k])
-            covariance[i, k, k] = max(covariance[i, k, k], _LEAST_VARIANCE)
+            covariance[i, k, k] = max(covariance[i, k, k], _MIN_VARIANCE)

@@ -4,7 +4,7 @@ On the ground it corrects every state except roll, pitch and their gyroscope bia
 fused while the vehicle is at rest. At 1.5 m above ground, field, bias and heading are reset; from then on the
 magnetometer may correct every state. With a disturbed or inconsistent field it no longer corrects the
 attitude. After 7 s of rejections its fusion stops and the variances of field and bias are reset, which widens
-the gate: it starts again with the first sample inside it.
+the gate. The fusion starts again with the first sample inside the gate.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CONSISTENCY_S = 0.66 + HORIZON_S
 UNDISTURBED_S = 1.0
 """A stopped magnetometer starts again only when the field has not been disturbed for this time."""
 FIELD_CHANGE_GAUSS = 0.01
-"""A reset leaves the field as it is when it is this close to the known one."""
+"""A reset keeps an estimated field that differs from the known one by less than this."""
 SMOOTHING = 0.1
 """Weight of a new sample in the smoothed field; a reset uses the smoothed field."""
 MAX_RATIO = 2.0
@@ -71,10 +71,10 @@ class Magnetometer:
         self._type = np.zeros(count, dtype=np.int64)
         self._accel_limit_m_s2 = np.full(count, np.inf)
         self._smooth = np.zeros((count, 3))
-        self._heading_off_rad = np.zeros(count)
+        self._heading_error_rad = np.zeros(count)
         self._received_at_s = np.full(count, -math.inf)
         self._fused_at_s = np.full(count, -math.inf)
-        self._observed = np.zeros(count, dtype=np.bool_)
+        self._gnss_shows_heading = np.zeros(count, dtype=np.bool_)
         self._aligned_at_s = np.full(count, -math.inf)
         self._resets = np.zeros(count, dtype=np.int64)
         self._sensitivity = np.zeros((count, 3, SIZE))
@@ -101,7 +101,7 @@ class Magnetometer:
         kalman, fusion = self._kalman, self._fusion
         kalman.field[i] = self._field_ned[i]
         self._fused_at_s[i] = self._received_at_s[i] = now_s
-        self._heading_off_rad[i] = 0.0
+        self._heading_error_rad[i] = 0.0
         fusion.mag[i] = fusion.mag_hdg[i] = self._type[i] != NEVER_TYPE
         fusion.mag_heading_consistent[i] = True
         fusion.heading_good_for_control[i] = not fusion.mag[i]
@@ -117,8 +117,8 @@ class Magnetometer:
         """
         silent = (now_s - self._received_at_s > SAMPLE_TIMEOUT_S) | (self._type == NEVER_TYPE)
         self._stop(silent & self._fusion.mag)
-        gnss_aided = np.hypot(horizontal_accel_m_s2[:, 0], horizontal_accel_m_s2[:, 1])
-        np.greater(gnss_aided, self._accel_limit_m_s2, out=self._observed)
+        accel_m_s2 = np.hypot(horizontal_accel_m_s2[:, 0], horizontal_accel_m_s2[:, 1])
+        np.greater(accel_m_s2, self._accel_limit_m_s2, out=self._gnss_shows_heading)
 
     def _stop(self, mask: BoolArray) -> None:
         fusion = self._fusion
@@ -162,9 +162,9 @@ class Magnetometer:
         fusion.mag |= accepted
         failing = fresh & fusion.mag & (now_s - self._fused_at_s > RESET_TIMEOUT_S + HORIZON_S)
         if failing.any():
-            alone = ~(fusion.gnss_pos | fusion.gnss_vel) | fusion.vehicle_at_rest
-            self._reset_field(failing & alone, now_s)
-            self._stop(failing & ~alone)
+            unaided = ~(fusion.gnss_pos | fusion.gnss_vel) | fusion.vehicle_at_rest
+            self._reset_field(failing & unaided, now_s)
+            self._stop(failing & ~unaided)
         settled = fusion.mag_aligned_in_flight & (now_s - self._aligned_at_s > CONTROL_AFTER_S)
         corrects_heading = fusion.mag_hdg | fusion.mag_3d
         np.copyto(fusion.heading_good_for_control, settled | ~corrects_heading, where=fresh)
@@ -186,11 +186,11 @@ class Magnetometer:
         declination = np.arctan2(kalman.field[:, 1], kalman.field[:, 0])
         heading_error = wrap_pi(declination - np.arctan2(field_ned[:, 1], field_ned[:, 0]))
         share = 1.0 - math.exp(-interval_s / CONSISTENCY_S)
-        self._heading_off_rad[fusion.heading_reset_counter != self._resets] = 0.0
+        self._heading_error_rad[fusion.heading_reset_counter != self._resets] = 0.0
         self._resets[:] = fusion.heading_reset_counter
-        self._heading_off_rad += np.where(fresh, share, 0.0) * (heading_error - self._heading_off_rad)
-        small = np.abs(self._heading_off_rad) < self._heading_noise_rad
-        observed = self._observed | ~fusion.in_air
+        self._heading_error_rad += np.where(fresh, share, 0.0) * (heading_error - self._heading_error_rad)
+        small = np.abs(self._heading_error_rad) < self._heading_noise_rad
+        observed = self._gnss_shows_heading | ~fusion.in_air
         np.copyto(
             fusion.mag_heading_consistent, small & (observed | fusion.mag_heading_consistent), where=fresh
         )
@@ -223,7 +223,7 @@ class Magnetometer:
             kalman.reset_heading(heading_reset, heading_error, self._heading_noise_rad**2)
             fusion.heading_reset_counter += heading_reset
             fusion.mag_heading_consistent |= heading_reset
-        self._heading_off_rad[heading_reset] = 0.0
+        self._heading_error_rad[heading_reset] = 0.0
         self._fused_at_s[mask] = now_s
         aligned = mask & fusion.in_air
         fusion.mag_aligned_in_flight |= aligned

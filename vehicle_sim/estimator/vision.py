@@ -119,16 +119,17 @@ class Vision:
         limits = self._limits[i]
         if limits is None:
             return VisionResult(i, False, False, math.nan)
-        new = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
-        level, upright = bool(limits.control & HORIZONTAL), bool(limits.control & VERTICAL)
+        is_first = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
+        horizontal, vertical = bool(limits.control & HORIZONTAL), bool(limits.control & VERTICAL)
         position_accepted, height_accepted = self._fuse_axes(
-            i, kalman, POSITION, sample.position_ned_m, (level, level, upright), limits.position_gate,
-            max(limits.position_noise_m**2, _finite(sample.position_variance_m2)), new,
+            i, kalman, POSITION, sample.position_ned_m, (horizontal, horizontal, vertical),
+            limits.position_gate, max(limits.position_noise_m**2, _finite(sample.position_variance_m2)),
+            is_first,
         )  # fmt: skip
         velocity_accepted, _ = self._fuse_axes(
             i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & SPEED),) * 3,
             limits.velocity_gate, max(limits.velocity_noise_m_s**2, _finite(sample.velocity_variance_m2_s2)),
-            new,
+            is_first,
         )  # fmt: skip
         if position_accepted or velocity_accepted:
             self._accepted_at_s[i] = now_s
@@ -136,7 +137,7 @@ class Vision:
 
     def _fuse_axes(
         self, i: int, kalman: Kalman, first: int, measured: Vector, selected: tuple[bool, ...], gate: float,
-        variance: float, new: bool,
+        variance: float, is_first: bool,
     ) -> tuple[bool, bool]:  # fmt: skip
         """Fuses the selected axes. Returns whether both horizontal axes, and the vertical one, were fused."""
         count = len(kalman.vector)
@@ -149,7 +150,7 @@ class Vision:
             index = first + axis
             innovation = measured[axis] - float(kalman.vector[i, index - VELOCITY])
             sigma = math.sqrt(float(kalman.variance(index)[i]) + variance)
-            if new:
+            if is_first:
                 kalman.reset_one(one, index, measured[axis], np.full(count, variance))
             elif abs(innovation) <= gate * sigma:
                 kalman.fuse(index, np.where(one, innovation, 0.0), np.where(one, variance, np.inf))

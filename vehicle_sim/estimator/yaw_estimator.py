@@ -145,15 +145,15 @@ class YawEstimator:
 
     def _update_weights(self, accepted: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
         """Corrects each hypothesis by the velocity and updates its weight by its likelihood."""
-        covariance, counts = self._covariance, accepted[:, None]
+        covariance, accepted_rows = self._covariance, accepted[:, None]
         noise = np.where(accepted, variance, 1.0)[:, None]
         (nn, ee), ne = self._variances[:2] + noise, covariance[0, 1].copy()
         determinant = np.maximum(nn * ee - ne * ne, 1e-12)
-        off = velocity_ne.T[:, :, None] - self._states[:2]
-        north, east = off
+        innovation = velocity_ne.T[:, :, None] - self._states[:2]
+        north, east = innovation
         ratio = (ee * north * north - 2.0 * ne * north * east + nn * east * east) / determinant
-        off *= np.sqrt(np.minimum(WORST_RATIO / np.maximum(ratio, 1e-9), 1.0))
-        cross_covariance = covariance[:, :2] * counts
+        innovation *= np.sqrt(np.minimum(WORST_RATIO / np.maximum(ratio, 1e-9), 1.0))
+        cross_covariance = covariance[:, :2] * accepted_rows
         by_north = (cross_covariance[:, 0] * ee - cross_covariance[:, 1] * ne) / determinant
         by_east = (cross_covariance[:, 1] * nn - cross_covariance[:, 0] * ne) / determinant
         self._states += by_north * north + by_east * east
@@ -162,7 +162,7 @@ class YawEstimator:
         density = np.exp(-0.5 * np.minimum(ratio, WORST_RATIO)) / np.sqrt(determinant)
         weights = np.maximum(self._weights * density, 1e-30)
         weights = np.maximum(weights / weights.sum(axis=1, keepdims=True), MIN_WEIGHT)
-        np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=counts)
+        np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=accepted_rows)
 
     def headings(self) -> tuple[FloatArray, FloatArray]:
         """(N,) weighted mean of the hypotheses' headings [rad] and its variance [rad²], which is infinite if
@@ -190,8 +190,8 @@ def _turn_and_level(
             delta_angle[i, 2] / dt_s - bias[i, 2],
         )
         size = length(fx, fy, fz)
-        off = min(FORCE_ATTENUATION * abs(size / GRAVITY_M_S2 - 1.0), 1.0)
-        gain = TILT_GAIN_PER_S * (1.0 - off) ** 2 / max(size, 1.0)
+        attenuation = min(FORCE_ATTENUATION * abs(size / GRAVITY_M_S2 - 1.0), 1.0)
+        gain = TILT_GAIN_PER_S * (1.0 - attenuation) ** 2 / max(size, 1.0)
         down_x, down_y, down_z = matrix[i, 2, 0], matrix[i, 2, 1], matrix[i, 2, 2]
         correction = (
             gain * (down_y * fz - down_z * fy),

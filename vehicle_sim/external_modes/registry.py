@@ -86,8 +86,8 @@ class ExternalModes:
         self.announced = 0
         """Number of changes to the list of modes: AVAILABLE_MODES_MONITOR.seq.
 
-        As recorded, each registered mode counts, and each change of the modes that can be set when it is
-        published in `vehicle_status`.
+        As recorded, it increases when a mode is registered, and when `vehicle_status` is published with a
+        changed mask of the modes that can be set.
         """
         self.on_announced: Callable[[], None] = _nobody
         self._published = -1

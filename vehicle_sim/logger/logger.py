@@ -258,12 +258,12 @@ class Logger:
 
     def _delete_old_logs(self) -> None:
         """Deletes the oldest days beyond SDLOG_DIRS_MAX."""
-        most = self._view.optional_choice("SDLOG_DIRS_MAX", 0)
-        if most <= 0 or self.mode == DISABLED:
+        days_kept = self._view.optional_choice("SDLOG_DIRS_MAX", 0)
+        if days_kept <= 0 or self.mode == DISABLED:
             return
         try:
             days = [name for name, size in self._files.listing(FOLDER) if size is None]
-            for name in days[:-most]:
+            for name in days[:-days_kept]:
                 self._files.delete_tree(f"{FOLDER}/{name}")
         except OSError:
             return  # no log yet

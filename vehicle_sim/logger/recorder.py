@@ -31,7 +31,7 @@ class Sink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """Position of a source's values in a group's buffer, and the vehicles that they belong to."""
+    """Position of a source's values in a group's buffer, and the fields that they belong to."""
 
     names: tuple[str, ...]
     """One field, or one for each column of the array."""
@@ -72,8 +72,8 @@ class _Group:
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
     def sample(self, now_us: int) -> bool:
-        """Takes a sample; a topic with the rate of a sensor only if there is a new measurement. True: the
-        buffer is full."""
+        """Takes a sample, unless the group has the rate of a sensor without a new measurement. Returns
+        True if the buffer is full."""
         period = self._period
         if isinstance(period, str):
             count = getattr(self._simulation.sensors, period)

@@ -108,7 +108,7 @@ class CommanderCommand:
 
     def _termination(self, words: Words) -> str:
         if words != ["on"]:
-            raise Usage("flight terminated; this cannot be undone")
+            raise Usage("`on` stops all motors; this cannot be undone")
         if not self._commander.terminate():
             raise CommandFailed(error("commander", "only while armed"))
         return ""

@@ -75,13 +75,13 @@ class ParamCommand:
             return self._text(self._known(patterns[0])) + "\n"
         changed, unsaved = set(self._parameters.changed()), self._unsaved()
         out = ["Symbols: x = used, + = saved, * = unsaved\n"]
-        for index, (name, place) in enumerate(zip(self._parameters.names, _build_indexes(), strict=True)):
+        for index, (name, in_build) in enumerate(zip(self._parameters.names, _build_indexes(), strict=True)):
             if patterns and not any(fnmatchcase(name, pattern) for pattern in patterns):
                 continue
             if "-c" in options and name not in changed:
                 continue
             state = "*" if name in unsaved else "+" if name in changed else " "
-            out.append(f"x {state} {name} [{index},{place}] : {self._text(name)}\n")
+            out.append(f"x {state} {name} [{index},{in_build}] : {self._text(name)}\n")
         out.append(f"\n {len(self._parameters)}/{ALL_PARAMETERS} parameters used.\n")
         return "".join(out)
 

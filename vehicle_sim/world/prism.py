@@ -32,28 +32,28 @@ class PrismShape:
         self._side = np.roll(self._from, -1, axis=0) - self._from
         self._low, self._high = self._from.min(axis=0), self._from.max(axis=0)
 
-    def any_near(self, place_ne_m: FloatArray, within_m: float) -> bool:
+    def any_near(self, position_ne_m: FloatArray, within_m: float) -> bool:
         """Whether any of the positions (M, 2) is within this distance of the bounding box of the outline."""
         low, high = self._low - within_m, self._high + within_m
-        return bool(((place_ne_m >= low) & (place_ne_m <= high)).all(axis=1).any())
+        return bool(((position_ne_m >= low) & (position_ne_m <= high)).all(axis=1).any())
 
-    def covers(self, place_ne_m: FloatArray) -> BoolArray:
+    def covers(self, position_ne_m: FloatArray) -> BoolArray:
         """(M,) whether positions (M, 2) are inside the outline (even-odd rule)."""
-        north, east = place_ne_m[:, :1], place_ne_m[:, 1:]
+        north, east = position_ne_m[:, :1], position_ne_m[:, 1:]
         start, end = self._from[:, 1], self._from[:, 1] + self._side[:, 1]
         spans = (start > east) != (end > east)
         with np.errstate(divide="ignore", invalid="ignore"):
             crossing = self._from[:, 0] + (east - start) / self._side[:, 1] * self._side[:, 0]
         return ((spans & (north < crossing)).sum(axis=1) % 2).astype(np.bool_)
 
-    def nearest_on_outline(self, place_ne_m: FloatArray) -> FloatArray:
+    def nearest_on_outline(self, position_ne_m: FloatArray) -> FloatArray:
         """(M, 2) the positions of the outline that are nearest to positions (M, 2)."""
-        offset = place_ne_m[:, None] - self._from
+        offset = position_ne_m[:, None] - self._from
         length2 = np.maximum((self._side**2).sum(axis=1), 1e-12)
         share = np.clip((offset * self._side).sum(axis=2) / length2, 0.0, 1.0)
         on_side = self._from + share[..., None] * self._side
-        nearest = ((place_ne_m[:, None] - on_side) ** 2).sum(axis=2).argmin(axis=1)
-        return on_side[np.arange(len(place_ne_m)), nearest]
+        nearest = ((position_ne_m[:, None] - on_side) ** 2).sum(axis=2).argmin(axis=1)
+        return on_side[np.arange(len(position_ne_m)), nearest]
 
     def cast(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
         """(M,) distances along rays (M, 3) in NED; infinite for rays that miss; 0 for one that starts

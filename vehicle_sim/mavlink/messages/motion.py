@@ -39,78 +39,82 @@ class MotionMessages(MessageGroup):
         self._functions_revision = -1
 
     def attitude(self) -> bytes:
-        b = self._view.estimate
+        estimate = self._view.estimate
         return _ATTITUDE(
-            self._view.time_boot_ms(), b.roll_rad, b.pitch_rad, b.yaw_ned_rad, *b.rates_frd_rad_s
+            self._view.time_boot_ms(),
+            estimate.roll_rad,
+            estimate.pitch_rad,
+            estimate.yaw_ned_rad,
+            *estimate.rates_frd_rad_s,
         )
 
     def attitude_quaternion(self) -> bytes:
-        b = self._view.estimate
+        estimate = self._view.estimate
         return _ATTITUDE_QUATERNION(
-            self._view.time_boot_ms(), *b.q_ned_frd, *b.rates_frd_rad_s, 0.0, 0.0, 0.0, 0.0
+            self._view.time_boot_ms(), *estimate.q_ned_frd, *estimate.rates_frd_rad_s, 0.0, 0.0, 0.0, 0.0
         )
 
     def local_position_ned(self) -> bytes | None:
-        b = self._view.estimate
-        if not b.valid_altitude:
+        estimate = self._view.estimate
+        if not estimate.valid_altitude:
             return None
-        return _LOCAL(self._view.time_boot_ms(), *b.position_ned_m, *b.velocity_ned_m_s)
+        return _LOCAL(self._view.time_boot_ms(), *estimate.position_ned_m, *estimate.velocity_ned_m_s)
 
     def global_position_int(self) -> bytes | None:
-        b, home = self._view.estimate, self._autopilot.home
-        if not b.valid_position or not math.isfinite(b.lat_deg):
+        estimate, home = self._view.estimate, self._autopilot.home
+        if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return None
-        relative = b.alt_amsl_m - home.alt_amsl_m if home.valid else 0.0
-        vn, ve, vd = b.velocity_ned_m_s
+        relative = estimate.alt_amsl_m - home.alt_amsl_m if home.valid else 0.0
+        vn, ve, vd = estimate.velocity_ned_m_s
         return _GLOBAL(
             self._view.time_boot_ms(),
-            round(b.lat_deg * 1e7),
-            round(b.lon_deg * 1e7),
-            round(b.alt_amsl_m * 1000),
+            round(estimate.lat_deg * 1e7),
+            round(estimate.lon_deg * 1e7),
+            round(estimate.alt_amsl_m * 1000),
             round(relative * 1000),
             i16(vn * 100),
             i16(ve * 100),
             i16(vd * 100),
-            int(math.degrees(b.yaw_ned_rad) % 360.0 * 100.0) % 36000,
+            int(math.degrees(estimate.yaw_ned_rad) % 360.0 * 100.0) % 36000,
         )
 
     def odometry(self) -> bytes:
-        b = self._view.estimate
+        estimate = self._view.estimate
         variances = [NAN] * 21
         return pack(
             "ODOMETRY",
             time_usec=self._view.time_boot_us(),
             frame_id=1,
             child_frame_id=1,
-            x=b.position_ned_m[0],
-            y=b.position_ned_m[1],
-            z=b.position_ned_m[2],
-            q=b.q_ned_frd,
-            vx=b.velocity_ned_m_s[0],
-            vy=b.velocity_ned_m_s[1],
-            vz=b.velocity_ned_m_s[2],
-            rollspeed=b.rates_frd_rad_s[0],
-            pitchspeed=b.rates_frd_rad_s[1],
-            yawspeed=b.rates_frd_rad_s[2],
+            x=estimate.position_ned_m[0],
+            y=estimate.position_ned_m[1],
+            z=estimate.position_ned_m[2],
+            q=estimate.q_ned_frd,
+            vx=estimate.velocity_ned_m_s[0],
+            vy=estimate.velocity_ned_m_s[1],
+            vz=estimate.velocity_ned_m_s[2],
+            rollspeed=estimate.rates_frd_rad_s[0],
+            pitchspeed=estimate.rates_frd_rad_s[1],
+            yawspeed=estimate.rates_frd_rad_s[2],
             pose_covariance=variances,
             velocity_covariance=variances,
             estimator_type=8,
         )[1]
 
     def altitude(self) -> bytes:
-        b, home = self._view.estimate, self._autopilot.home
+        estimate, home = self._view.estimate, self._autopilot.home
         baro = self._baro_alt_amsl_m
-        known = b.valid_position and math.isfinite(b.alt_amsl_m)
-        relative = b.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
-        above_ground = b.height_above_ground_m if known else NAN
+        known = estimate.valid_position and math.isfinite(estimate.alt_amsl_m)
+        relative = estimate.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
+        above_ground = estimate.height_above_ground_m if known else NAN
         return pack(
             "ALTITUDE",
             time_usec=self._view.time_boot_us(),
             altitude_monotonic=baro,
-            altitude_amsl=b.alt_amsl_m if known else NAN,
-            altitude_local=-b.position_ned_m[2] if known else NAN,
+            altitude_amsl=estimate.alt_amsl_m if known else NAN,
+            altitude_local=-estimate.position_ned_m[2] if known else NAN,
             altitude_relative=relative,
-            altitude_terrain=-b.position_ned_m[2] - above_ground,
+            altitude_terrain=-estimate.position_ned_m[2] - above_ground,
             bottom_clearance=above_ground,
         )[1]
 
@@ -119,16 +123,16 @@ class MotionMessages(MessageGroup):
         return float(self._view.simulation.sensors.baro_alt_amsl_m[self._view.row])
 
     def vfr_hud(self) -> bytes:
-        b = self._view.estimate
-        vn, ve, vd = b.velocity_ned_m_s
+        estimate = self._view.estimate
+        vn, ve, vd = estimate.velocity_ned_m_s
         armed = self._autopilot.commander.armed
         thrust = float(self._view.simulation.target.thrust[self._view.row]) if armed else 0.0
         return pack(
             "VFR_HUD",
             groundspeed=math.hypot(vn, ve),
-            heading=int(math.degrees(b.yaw_ned_rad) % 360.0) % 360,
+            heading=int(math.degrees(estimate.yaw_ned_rad) % 360.0) % 360,
             throttle=max(0, min(100, int(100 * thrust))),
-            alt=b.alt_amsl_m if math.isfinite(b.alt_amsl_m) else self._baro_alt_amsl_m,
+            alt=estimate.alt_amsl_m if math.isfinite(estimate.alt_amsl_m) else self._baro_alt_amsl_m,
             climb=-vd,
         )[1]
 

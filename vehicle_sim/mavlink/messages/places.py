@@ -63,21 +63,21 @@ class PlaceMessages(MessageGroup):
         )[1]
 
     def open_drone_id_location(self) -> bytes | None:
-        b, home = self._view.estimate, self._autopilot.home
-        if not math.isfinite(b.lat_deg) or not home.valid:
+        estimate, home = self._view.estimate, self._autopilot.home
+        if not math.isfinite(estimate.lat_deg) or not home.valid:
             return None
-        vn, ve, vd = b.velocity_ned_m_s
+        vn, ve, vd = estimate.velocity_ned_m_s
         return pack(
             "OPEN_DRONE_ID_LOCATION",
             status=self._remote_id_status(),
             direction=round(math.degrees(math.atan2(ve, vn)) % 360.0) % 360 * 100,
             speed_horizontal=min(25425, round(math.hypot(vn, ve) * 100)),
             speed_vertical=i16(-vd * 100),
-            latitude=round(b.lat_deg * 1e7),
-            longitude=round(b.lon_deg * 1e7),
+            latitude=round(estimate.lat_deg * 1e7),
+            longitude=round(estimate.lon_deg * 1e7),
             altitude_barometric=float(self._view.simulation.sensors.baro_alt_amsl_m[self._view.row]),
-            altitude_geodetic=float(round(b.alt_amsl_m)),
-            height=b.alt_amsl_m - home.alt_amsl_m,
+            altitude_geodetic=float(round(estimate.alt_amsl_m)),
+            height=estimate.alt_amsl_m - home.alt_amsl_m,
             horizontal_accuracy=12,
             vertical_accuracy=5,
             barometer_accuracy=0,

@@ -131,25 +131,29 @@ class SensorMessages(MessageGroup):
         return pack("VIBRATION", time_usec=self._view.time_boot_us(), vibration_y=gyro, vibration_z=accel)[1]
 
     def estimator_status(self) -> bytes:
-        e, i, b = self._view.simulation.estimate, self._view.row, self._view.estimate
+        estimates, i, estimate = self._view.simulation.estimate, self._view.row, self._view.estimate
         in_air = self._autopilot.commander.armed and not self._autopilot.commander.landed
         fusion = self._view.simulation.fusion
-        predicted = b.valid_position or fusion.gnss_pos[i] or fusion.gnss_vel[i]
-        flags = 0b1000001 | (0b100100 if b.valid_altitude else 0) | (0b11010 if b.valid_position else 0)
+        predicted = estimate.valid_position or fusion.gnss_pos[i] or fusion.gnss_vel[i]
+        flags = (
+            0b1000001
+            | (0b100100 if estimate.valid_altitude else 0)
+            | (0b11010 if estimate.valid_position else 0)
+        )
         flags |= (768 if predicted else 0) | (0 if in_air else 128)
-        flags |= GPS_GLITCH if e.gps_rejected[i] else 0
+        flags |= GPS_GLITCH if estimates.gps_rejected[i] else 0
         flags |= ACCEL_ERROR if fusion.bad_acc_vertical[i] else 0
         return pack(
             "ESTIMATOR_STATUS",
             time_usec=self._view.time_boot_us(),
             flags=flags & 0xFFFF,
-            vel_ratio=float(e.innovation_ratio_velocity[i]),
-            pos_horiz_ratio=float(e.innovation_ratio_position[i]),
-            pos_vert_ratio=float(e.innovation_ratio_height[i]),
-            mag_ratio=float(e.innovation_ratio_mag[i]),
+            vel_ratio=float(estimates.innovation_ratio_velocity[i]),
+            pos_horiz_ratio=float(estimates.innovation_ratio_position[i]),
+            pos_vert_ratio=float(estimates.innovation_ratio_height[i]),
+            mag_ratio=float(estimates.innovation_ratio_mag[i]),
             tas_ratio=NAN,
-            pos_horiz_accuracy=float(e.horizontal_accuracy_m[i]),
-            pos_vert_accuracy=float(e.vertical_accuracy_m[i]),
+            pos_horiz_accuracy=float(estimates.horizontal_accuracy_m[i]),
+            pos_vert_accuracy=float(estimates.vertical_accuracy_m[i]),
         )[1]
 
 
