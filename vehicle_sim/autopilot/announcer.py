@@ -163,7 +163,7 @@ class StatusText:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One event as message EVENT carries it."""
+    """One event, with the fields of message EVENT."""
 
     sequence: int
     name: str

@@ -71,7 +71,7 @@ class Autopilot:
         self.steady = False
         """Whether the next tick may run in the compiled loops (`SteadyTicks`)."""
         self.decided = True
-        """Whether the last tick ran here in full, not in the compiled loops."""
+        """Whether the last tick was a full tick, not one of the compiled loops."""
         self._steady_situation: tuple[object, ...] = ()
         self.steady_limits = SteadyLimits.of(view)
         self._steady_limits_of = view.parameter_changes
@@ -381,8 +381,8 @@ class Autopilot:
             self._write_trajectory(setpoint)
 
     def _hold_outputs(self) -> None:
-        """No setpoint of this level was ever received: the last outputs of the controllers above it stay in
-        effect."""
+        """Keeps the last outputs of the controllers above this level until a setpoint of the level is
+        received."""
         if self.offboard.level is ControlLevel.MOTORS:
             self._row.freeze_motors()
 

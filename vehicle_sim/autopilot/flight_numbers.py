@@ -1,5 +1,5 @@
-"""Arrays of the values of all autopilots that change at every tick: each autopilot uses its row, and the
-compiled ticks (`steady.py`) use all rows together."""
+"""Values that change at every tick, as arrays with a row for each autopilot. An autopilot uses its own row,
+the compiled ticks (`steady.py`) use all rows together."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FlightNumbers:
     settings: Rows
     """(N, `len(SETTINGS)`) parameters of the trajectory."""
     triplet: Rows
-    """(N, `TRIPLET_SIZE`) the waypoints of the trajectory (`smoothing.Way`)."""
+    """(N, `TRIPLET_SIZE`) the waypoints of the trajectory (`smoothing.WaypointTriplet`)."""
     before_turn_m_s: Rows
     """(N, 1) speed of the trajectory before a turn."""
     yaw: Rows

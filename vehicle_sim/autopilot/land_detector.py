@@ -119,7 +119,7 @@ class LandDetector:
 
     @property
     def ground_contact(self) -> bool:
-        """Whether a surface carries the vehicle."""
+        """Whether the vehicle is supported by a surface."""
         return self._numbers[CONTACT] != 0.0
 
     @property

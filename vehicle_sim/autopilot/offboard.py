@@ -219,7 +219,8 @@ class Offboard:
         yaw_rad: float,
         yaw_rate_rad_s: float,
     ) -> None:
-        """SET_POSITION_TARGET_GLOBAL_INT; terrain frames count as AMSL relative to home here."""
+        """SET_POSITION_TARGET_GLOBAL_INT. Altitudes are above mean sea level, above the local origin
+        (relative frame) or above home (terrain frame)."""
         if frame not in (GLOBAL_AMSL, GLOBAL_RELATIVE, GLOBAL_TERRAIN):
             self.invalid = True
             self._announcer.both(

@@ -18,7 +18,7 @@ class Plans:
         self._items: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
         self._revisions = {MISSION: 0, FENCE: 0, RALLY: 0}
         self.changes = 0
-        """Rises with every change of any of them."""
+        """Increases with every change of any list."""
         self.start_seq = 0
         """The mission item that the newest upload marked as current."""
 

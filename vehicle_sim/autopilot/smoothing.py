@@ -69,7 +69,7 @@ class Smoothing:
         view: the vehicle.
         axes: (3, `trajectory.SIZE`) the axes.
         settings: (`len(SETTINGS)`,) row that stores the parameters.
-        triplet: (`TRIPLET_SIZE`,) row that stores the numbers of the way; NaN for a missing next waypoint.
+        triplet: (`TRIPLET_SIZE`,) row that stores the waypoints; NaN for a missing next waypoint.
         before_turn_m_s: (1,) the speed before a turn.
     """
 

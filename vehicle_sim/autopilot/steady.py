@@ -253,7 +253,7 @@ def _descend(
     task: Column, limits: Column, axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column,
     position: Column, range_m: float,
 ) -> None:  # fmt: skip
-    """One tick of `Descent.run`; without a target height the way leads to the trajectory's height."""
+    """One tick of `Descent.run`; without a target height, the target waypoint has the trajectory's height."""
     if math.isnan(task[_TARGET_DOWN]) and triplet[TO + 2] != axes[2, POSITION]:
         for k in range(3):
             triplet[FROM + k], triplet[ONWARD + k] = position[k], math.nan
@@ -278,7 +278,7 @@ def _press(axes: Rows, position: Column) -> None:
 def _limit(
     task: Column, limits: Column, motion: Column, r: int, tilt_limit: Column, climb_limit_m_s: Column
 ) -> None:
-    """The limits of a tick: the tilt rises in flight, the climb rate in the take-off ramp."""
+    """The limits of a tick: the tilt limit rises in flight, the climb rate limit during the take-off ramp."""
     if task[_TAKEOFF] == _FLIGHT:
         motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
         tilt_limit[r] = motion[TILT] if motion[TILT] < limits[_TILT_MAX] else math.nan

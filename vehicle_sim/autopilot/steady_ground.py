@@ -38,7 +38,7 @@ def ground_task(
     if task is None:
         return None
     task = task._replace(takeoff=state, detected=detector.detected)
-    if commander.landed and state is not TakeoffState.SPOOLUP:  # it ends before the vehicle is disarmed
+    if commander.landed and state is not TakeoffState.SPOOLUP:  # the task ends before disarming
         since_s = commander.landed_at_s if commander.flew else commander.armed_at_s
         wait_s = auto_disarm_after_s(view, flew=commander.flew)
         task = task._replace(waits_since_s=since_s, waits_for_s=wait_s)

@@ -56,7 +56,8 @@ class SteadyTask(NamedTuple):
 
 
 STREAM = SteadyTask(Motion.STREAM, math.nan, math.nan, math.nan)
-"""Ends only by what other parts change: the mode, the level of the setpoints, a failsafe."""
+"""A task without end conditions. It ends when the mode or the level of the setpoints changes, or when a
+failsafe acts."""
 PRESSED = SteadyTask(Motion.PRESSED, math.nan, math.nan, math.nan)
 
 

@@ -49,7 +49,7 @@ class Work(Enum):
 
 
 class Mission:
-    """The mission of one vehicle: `update` each tick in Mission mode, `run` while it may fly."""
+    """The mission of one vehicle. Call `update` at each tick in Mission mode, and `run` while it may fly."""
 
     def __init__(
         self,

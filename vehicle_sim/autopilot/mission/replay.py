@@ -34,18 +34,18 @@ class Replay:
         self._issue = issue
         self._gimbal: list[Item] = []
         self._at_first: list[Item] = []
-        """Repeated when the first item is reached."""
+        """Items to repeat when the first item is reached."""
         self._start = 0
         """Index of the item at which the mission was started."""
         self.left_at: int | None = None
-        """Index of the current item when the mission was left; None: it has changed since."""
+        """Index of the current item when the mission was left; None: the current item has changed since."""
 
     def begin(self, items: Sequence[Item], current: int) -> int:
         """Called when the mission is started or continued.
 
         Returns:
-            The item to fly: the current one. If pictures were taken when the mission was left, the position
-            before that place, so that no picture is lost.
+            The item to fly: the current one. If pictures were taken when the mission was left, it is the last
+            position item before the one flown then, so that no picture is lost.
         """
         earlier, pause = items[:current], self.left_at
         self.left_at = None
@@ -70,7 +70,7 @@ class Replay:
             self._issue(item)
 
     def reached(self, current: int) -> None:
-        """Repeats the rest once the first item is reached."""
+        """Repeats the remaining settings once the first item is reached."""
         if self._at_first and current > self._start:
             at_first, self._at_first = self._at_first, []
             for item in at_first:
