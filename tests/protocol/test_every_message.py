@@ -24,7 +24,7 @@ from gcs_server.scene.views import world_pose
 from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
-from gcs_server.telemetry.hub import ALL_TOPICS, Encoded
+from gcs_server.telemetry.hub import ALL_TOPICS, EncodedSamples
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
 from tests.jump_time import in_jumps
@@ -92,7 +92,7 @@ class Look:
     def __init__(self, world: OffboardWorld, link: Any) -> None:
         self.world, self.link = world, link
         self.bad, self.good = (world.fleet.get(v) for v in ("1", "2"))
-        self.encoded = Encoded(world.clock, world.fleet)
+        self.encoded = EncodedSamples(world.clock, world.fleet)
         self.tracks = Tracks(world.fleet, None, world.clock)
         self.seq = itertools.count()
         latest = self.good._state.latest.values()

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from gcs_server.telemetry.hub import Encoded
+from gcs_server.telemetry.hub import EncodedSamples
 from tests.protocol.memory_world import run_test
 
 INFORMATION, VERSION = 280, 148
@@ -86,7 +86,7 @@ def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_it
         first = next(m for m in autopilot.received if m.get_type() == "COMMAND_LONG")
         assert int(first.param1) == VERSION
         assert vehicle.identity.simulated is None
-        topics = Encoded(world.clock, world.fleet)
+        topics = EncodedSamples(world.clock, world.fleet)
         seen = {}
         (told_json,) = topics.new_samples(vehicle, ["identity"], seen)
         assert b'"simulated":null' in told_json
