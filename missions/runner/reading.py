@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from missions.frames import Vector3
 from missions.runner.script import Played
@@ -12,9 +11,8 @@ from missions.setpoints import Estimate
 StreamPhase = Literal["idle", "starting", "flying", "ending"]
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """The vehicle's state at one time."""
+class Reading(NamedTuple):
+    """The vehicle's state at one time. A tuple: a dry run makes ten a second for each of its vehicles."""
 
     mode: str | None = None
     """The vehicle's mode, as in the API's `Status.mode`: offboard, hold, land, rtl, takeoff, position, …"""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from missions.offboard.compiler import compile_mission
@@ -51,7 +50,7 @@ class FakeFlight:
 
     def set_reading(self, **changes: Any) -> None:
         """Sets fields of the runner's knowledge of the vehicle."""
-        self.reading = replace(self.reading, **changes)
+        self.reading = self.reading._replace(**changes)
 
     def mode(self, mode: str, source: str, text: str | None = None) -> None:
         """Changes the mode from outside the runner; this ends the stream."""

@@ -101,7 +101,8 @@ class Autopilot:
                 self._publish_level()
                 self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
                 self._steer_offboard()
-            self.gimbal.update(TICK_S)
+            if not self.gimbal.rests:
+                self.gimbal.update(TICK_S)
             self.decided = False
             return True
         self._fly()
@@ -191,8 +192,7 @@ class Autopilot:
         return commander.armed and commander.active is NavState.OFFBOARD and is_attitude
 
     def _detect_landing(self) -> None:
-        estimate = self.view.estimate
-        i, direct = self.view.row, self._row.below_trajectory
+        estimate, i, direct = self.view.estimate, self.view.row, self._row.below_trajectory
         thrust = self._thrusts[i] if self.takeoff.may_thrust or direct else 0.0
         estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
         # An unknown horizontal velocity does not prevent the detection of a landing.

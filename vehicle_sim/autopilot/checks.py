@@ -51,17 +51,17 @@ class Checks:
     ) -> None:
         self._view = view
         self._announcer = announcer
-        self._offboard = offboard
+        self.offboard = offboard
         self._home = home
-        self._external = external
+        self.external = external
         self.has_mission = False
         self.logging = True
         """Whether a log is being written, set by the logger. True also if no log is required."""
         self.fence: frozenset[Breach] = frozenset()
         self.monitors = monitors
-        self._sensors = SensorWatch(view, announcer)
+        self.sensors = SensorWatch(view, announcer)
         self._had_position = False
-        self._position_good_at_s = -math.inf
+        self.position_good_at_s = -math.inf
         self._gcs_was_lost = False
         self._sticks_lost_at_s: float | None = None
         self.manual_control_at_s = -math.inf
@@ -77,12 +77,12 @@ class Checks:
         self.report = self.fresh(NavState.HOLD, armed=False, terminated=False)
         self._announced: health.CheckResults | None = None
         self._announced_at_s = -math.inf
-        self._changed = True
+        self.unreported = True
         """Whether a change has not been reported yet."""
 
     def _read_inputs(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
         """The inputs that can change in flight, in the order of `health.CheckInputs`, for this mode."""
-        view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self._sensors
+        view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self.sensors
         good = self.position_good
         windy = monitors.wind_too_high
         return (
@@ -92,7 +92,7 @@ class Checks:
             good and estimate.valid_velocity,
             good and self._home.valid,
             self.has_mission,
-            self._offboard.signal(),
+            self.offboard.signal(),
             self.manual_control(),
             view.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
             self.battery_warning,
@@ -109,7 +109,7 @@ class Checks:
             view.simulation.fusion.gnss_pos.item(view.row),
             "" if armed else sensors.gps_problem(),
             2 if view.simulation.world.lidars.forward else 1,
-            self._external.health(),
+            self.external.health(),
         )
 
     def _read_parameters(self) -> None:
@@ -131,7 +131,7 @@ class Checks:
     @property
     def position_good(self) -> bool:
         """Whether the position is usable; after a loss, only POSITION_BACK_S after it is valid again."""
-        return self._view.estimate.valid_position and self._view.time_s >= self._position_good_at_s
+        return self._view.estimate.valid_position and self._view.time_s >= self.position_good_at_s
 
     def _watch_sensors(self, armed: bool) -> None:
         """Records a lost position, and reports sensors that are silent or no longer used."""
@@ -139,12 +139,22 @@ class Checks:
         if view.estimate.valid_position:
             self._had_position = True
         elif self._had_position:
-            self._position_good_at_s = view.time_s + POSITION_BACK_S
-        self._sensors.update(armed=armed)
+            self.position_good_at_s = view.time_s + POSITION_BACK_S
+        self.sensors.update(armed=armed)
 
     def manual_control(self) -> bool:
         """Whether stick input was received recently."""
         return self._view.time_s - self.manual_control_at_s < self._view.parameter("COM_RC_LOSS_T")
+
+    @property
+    def heard_anyone(self) -> bool:
+        """Whether sticks, a ground station or an onboard computer were ever connected."""
+        never = -math.inf
+        return (
+            self.manual_control_at_s != never
+            or self.gcs_heartbeat_at_s != never
+            or self.companion_heartbeat_at_s != never
+        )
 
     def gcs_alive(self) -> bool:
         """Whether a ground station was connected within COM_DL_LOSS_T."""
@@ -221,14 +231,14 @@ class Checks:
         """Runs the checks and announces changes."""
         report = self.fresh(mode, armed=armed, terminated=terminated)
         if report is not self.report and report != self.report:
-            self._changed = True
+            self.unreported = True
         self.report = report
-        if self._changed and self._view.time_s - self._announced_at_s >= REPORT_EVERY_S:
+        if self.unreported and self._view.time_s - self._announced_at_s >= REPORT_EVERY_S:
             self.announce()
 
     def announce_changes(self) -> None:
         """Sends a changed report now, without texts; called before a failsafe is announced."""
-        if self._changed:
+        if self.unreported:
             self.announce(texts=False)
 
     def announce(self, *, texts: bool = True) -> None:
@@ -236,7 +246,7 @@ class Checks:
         before = self._announced
         if self._view.time_s <= QUIET_AFTER_BOOT_S:
             return
-        self._announced, self._announced_at_s, self._changed = self.report, self._view.time_s, False
+        self._announced, self._announced_at_s, self.unreported = self.report, self._view.time_s, False
         health.announce(self.report, self._announcer)
         if not texts:
             return

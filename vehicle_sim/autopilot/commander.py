@@ -15,6 +15,7 @@ from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
+from vehicle_sim.autopilot.quiet_checks import QuietChecks
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.external_modes.registry import ExternalModes, is_external
@@ -50,18 +51,17 @@ class Commander:
         self.external = ExternalModes(view.parameters.mode_hashes, view.parameters.store_mode_hash)
         self.checks = Checks(view, announcer, offboard, navigator.home, self.monitors, self.external)
         self.armed = False
-        self.intended = NavState.HOLD
-        self.active = NavState.HOLD
+        self.intended = self.active = NavState.HOLD
         self._selected = NavState.HOLD
         """The active mode, before an external mode replaces it."""
         self.landed = True
-        self.terminated = False
-        self.calibrating = False
+        self.terminated = self.calibrating = False
         self._mode_was_chosen = False
         self.refusals = ModeRefusals(view, announcer)
         self.failsafe_watch = FailsafeWatch(
             view, announcer, self.checks, offboard, navigator.fence, self.monitors
         )
+        self._quiet_checks = QuietChecks(view, self.checks, self.failsafe_watch, navigator.fence)
         self._commands = commands
         commands.add_handlers({RETURN: self._return, SET_HOME: self._set_home})
         self._termination: Decision | None = None
@@ -204,6 +204,7 @@ class Commander:
 
     def update(self, *, landed: bool) -> None:
         """Runs checks, failsafe and automatic disarming; call at 50 Hz after the land detector."""
+        self._quiet_checks.forget()
         self._update_landed(landed)
         if not self.armed:
             self.home.follow()
@@ -221,10 +222,11 @@ class Commander:
         """One tick of a steady flight, in which only geofence and checks can act; False: one of them did."""
         self._navigator.fence.check()
         self._ticks += 1
-        if self._ticks % CHECK_EVERY_TICKS != 0:
+        if self._ticks % CHECK_EVERY_TICKS != 0 or self._quiet_checks.repeat(self.armed_at_s):
             return True
         self._run_checks()
         if self.settled:
+            self._quiet_checks.remember(self.armed_at_s)
             return True
         self._update_mode(self.landed)
         return False

@@ -94,7 +94,8 @@ class Decision:
     """The action that follows Hold after the delay COM_FAIL_ACT_T; NONE: no delay."""
 
 
-_NO_FAILSAFE = Decision()
+NO_FAILSAFE = Decision()
+"""The decision if there is no failure condition, and none has a lasting effect."""
 DEFER_DEFAULT_S = 30.0
 DEFERRAL_DISABLED, DEFERRAL_ENABLED, FAILSAFE_DEFERRED = 0, 1, 2
 """`failsafe_defer_state`; FAILSAFE_DEFERRED: a failsafe would act without the deferral."""
@@ -166,9 +167,9 @@ class Failsafe:
                 False,
                 _NO_NAMES,
                 None,
-                _NO_FAILSAFE,
+                NO_FAILSAFE,
             )
-            return _NO_FAILSAFE
+            return NO_FAILSAFE
         self._remember(demands)
         self._update_deferral(now_s)
         worst = self._worst()

@@ -50,6 +50,10 @@ class FailsafeWatch:
         """`failsafe_defer_state`: 0 disabled, 1 enabled, 2 enabled and a failsafe is deferred now."""
         return self._failsafe.deferral
 
+    def is_early(self, armed_for_s: float) -> bool:
+        """Whether an attitude failure counts as one of the take-off."""
+        return armed_for_s < self._view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
+
     def reset(self) -> None:
         """Clears the failsafe; called at disarming."""
         self._failsafe.reset()
@@ -113,7 +117,7 @@ class FailsafeWatch:
             monitors.wind_too_high,
             monitors.flight_time_over,
             monitors.attitude_failure,
-            armed_for_s < view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S,
+            self.is_early(armed_for_s),
         )
 
     def _read_parameters(self) -> None:

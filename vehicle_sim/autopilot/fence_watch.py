@@ -22,7 +22,7 @@ class FenceWatch:
         self.zones: tuple[Zone, ...] = ()
         self.breached: frozenset[Breach] = frozenset()
         self._revision = 0
-        self._checked_at_s = -math.inf
+        self.checked_at_s = -math.inf
 
     def cylinder(self) -> Cylinder:
         """The cylinder around home."""
@@ -54,9 +54,9 @@ class FenceWatch:
     def check(self) -> None:
         """Checks the position if that is due; the fence has not changed since the last `update`."""
         now_s = self._view.time_s
-        if now_s - self._checked_at_s < INTERVAL_S:
+        if now_s - self.checked_at_s < INTERVAL_S:
             return
-        self._checked_at_s, estimate = now_s, self._view.estimate
+        self.checked_at_s, estimate = now_s, self._view.estimate
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
         if not self.active or not (self.zones or any(self.limits())):

@@ -22,7 +22,8 @@ def float_view(row: FloatArray) -> memoryview[float]:
     return row.data.cast("B").cast("d")
 
 
-def _bool_view(row: BoolArray) -> memoryview[bool]:
+def bool_view(row: BoolArray) -> memoryview[bool]:
+    """The same for flags."""
     return row.data.cast("B").cast("?")
 
 
@@ -42,9 +43,9 @@ class SetpointRow:
         self._acceleration = float_view(self._all.acceleration_ned_m_s2[self._i])
         # Views of whole columns (all vehicles), for the values that are written every tick.
         every = self._all
-        self._level, self._in_air = _int_view(every.level), _bool_view(every.in_air)
+        self._level, self._in_air = _int_view(every.level), bool_view(every.in_air)
         self._yaw, self._yaw_rate = float_view(every.yaw_ned_rad), float_view(every.yaw_rate_ned_rad_s)
-        self._ramping, self._landed = _bool_view(every.ramp_thrust), _bool_view(every.landed)
+        self._ramping, self._landed = bool_view(every.ramp_thrust), bool_view(every.landed)
         self._climb_limit, self._min_thrust = float_view(every.climb_limit_m_s), float_view(every.min_thrust)
         self._tilt_limit, self._descent_limit = (
             float_view(every.tilt_limit_rad),

@@ -44,6 +44,10 @@ class SensorWatch:
                 self._announcer.event(f"check_estimator_gnss_fusion_{'started' if used else 'stopped'}")
             self._gnss_used = used
 
+    def note_all_fresh(self) -> None:
+        """The same as `update` if both were and are fresh, and the use of GNSS has not changed."""
+        self._heard_at_s["baro"] = self._heard_at_s["mag"] = self._view.time_s
+
     def silent(self, name: str) -> bool:
         """Whether "baro" or "mag" has sent nothing for NO_DATA_AFTER_S."""
         return self._view.time_s - self._heard_at_s[name] >= NO_DATA_AFTER_S

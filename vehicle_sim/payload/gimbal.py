@@ -78,6 +78,8 @@ class Gimbal:
         self._servo_inputs: tuple[float, ...] | None = None
         """Inputs of the current servo angles, which are computed again only after a change; None: the angles
         depend on the vehicle's attitude, and are computed in each update."""
+        self.rests = False
+        """Whether `update` changes nothing until a command, a parameter or the landed state changes."""
         self._roi: GlobalPosition | None = None
         self._waypoint_offsets: Angles | None = None
         """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at it."""
@@ -214,7 +216,8 @@ class Gimbal:
     def update(self, dt_s: float) -> None:
         """Advances the simulation by `dt_s`."""
         fixed = self._rate_setpoints is None and self._roi is None and self._waypoint_offsets is None
-        if fixed and self._inputs() == self._servo_inputs:
+        self.rests = fixed and self._inputs() == self._servo_inputs
+        if self.rests:
             return
         if self._rate_setpoints is not None:
             pitch_limit = math.radians(90.0)
@@ -324,6 +327,8 @@ class Gimbal:
         self.flags = Flag(flags & 0x1F)
 
     def _clear_targets(self) -> None:
+        """Called by each command that moves the gimbal."""
+        self.rests = False
         self._rate_setpoints = None
         self._roi = self._waypoint_offsets = None
 

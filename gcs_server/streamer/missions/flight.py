@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -186,7 +185,7 @@ class MissionFlight:
         if executor.state is None:
             return reading
         in_charge, complete = executor.in_charge, executor.take_off_complete
-        return replace(reading, executor_in_charge=in_charge, take_off_complete=complete)
+        return reading._replace(executor_in_charge=in_charge, take_off_complete=complete)
 
     def status(self) -> OffboardMissionStatus:
         """Status of the mission."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from gcs_server.errors import Refused
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -125,8 +123,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         state: state of the stream. A stream that does not belong to the mission counts as idle.
     """
     flies_mission = state.request is not None and state.request.owner == "mission"
-    return replace(
-        vehicle_reading(control.vehicle),
+    return vehicle_reading(control.vehicle)._replace(
         stream=PHASES.get(state.phase, "ending") if flies_mission else "idle",
         stream_text=None if state.last_end is None else state.last_end.text,
         played=state.played if flies_mission else None,

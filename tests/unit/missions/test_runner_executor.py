@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from missions.offboard.compiler import compile_mission
@@ -22,8 +20,8 @@ ARMED = Reading(
     velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL, battery_share=0.9,
     executor_in_charge=True,
 )  # fmt: skip
-CLIMBING = replace(ARMED, mode="takeoff", landed="taking_off")
-UP = replace(CLIMBING, landed="in_air", position_ned_m=(0.0, 0.0, -10.0))
+CLIMBING = ARMED._replace(mode="takeoff", landed="taking_off")
+UP = CLIMBING._replace(landed="in_air", position_ned_m=(0.0, 0.0, -10.0))
 
 
 def taking_off() -> Runner:
@@ -41,7 +39,7 @@ def commands(requests: list[Request]) -> list[type]:
 def test_the_take_off_is_done_when_px4_reports_it_to_the_executor() -> None:
     runner = taking_off()
     assert commands(runner.tick(1.0, UP)) == []
-    assert commands(runner.tick(1.1, replace(UP, take_off_complete=True))) == [Play]
+    assert commands(runner.tick(1.1, UP._replace(take_off_complete=True))) == [Play]
 
 
 def test_the_take_off_is_done_after_a_while_at_its_height_if_the_report_is_lost() -> None:
@@ -53,15 +51,15 @@ def test_the_take_off_is_done_after_a_while_at_its_height_if_the_report_is_lost(
 
 def test_without_an_executor_a_take_off_is_done_in_hold_only() -> None:
     runner = taking_off()
-    without = replace(UP, executor_in_charge=None, take_off_complete=True)
+    without = UP._replace(executor_in_charge=None, take_off_complete=True)
     assert commands(runner.tick(1.0, without)) == []
     assert commands(runner.tick(20.0, without)) == []
-    assert commands(runner.tick(20.1, replace(without, mode="hold", mode_source="vehicle"))) == [Play]
+    assert commands(runner.tick(20.1, without._replace(mode="hold", mode_source="vehicle"))) == [Play]
 
 
 def test_without_its_executor_in_charge_the_mission_requests_nothing_and_is_then_suspended() -> None:
     runner = taking_off()
-    lost = replace(UP, executor_in_charge=False, take_off_complete=True)
+    lost = UP._replace(executor_in_charge=False, take_off_complete=True)
     assert runner.tick(1.0, lost) == []
     assert commands(runner.tick(1.0 + CONFIRM_S, lost)) == [StopStream]
     assert runner.status(lost).reason == REPLACED
@@ -70,26 +68,26 @@ def test_without_its_executor_in_charge_the_mission_requests_nothing_and_is_then
 
 def test_an_executor_that_is_briefly_not_in_charge_is_no_takeover() -> None:
     runner = taking_off()
-    assert runner.tick(1.0, replace(UP, executor_in_charge=False)) == []
+    assert runner.tick(1.0, UP._replace(executor_in_charge=False)) == []
     assert runner.tick(1.5, UP) == []
-    assert runner.tick(2.1, replace(UP, executor_in_charge=False)) == []
+    assert runner.tick(2.1, UP._replace(executor_in_charge=False)) == []
     assert runner.in_charge
 
 
 @pytest.mark.parametrize("request_", [TakeOff(5.0), SetMode("land")])
 def test_a_command_that_fails_while_the_executor_is_not_in_charge_is_a_takeover(request_: Request) -> None:
     runner = taking_off()
-    lost = replace(CLIMBING, executor_in_charge=False)
+    lost = CLIMBING._replace(executor_in_charge=False)
     assert commands(runner.failed(request_, lost, "PX4 refused.")) == [StopStream]
     assert runner.status(lost).reason == REPLACED
 
 
 def test_control_is_lost_only_while_armed_and_if_the_executor_was_in_charge() -> None:
     control = ExecutorControl()
-    assert not control.lost(replace(ARMED, executor_in_charge=False))
+    assert not control.lost(ARMED._replace(executor_in_charge=False))
     assert not control.lost(ARMED)
-    assert control.lost(replace(ARMED, executor_in_charge=False))
-    assert not control.lost(replace(ARMED, executor_in_charge=False, armed=False))
-    assert not control.lost(replace(ARMED, executor_in_charge=None))
-    control.begin_part(replace(ARMED, executor_in_charge=False))
-    assert not control.lost(replace(ARMED, executor_in_charge=False))
+    assert control.lost(ARMED._replace(executor_in_charge=False))
+    assert not control.lost(ARMED._replace(executor_in_charge=False, armed=False))
+    assert not control.lost(ARMED._replace(executor_in_charge=None))
+    control.begin_part(ARMED._replace(executor_in_charge=False))
+    assert not control.lost(ARMED._replace(executor_in_charge=False))

@@ -1,4 +1,4 @@
-"""Steady ticks give the same results as full ticks, bit for bit, and delay no event."""
+"""Steady ticks give the same results as full ticks, bit for bit, and delay no event; so do skipped checks."""
 
 import hashlib
 import math
@@ -12,8 +12,10 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.offboard import trajectory_setpoint
 from vehicle_sim.autopilot.plans import MISSION
+from vehicle_sim.autopilot.quiet_checks import QuietChecks
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.sensors.faults import Driver
 
 pytestmark = pytest.mark.flight
 
@@ -40,7 +42,7 @@ def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: 
 
 
 def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
-    """Digest of all positions, attitudes and setpoints; messages; and the part of ticks that was steady."""
+    """Digest of all motions, setpoints and gimbals; messages; and the part of ticks that was steady."""
     sim = VehicleSim(count, links=(), seed=3)
     for row in range(count):
         sim.simulation.set_wind(np.array([2.0 * row, 3.0, 0.0]), row)
@@ -60,6 +62,8 @@ def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str],
             setpoints.tilt_limit_rad, setpoints.landed, setpoints.in_air, setpoints.level,
         ):  # fmt: skip
             digest.update(values.tobytes())
+        for autopilot in sim.autopilots:
+            digest.update(repr((autopilot.gimbal.actual, autopilot.gimbal.rates)).encode())
         steady += sum(not autopilot.decided for autopilot in sim.autopilots)
     return digest.hexdigest(), messages, steady / (count * seconds / 0.02)
 
@@ -120,7 +124,13 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
     script: Script = {
         5.0: for_each_autopilot(take_off),
         13.0: lambda sim: sim.set_parameter(0, "MPC_Z_V_AUTO_UP", 1.0),
+        14.0: for_each_autopilot(lambda autopilot: autopilot.gimbal.set_pitch_yaw(0, -0.5, 0.7)),
+        14.5: for_each_autopilot(
+            lambda autopilot: autopilot.gimbal.set_pitch_yaw(0, math.nan, math.nan, 0.4)
+        ),
+        14.8: for_each_autopilot(lambda autopilot: autopilot.gimbal.point_at(47.4, 8.5, 490.0)),
         15.03: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
+        15.2: for_each_autopilot(lambda autopilot: autopilot.gimbal.centre()),
         17.55: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.HOLD)),
         19.0: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
         21.0: for_each_autopilot(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
@@ -204,3 +214,49 @@ def test_a_stream_of_setpoints_is_flown_the_same_by_steady_and_by_full_ticks_unt
 ) -> None:
     share = fly_both_ways(stream(36.0), 38.0, monkeypatch, count=2)
     assert share > 0.5
+
+
+def climb_far(autopilot: Autopilot) -> None:
+    autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + 60.0)
+    assert autopilot.commander.set_mode(NavState.TAKEOFF)
+    assert autopilot.commander.arm()
+
+
+FAILURES: Script = {
+    8.6: lambda sim: setattr(sim.autopilots[0].commander.checks, "gcs_heartbeat_at_s", sim.time_s),
+    12.0: lambda sim: sim.set_parameter(1, "GF_ACTION", 1),
+    14.0: lambda sim: sim.set_parameter(1, "GF_MAX_VER_DIST", 12.0),
+    14.1: lambda sim: sim.simulation.set_driver(2, Driver.MAG, False),
+    14.2: lambda sim: sim.simulation.set_battery_remaining(3, 0.14),
+    14.3: lambda sim: sim.simulation.set_gps_enabled(4, False),
+    15.2: lambda sim: sim.simulation.set_driver(2, Driver.MAG, True),
+    15.5: lambda sim: sim.simulation.set_battery_remaining(3, 0.05),
+    19.5: lambda sim: sim.simulation.set_gps_enabled(4, True),
+}
+"""A lost station, a fence, a silent magnetometer, an empty battery and a lost GNSS, each of one vehicle."""
+REPORTS = (
+    "commander_gcs_lost", "exceeding maximum altitude", "MAG #0 failed", "commander_failsafe_enter_low_bat",
+    "commander_failsafe_enter_hold", "commander_failsafe_enter_autopilot_disengaged",
+)  # fmt: skip
+
+
+def test_checks_are_skipped_only_while_they_would_find_nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    skipped: list[bool] = []
+    repeat = QuietChecks.repeat
+
+    def counted(quiet: QuietChecks, armed_at_s: float) -> bool:
+        skipped.append(repeat(quiet, armed_at_s))
+        return skipped[-1]
+
+    def never(_quiet: QuietChecks, _armed_at_s: float) -> bool:
+        return False
+
+    script: Script = {5.0: for_each_autopilot(climb_far), **FAILURES}
+    with monkeypatch.context() as patch:
+        patch.setattr(QuietChecks, "repeat", counted)
+        found = fly(script, 22.0, count=5)
+    monkeypatch.setattr(QuietChecks, "repeat", never)
+    assert fly(script, 22.0, count=5) == found
+    missing = [report for report in REPORTS if not any(report in message for message in found[1])]
+    assert not missing
+    assert sum(skipped) > 100

@@ -1,0 +1,74 @@
+"""Whether the checks of a steady flight would find again what they found last.
+
+`Commander` checks at 10 Hz, and in most flights nothing has changed since. Report and failsafe then stay as
+they are, because they depend only on
+
+- the values that are compared here,
+- commands, parameters and the commander's state, whose change ends the steady flight,
+- time, while a condition lasts (a sensor is silent, the position was lost, a link was used). The checks then
+  run each time.
+"""
+
+from __future__ import annotations
+
+from vehicle_sim.autopilot.checks import Checks
+from vehicle_sim.autopilot.failsafe import NO_FAILSAFE
+from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
+from vehicle_sim.autopilot.fence_watch import FenceWatch
+from vehicle_sim.autopilot.row import bool_view
+from vehicle_sim.vehicle_view import VehicleView
+
+
+class QuietChecks:
+    """Compares the inputs of the checks of one vehicle with those of its last checks."""
+
+    def __init__(
+        self,
+        view: VehicleView,
+        checks: Checks,
+        failsafe: FailsafeWatch,
+        fence: FenceWatch,
+    ) -> None:
+        self._checks, self._failsafe, self._fence = checks, failsafe, fence
+        self._simulation, self._row = view.simulation, view.row
+        sensors = view.simulation.sensors
+        self._baro_fresh, self._mag_fresh = bool_view(sensors.baro_fresh), bool_view(sensors.mag_fresh)
+        self._gnss_used = bool_view(view.simulation.fusion.gnss_pos)
+        self._inputs: tuple[object, ...] | None = None
+        """Inputs of the last checks; None: the next ones must run."""
+
+    def forget(self) -> None:
+        """The next checks must run, because a full tick may change what is not compared."""
+        self._inputs = None
+
+    def remember(self, armed_at_s: float) -> None:
+        """Called after checks in a steady tick."""
+        self._inputs = self._read(armed_at_s)
+
+    def repeat(self, armed_at_s: float) -> bool:
+        """Whether checks would find the same as the last ones; if so, this call replaces them."""
+        if self._inputs is None or self._read(armed_at_s) != self._inputs:
+            self._inputs = None
+            return False
+        self._checks.sensors.note_all_fresh()
+        return True
+
+    def _read(self, armed_at_s: float) -> tuple[object, ...] | None:
+        """The inputs; None: a condition lasts whose result also depends on time."""
+        checks, simulation, row = self._checks, self._simulation, self._row
+        estimate, now_s = simulation.estimates[row], simulation.time_s
+        if (
+            checks.heard_anyone
+            or checks.unreported
+            or not estimate.valid_position
+            or now_s < checks.position_good_at_s
+            or not (self._baro_fresh[row] and self._mag_fresh[row])
+            or self._failsafe.decision is not NO_FAILSAFE
+            or self._failsafe.is_early(now_s - armed_at_s)
+        ):
+            return None
+        return (
+            checks.report, estimate.valid_velocity, estimate.valid_attitude, checks.offboard.signal(),
+            checks.battery_warning, self._gnss_used[row], self._fence.breached, checks.logging,
+            checks.external.health(),
+        )  # fmt: skip
