@@ -31,6 +31,7 @@ from missions.runner.runner import CannotDo, Runner
 from missions.setpoints import Estimate
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.payload.gimbal import Flag
+from vehicle_sim.state import VehicleEstimate
 
 RUNNER_EVERY_TICKS = 5
 """The runner runs at 10 Hz, as in the server."""
@@ -161,7 +162,8 @@ class OffboardPilot:
     def reading(self) -> Reading:
         """The vehicle's current state, as input of the runner."""
         autopilot, simulation = self._vehicle.autopilot, self._vehicle.autopilot.view.simulation
-        estimate, commander, row = autopilot.view.estimate, autopilot.commander, autopilot.view.row
+        commander, row = autopilot.commander, autopilot.row
+        estimate = simulation.estimates[row]
         valid = _estimates(
             estimate.valid_position, estimate.valid_velocity, estimate.valid_attitude, autopilot.home.valid
         )
@@ -172,8 +174,8 @@ class OffboardPilot:
             mode_source="failsafe" if commander.in_failsafe else "command",
             mode_text=None,
             armed=commander.armed,
-            landed=LANDED[int(commander.landed_state())],
-            position_ned_m=self._position_ned_m(),
+            landed=LANDED[commander.landed_state()],
+            position_ned_m=self._position_ned_m(estimate),
             velocity_ned_m_s=estimate.velocity_ned_m_s if estimate.valid_velocity else None,
             yaw_ned_rad=estimate.yaw_ned_rad,
             estimates=valid,
@@ -188,9 +190,8 @@ class OffboardPilot:
             played=None if self._player is None else self._player.played,
         )
 
-    def _position_ned_m(self) -> Vector3 | None:
-        """The vehicle's position estimate in the mission's local frame."""
-        estimate = self._vehicle.autopilot.view.estimate
+    def _position_ned_m(self, estimate: VehicleEstimate) -> Vector3 | None:
+        """The vehicle's estimated position in the mission's local frame."""
         if not estimate.valid_position:
             return None
         (n, e, d), (n0, e0, d0) = estimate.position_ned_m, self._start_ned_m
@@ -240,10 +241,10 @@ class OffboardPilot:
         player = self._player
         if player is None:
             return
-        autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
-        estimate = autopilot.view.estimate
+        autopilot = self._vehicle.autopilot
+        estimate, commander = autopilot.view.estimate, autopilot.commander
         waiting = self._stream == "starting"
-        position = self._position_ned_m()
+        position = self._position_ned_m(estimate)
         setpoint = player.at(now_s, position, estimate.velocity_ned_m_s, waiting=waiting)
         if self._avoidance.is_needed and not waiting:
             setpoint = self._avoidance.apply(now_s, player, setpoint, position)

@@ -63,4 +63,6 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
 def _numbers(vector: Partial3) -> Vector3:
     """NaN for a value that is not controlled."""
     x, y, z = vector
+    if x is not None and y is not None and z is not None:
+        return vector  # type: ignore[return-value]
     return (math.nan if x is None else x, math.nan if y is None else y, math.nan if z is None else z)

@@ -208,9 +208,11 @@ def _peaks(zones: _Zones, bisections: int) -> Array:
         return peak
     rest = _Zones(*zones.select(unsolved))
     low, high = low[unsolved], high[unsolved]
+    ends = np.stack((rest.v0, rest.v1))  # both ramps in one call: most paths have few zones
     for _ in range(bisections):
         middle = 0.5 * (low + high)
-        fits = _ramps(rest, middle) <= rest.length
+        up, down = ramps.lengths(ends, middle, rest.acceleration, rest.jerk)
+        fits = up + down <= rest.length
         low, high = np.where(fits, middle, low), np.where(fits, high, middle)
     peak[unsolved] = low
     return peak

@@ -16,6 +16,10 @@ from missions.trajectory.pieces import Pieces, power_basis
 from missions.trajectory.points import PassPoint, check_points, merge_same
 from missions.trajectory.profile import slow_bends, time_law
 
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_X = (_NODES + 1.0) / 2.0
+_BASIS = np.stack([c * _X**k * (1.0 - _X) ** (4 - k) for k, c in enumerate((1, 4, 6, 4, 1))], axis=1)
+"""(8, 5) Bernstein polynomials of degree 4 at the nodes of Gauss's quadrature."""
 Heading = AlongPath | LookAt | float | None
 """Along the path, towards a position, a fixed yaw [rad], or not controlled."""
 
@@ -105,16 +109,9 @@ def along(
 
 def _length_m(pieces: Pieces) -> float:
     """Length of the path: Gauss quadrature of the first derivative over each piece."""
-    nodes, weights = np.polynomial.legendre.leggauss(8)
-    x = (nodes + 1.0) / 2.0
     control = pieces.derivative(1)[:, :, :3]
-    basis = np.stack([_binomial_of_four(k) * x**k * (1.0 - x) ** (4 - k) for k in range(5)], axis=1)
-    speed = np.sqrt((np.einsum("qk,nkd->nqd", basis, control) ** 2).sum(axis=2))
-    return float((speed @ weights / 2.0 * pieces.spans).sum())
-
-
-def _binomial_of_four(k: int) -> int:
-    return (1, 4, 6, 4, 1)[k]
+    speed = np.sqrt((np.einsum("qk,nkd->nqd", _BASIS, control) ** 2).sum(axis=2))
+    return float((speed @ _WEIGHTS / 2.0 * pieces.spans).sum())
 
 
 def _hold(point: PassPoint, yaw_ned_rad: float | None, count: int) -> TimedCurve:

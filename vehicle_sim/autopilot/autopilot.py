@@ -128,9 +128,8 @@ class Autopilot:
 
     def _steady_task(self) -> SteadyTask | None:
         commander, detector = self.commander, self.land_detector
-        if not commander.settled or self._goto.active or self.offboard.has_topics or self.sticks.moved:
-            return None
-        if commander.external.any_mode:
+        steered = self._goto.goal or self.offboard.has_topics or self.sticks.moved
+        if steered or commander.external.any_mode or not commander.settled:
             return None
         if is_grounded(self.takeoff, detector):
             return ground_task(self.view, commander, self.navigator, self.takeoff, detector)
@@ -143,13 +142,12 @@ class Autopilot:
 
     def _situation(self) -> tuple[object, ...]:
         """State that commands and parameters can change between two ticks; a change ends a steady flight."""
-        commander, home = self.commander, self.home
+        commander, home, active = self.commander, self.home, self.commander.active
         return (
-            commander.armed, commander.intended, commander.active, commander.terminated,
-            self.view.parameter_changes, self.plans.changes, home.set_at_us, home.position_ned_m,
-            self.sticks.moved, self._goto.active, self.offboard.has_topics, self.offboard.level,
-            commander.external.any_mode,
-            self.navigator.situation(commander.active),
+            commander.armed, commander.intended, active, commander.terminated, self.view.parameter_changes,
+            self.plans.changes, home.set_at_us, home.position_ned_m, self.sticks.moved, self._goto.goal,
+            self.offboard.has_topics, self.offboard.level, commander.external.any_mode,
+            self.navigator.situation(active),
         )  # fmt: skip
 
     def _fly(self) -> None:

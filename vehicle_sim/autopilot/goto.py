@@ -29,27 +29,23 @@ class GotoControl:
     def __init__(self, view: VehicleView, row: SetpointRow) -> None:
         self._view = view
         self._path = Path(view, row)
-        self._goal: Goto | None = None
+        self.goal: Goto | None = None
+        """The message that is flown; None: none."""
         self._received_at_s = -math.inf
         self._flies = False
 
     def take(self, goal: Goto) -> None:
         """Stores a message; a message without a position is ignored."""
         if all(map(math.isfinite, goal.position_ned_m)):
-            self._goal, self._received_at_s = goal, self._view.time_s
-
-    @property
-    def active(self) -> bool:
-        """Whether the vehicle flies to a goal."""
-        return self._goal is not None
+            self.goal, self._received_at_s = goal, self._view.time_s
 
     def fly(self) -> None:
         """Runs one tick: overrides the active mode's setpoints while messages are received."""
-        goal = self._goal
+        goal = self.goal
         if goal is None:
             return
         if self._view.time_s - self._received_at_s > EXPIRES_S:
-            self._goal, self._flies = None, False
+            self.goal, self._flies = None, False
             return
         path = self._path
         if not self._flies:
