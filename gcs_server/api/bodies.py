@@ -49,25 +49,25 @@ def json_fault(text: bytes) -> str | None:
     return None
 
 
-def _deeper_than(text: bytes, most: int) -> bool:
+def _deeper_than(text: bytes, max_depth: int) -> bool:
     depth = 0
     for bracket in _TEXT.sub(b"", text).translate(None, _NOT_BRACKETS):
         depth += 1 if bracket in b"[{" else -1
-        if depth > most:
+        if depth > max_depth:
             return True
     return False
 
 
 def _most_keys(text: bytes) -> int:
-    most = 0
+    largest = 0
 
     def count(pairs: list[tuple[str, Any]]) -> None:
-        nonlocal most
-        most = max(most, len(pairs))
+        nonlocal largest
+        largest = max(largest, len(pairs))
 
     with contextlib.suppress(ValueError):
         json.loads(text, object_pairs_hook=count)
-    return most
+    return largest
 
 
 class _ClientDisconnected(Exception):

@@ -41,12 +41,14 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     about_body = body.model_dump(include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True)
     with authorized_command(station, principal, "dry_runs/start", None, about_body):
         stored, document = await _chosen(station, body)
-        flown, assumed = _role_vehicles(station, body, document) or _single_vehicle(station, body, document)
+        simulated, assumed = _role_vehicles(station, body, document) or _single_vehicle(
+            station, body, document
+        )
         kind = documents.kind_of(document)
         request = {
             "kind": kind,
             "plan": text_of(document),
-            **flown,
+            **simulated,
             "conditions": body.conditions.model_dump(),
             "obstacles": [each.model_dump() for each in body.obstacles],
             "seed": body.seed,
@@ -97,12 +99,12 @@ def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) 
             "The mission has roles, each flown by one vehicle.",
             remedy="Leave `vehicle` out, and name a vehicle for each role in `vehicles`.",
         )
-    most = MAX_VEHICLES // len(document.roles)
-    if body.flights is not None and body.flights > most:
+    max_flights = MAX_VEHICLES // len(document.roles)
+    if body.flights is not None and body.flights > max_flights:
         raise InvalidRequest(
             "flights",
             f"{body.flights} flights of {len(document.roles)} vehicles are too many.",
-            remedy=f"Give at most {most}.",
+            remedy=f"Give at most {max_flights}.",
         )
     if body.vehicles is not None:
         require_roles(document, body.vehicles)

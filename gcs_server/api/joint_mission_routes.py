@@ -125,10 +125,10 @@ def _require_ready(vehicle: Vehicle) -> None:
 
 
 def _compile_context(station: Station, vehicle: Vehicle) -> dict[str, Any]:
-    known = plan_context_of(station, vehicle)
+    context = plan_context_of(station, vehicle)
     return {
-        "parameters": known.parameters,
-        "reported": known.reported,
-        "operator": known.operator.to_json(),
+        "parameters": context.parameters,
+        "reported": context.reported,
+        "operator": context.operator.to_json(),
         "start": start_of(vehicle),
     }

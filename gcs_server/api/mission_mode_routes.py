@@ -83,8 +83,8 @@ def conditions_of(station: Station, vehicle_id: str) -> Conditions | None:
         start = start_of(vehicle)
     except Refused:
         return None
-    known = plan_context_of(station, vehicle)
-    settings = (start["origin"], known.parameters, known.reported, known.operator)
+    context = plan_context_of(station, vehicle)
+    settings = (start["origin"], context.parameters, context.reported, context.operator)
     return Conditions(start["position_ned_m"], start["yaw_ned_rad"], settings)
 
 

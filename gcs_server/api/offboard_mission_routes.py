@@ -191,14 +191,14 @@ async def _compiled_start(
     """Compiles a mission; returns it with its findings."""
     vehicle = station.fleet.get(vehicle_id)
     await station.offboard(vehicle_id).ensure_parameters()
-    known = plan_context_of(station, vehicle)
+    context = plan_context_of(station, vehicle)
     compiled = await station.plan_work.run(
         "compile",
         {
             "plan": text,
-            "parameters": known.parameters,
-            "reported": known.reported,
-            "operator": known.operator.to_json(),
+            "parameters": context.parameters,
+            "reported": context.reported,
+            "operator": context.operator.to_json(),
             "start": {**start_of(vehicle), **(overrides or {})},
         },
         small=False,

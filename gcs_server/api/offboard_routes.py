@@ -76,7 +76,7 @@ async def set_limits(
     """
     with authorized_command(station, principal, "offboard/limits", v, body.model_dump(exclude_none=True)):
         offboard = station.offboard(v)
-        await offboard.operator.set(body.to_limits(), by=principal.name)  # applied before it is stored
+        await offboard.operator_limits.set(body.to_limits(), by=principal.name)  # applied before it is stored
         await offboard.ensure_parameters()
         return answer(offboard.limits())
 

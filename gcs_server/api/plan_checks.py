@@ -72,23 +72,23 @@ async def check_document(
         power: electrical power and battery of the vehicle, for the energy estimate.
         home: home position to use instead of the vehicle's.
     """
-    known = plan_context_of(station, vehicle)
-    needed = known.unknown_parameters
+    context = plan_context_of(station, vehicle)
+    needed = context.unknown_parameters
     if not isinstance(document, OffboardMission):
         needed = tuple(name for name in needed if name in PARAMETERS.values())
     arguments = {
         "plan": text_of(document),
-        "parameters": known.parameters,
+        "parameters": context.parameters,
         "unknown_parameters": needed,
-        "home": known.home if home is None else home.model_dump(),
-        "origin": known.origin,
-        "reported": known.reported,
-        "operator": known.operator.to_json(),
+        "home": context.home if home is None else home.model_dump(),
+        "origin": context.origin,
+        "reported": context.reported,
+        "operator": context.operator.to_json(),
         "power": power,
     }
     small = not isinstance(document, OffboardMission) and is_small(document)
     result = await station.plan_work.run("check", arguments, small=small)
-    not_known = (*known.not_known, *result.pop("ground_not_known"))
+    not_known = (*context.not_known, *result.pop("ground_not_known"))
     return {**result, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
 
 
@@ -136,7 +136,7 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
     # PX4 builds do not have every parameter: one that is missing in the whole list does not exist.
     is_complete = vehicle.params.list.state == "ready"
     unknown = () if is_complete else tuple(sorted(name for name in result if name not in parameters))
-    limits = station.offboard(vehicle.id).operator.limits
+    limits = station.offboard(vehicle.id).operator_limits.limits
     operator = OperatorArea(limits.height_max_m, limits.distance_max_m, limits.fence)
     sample = vehicle.topic("home")
     if sample is None:

@@ -106,9 +106,14 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     With `vehicle`, its parameters are used, and its home if the plan has none.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    known = plan_context_of(station, vehicle)
-    home = known.home if body.plan.planned_home is None else None
-    arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": known.parameters, "home": home}
+    context = plan_context_of(station, vehicle)
+    home = context.home if body.plan.planned_home is None else None
+    arguments = {
+        "plan": text_of(body.plan),
+        "name": body.name,
+        "parameters": context.parameters,
+        "home": home,
+    }
     result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
     return answer({**result, "plan": Raw(result["plan"].encode())})
 
@@ -278,11 +283,11 @@ async def make_pattern(
 ) -> Response:
     """Generates items or steps from an area, a line or a point: survey, corridor, perimeter, orbit or
     structure scan. Saves nothing."""
-    known = plan_context_of(station, None if vehicle is None else station.fleet.get(vehicle))
+    context = plan_context_of(station, None if vehicle is None else station.fleet.get(vehicle))
     arguments = {
         "pattern": pattern.model_dump_json(),
         "kind": document,
-        "parameters": known.parameters,
+        "parameters": context.parameters,
         "tolerance_m": tolerance_m,
     }
     task = "pattern" if tolerance_m is None else "pattern_on_ground"

@@ -197,20 +197,20 @@ def _own_path(
 
 
 def _predicted(start: _Start, plan: Plan, by_dry_run: PlannedPasses | None) -> PredictedPath | None:
-    item, flown = start.item, plan
+    item, flown_plan = start.item, plan
     if not start.in_air and item > 0:
         if isinstance(resume_point(plan, item), str):
             item = 0  # PX4 begins again at the first item
         else:
-            flown, by_dry_run = rest_of(plan, item, start.home), None
-    planned = by_dry_run or planned_by_plan(flown, start.model, start.home, start.origin)
+            flown_plan, by_dry_run = rest_of(plan, item, start.home), None
+    planned = by_dry_run or planned_by_plan(flown_plan, start.model, start.home, start.origin)
     if planned is None:
         return None
     index = 0
     if start.in_air:
         index = next((at for at, each in enumerate(planned.passes) if max(each.items) >= item), 0)
     return predict_plan(
-        start.vehicle, start.origin, planned, ends_in_air=not lands(flown), index=index,
+        start.vehicle, start.origin, planned, ends_in_air=not lands(flown_plan), index=index,
         way_from=start.here if start.in_air else None, speed_m_s=start.model.cruise_m_s,
     )  # fmt: skip
 

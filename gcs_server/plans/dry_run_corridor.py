@@ -98,7 +98,9 @@ def _in_frame(corridor: Mapping[str, Any], start: Vector3) -> Corridor:
     points = [(start[0] + n, start[1] + e, start[2] + d) for n, e, d in corridor["position_ned_m"]]
     horizontal, vertical = corridor["horizontal_m"], corridor["vertical_m"]
     above = [max(0.0, *pair) for pair in zip(vertical["p95"], vertical["greatest"], strict=True)]
-    below = [max(0.0, -low, -most) for low, most in zip(vertical["p5"], vertical["greatest"], strict=True)]
+    below = [
+        max(0.0, -low, -greatest) for low, greatest in zip(vertical["p5"], vertical["greatest"], strict=True)
+    ]
     return Corridor(tuple(points), tuple(horizontal["greatest"]), tuple(above), tuple(below))
 
 

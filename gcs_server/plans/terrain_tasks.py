@@ -96,8 +96,8 @@ def _ground(
     if area is None or not elevation.files:
         return None, elevation.problems
     if area.side_m > LONGEST_SIDE_M:
-        wide, most = f"{area.side_m / 1000:.0f} km", f"{LONGEST_SIDE_M / 1000:.0f} km"
-        text = f"The plan is {wide} wide; elevation data are used up to {most}."
+        width, limit = f"{area.side_m / 1000:.0f} km", f"{LONGEST_SIDE_M / 1000:.0f} km"
+        text = f"The plan is {width} wide; elevation data are used up to {limit}."
         return None, (*elevation.problems, text)
     ground = elevation.ground(area)
     if ground is None:

@@ -92,7 +92,7 @@ def fly(jump, scenario):
 @pytest.mark.story
 def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
     async def scenario(flight):
-        await flight.offboard.operator.set(OperatorLimits(obstacle_brake=False), by="test")
+        await flight.offboard.operator_limits.set(OperatorLimits(obstacle_brake=False), by="test")
         await flight.offboard.setpoint(request_to(GOAL))
         await until(lambda: not flight.is_undamaged(), 30)
         assert flight.at[0] < BOX_NORTH_M[0]

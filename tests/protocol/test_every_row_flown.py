@@ -208,7 +208,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
             await vehicle.offboard.start(stream_request(Path(far)))
         with pytest.raises(Refused, match="m/s are allowed"):
             fast = (PathPoint(0.0, local(vehicle).position_ned_m), PathPoint(1.0, points[2].position_ned_m))
-            await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=5.0), by="me")
+            await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=5.0), by="me")
             await vehicle.offboard.start(stream_request(Path(fast)))
 
     with_vehicle(jump, scenario)
@@ -218,7 +218,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
 def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(jump):
     async def scenario(world, vehicle):
         home = vehicle.topic("home").value
-        await vehicle.offboard.operator.set(
+        await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="me"
         )
         with pytest.raises(Refused, match="outside the operator's fence"):

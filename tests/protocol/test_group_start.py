@@ -55,7 +55,7 @@ def test_all_are_switched_to_offboard_first_and_start_within_one_period(jump):
 
 def test_the_start_returns_each_members_limits(jump):
     async def scenario(at):
-        await at.vehicles["2"].offboard.operator.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
+        await at.vehicles["2"].offboard.operator_limits.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
         limits = (await begin(at, ALL_NORTH))["limits"]
         assert {v: each["operator"]["speed_max_m_s"] for v, each in limits.items()} == {
             "1": None,

@@ -66,8 +66,8 @@ def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
 
 def set_once(jump, folder, **options):
     async def scenario(world, vehicle, store):
-        await vehicle.offboard.operator.set(LIMITS, by="anna")
-        assert vehicle.offboard.operator.origin().kept
+        await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
+        assert vehicle.offboard.operator_limits.origin().kept
 
     with_server(jump, folder, scenario, **options)
 
@@ -126,11 +126,11 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
 
     async def alike(world, vehicle, store):
         first, second = world.fleet.all()
-        await first.offboard.operator.set(LIMITS, by="anna")
-        await second.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
-        assert first.offboard.operator.origin().kept
-        assert not second.offboard.operator.origin().kept
-        assert "not stored" in second.offboard.operator.origin().warning
+        await first.offboard.operator_limits.set(LIMITS, by="anna")
+        await second.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
+        assert first.offboard.operator_limits.origin().kept
+        assert not second.offboard.operator_limits.origin().kept
+        assert "not stored" in second.offboard.operator_limits.origin().warning
         assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
 
     with_server(jump, tmp_path / "other", alike, uid=SITL_UID, twin_uid=SITL_UID)
@@ -159,8 +159,8 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
         origin = vehicle.offboard.status().limits_origin
         assert "has not sent its identity" in origin.warning
         assert codes(vehicle) == ["limits_warning"]
-        await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
-        assert "once the vehicle is identified" in vehicle.offboard.operator.origin().warning
+        await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
+        assert "once the vehicle is identified" in vehicle.offboard.operator_limits.origin().warning
 
     with_server(jump, tmp_path, scenario, version=False)
 
@@ -169,7 +169,7 @@ def test_removed_limits_stay_removed(jump, tmp_path):
     set_once(jump, tmp_path)
 
     async def clear(world, vehicle, store):
-        await vehicle.offboard.operator.set(OperatorLimits(), by="bob")
+        await vehicle.offboard.operator_limits.set(OperatorLimits(), by="bob")
 
     with_server(jump, tmp_path, clear)
 
@@ -215,8 +215,8 @@ def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
         assert len(store.warnings()) == 1
         await vehicle.offboard.start(stream_request())
         assert codes(vehicle) == ["limits_warning"] * 2
-        await vehicle.offboard.operator.set(LIMITS, by="bob")  # replaces the file
-        assert vehicle.offboard.operator.origin().warning is None
+        await vehicle.offboard.operator_limits.set(LIMITS, by="bob")  # replaces the file
+        assert vehicle.offboard.operator_limits.origin().warning is None
         assert store.warnings() == []
 
     with_server(jump, tmp_path, scenario)
@@ -239,9 +239,9 @@ def test_an_unreadable_folder_is_reported_for_every_vehicle(jump, tmp_path):
 
     async def scenario(world, vehicle, store):
         assert "cannot be read" in vehicle.offboard.status().limits_origin.warning
-        await vehicle.offboard.operator.set(LIMITS, by="anna")
+        await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
         assert vehicle.offboard.limits().operator == LIMITS  # applied, not stored
-        assert "lost when the server restarts" in vehicle.offboard.operator.origin().warning
+        assert "lost when the server restarts" in vehicle.offboard.operator_limits.origin().warning
         assert len(store.warnings()) == 2
 
     with_server(jump, folder, scenario)
@@ -257,9 +257,9 @@ def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
 
     async def run():
         store = LimitStore(Records(tmp_path), parse)
-        await store.keep(key, LimitRecord(OperatorLimits(speed_max_m_s=1.0), 1.0, "a"))
+        await store.save(key, LimitRecord(OperatorLimits(speed_max_m_s=1.0), 1.0, "a"))
         monkeypatch.setattr(os, "fsync", slow)
-        keeping = asyncio.ensure_future(store.keep(key, LimitRecord(LIMITS, 2.0, "b")))
+        keeping = asyncio.ensure_future(store.save(key, LimitRecord(LIMITS, 2.0, "b")))
         ticks = 0
         while not keeping.done():
             await asyncio.sleep(0.01)
@@ -304,7 +304,7 @@ def test_stored_limits_are_read_back_unchanged(tmp_path_factory, limits):
 
     async def run():
         store = LimitStore(Records(folder), parse)
-        assert await store.keep(key, LimitRecord(limits, 12.5, "anna")) is None
+        assert await store.save(key, LimitRecord(limits, 12.5, "anna")) is None
         store.close()
         again = LimitStore(Records(folder), parse)
         await again.load()

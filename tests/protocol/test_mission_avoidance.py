@@ -29,7 +29,7 @@ def through_the_box(jump, tmp_path, story, avoidance):
         missions = Missions(world, tmp_path)
         try:
             vehicle = await world.ready()
-            await vehicle.offboard.operator.set(
+            await vehicle.offboard.operator_limits.set(
                 OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
             )
             await vehicle.offboard.avoidance.wait_for_sensor()

@@ -228,7 +228,7 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_holds_and_states_
 
 async def change_settings(at: Modes) -> None:
     """The operator sets a limit, so that the mission must be compiled again."""
-    await at.station.offboard("1").operator.set(OperatorLimits(height_max_m=50.0), by="anna")
+    await at.station.offboard("1").operator_limits.set(OperatorLimits(height_max_m=50.0), by="anna")
 
 
 async def mode_is_ready(at: Modes, ready: bool) -> dict[str, Any]:

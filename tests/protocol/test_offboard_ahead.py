@@ -143,7 +143,7 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
         status = vehicle.offboard.status()
         assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
         assert status.limited == ("speed limited to 4 m/s",)
-        await vehicle.offboard.operator.set(
+        await vehicle.offboard.operator_limits.set(
             OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0), by="me"
         )
         limits = vehicle.offboard.limits()
@@ -163,7 +163,7 @@ def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump
 def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(jump):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
-        await vehicle.offboard.operator.set(
+        await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
         )
         await seconds(1.5)

@@ -341,11 +341,11 @@ def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
     far = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
 
     async def story(at):
-        await at.station.offboard("1").operator.set(OperatorLimits(distance_max_m=30.0), by="anna")
+        await at.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=30.0), by="anna")
         with pytest.raises(PlanFindings, match="your limit is 30 m from home") as refused:
             await started(at, far)
         assert refused.value.codes == ("limit_exceeded",)
-        await at.station.offboard("1").operator.set(OperatorLimits(distance_max_m=50.0), by="anna")
+        await at.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
         await started(at, far)
 
     routed(jump, story)

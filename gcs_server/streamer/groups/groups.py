@@ -76,9 +76,9 @@ class Groups:
         self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
         standby: dict[str, StreamRequest] = {}
         try:
-            standby = await self._gather(group)
+            standby = await self._start_streams(group)
             await self._checks.check_separation(request.minimum_separation_m, members, requests)
-            group.require_gathered({v: self._streams.state(v) for v in members})
+            group.require_following({v: self._streams.state(v) for v in members})
             for index, member in enumerate(members.values()):  # some seconds have passed
                 self._checks.check_setpoint(member, index, requests[member.vehicle.id])
             self._checks.check_separation_now(request.minimum_separation_m, members, requests)
@@ -224,7 +224,7 @@ class Groups:
             self._checks.check_member(member, index, request)
         return members
 
-    async def _gather(self, group: Group) -> dict[str, StreamRequest]:
+    async def _start_streams(self, group: Group) -> dict[str, StreamRequest]:
         """Streams the positions of all members and switches them to Offboard; if one fails, all hold. Returns
         the streamed requests."""
         request = group.request

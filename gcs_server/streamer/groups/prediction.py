@@ -291,8 +291,8 @@ class _PredictedTrack:
         self.velocities.append(self._velocity)
         target, feed_forward = self._commanded(t_s, others)
         velocity = [
-            (0.0 if position is None else gain * (position - at)) + (speed or 0.0)
-            for position, speed, at, gain in zip(
+            (0.0 if position is None else gain * (position - current)) + (speed or 0.0)
+            for position, speed, current, gain in zip(
                 target, feed_forward, self._position, self._gains, strict=True
             )
         ]
@@ -303,11 +303,11 @@ class _PredictedTrack:
             velocity[1] * scale,
             min(self._descent, max(-self._climb, velocity[2])),
         ]
-        change = [to - at for to, at in zip(velocity, self._velocity, strict=True)]
+        change = [target - current for target, current in zip(velocity, self._velocity, strict=True)]
         size, max_change = math.hypot(*change), ACCELERATION_M_S2 * STEP_S
         scale = min(1.0, max_change / size) if size > 0 else 1.0
         before = self._velocity
-        n, e, d = (at + each * scale for at, each in zip(before, change, strict=True))
+        n, e, d = (current + axis_change * scale for current, axis_change in zip(before, change, strict=True))
         self._velocity = (n, e, d)
         n, e, d = (
             position + (old + new) / 2.0 * STEP_S

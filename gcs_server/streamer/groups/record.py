@@ -44,7 +44,7 @@ class Group:
         """Phase of the group's stream to a member; idle if another stream flies the vehicle."""
         return stream.phase if stream.number == self.stream_numbers.get(vehicle_id) else "idle"
 
-    def require_gathered(self, streams: Mapping[str, StreamState]) -> None:
+    def require_following(self, streams: Mapping[str, StreamState]) -> None:
         """Raises NotTogether if a member that had confirmed has left before the start.
 
         Args:

@@ -79,7 +79,7 @@ class BrakeMemory:
     def __init__(self) -> None:
         self.track_ne: NorthEast | None = None
         """Point of the track that the brake keeps, from the last setpoint; None: it did not act."""
-        self._kept: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
+        self._recent_scans: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
         """Scan, down coordinate of the vehicle [m], points in the local frame."""
 
     def update(
@@ -88,17 +88,19 @@ class BrakeMemory:
         """Adds the newest scans and returns the vehicle's surroundings."""
         newest = fresh(scans, now_s, SCAN_VALID_S)
         if position_ned_m is None:
-            self._kept.clear()
+            self._recent_scans.clear()
             moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.measured_s) for scan in newest]
             return Surroundings(np.vstack([NO_POINTS, *moved]), newest, velocity_ned_m_s)
         position = np.array(position_ned_m[:2])
         for scan in newest:
-            if all(scan != kept for kept, _, _ in self._kept):
+            if all(scan != kept for kept, _, _ in self._recent_scans):
                 at = position - _shift(velocity_ned_m_s, now_s - scan.measured_s)
-                self._kept.append((scan, position_ned_m[2], _level(scan) + at))
-        while self._kept and now_s - self._kept[0][0].measured_s > SCAN_VALID_S:
-            self._kept.popleft()
-        points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_ALTITUDE_M]
+                self._recent_scans.append((scan, position_ned_m[2], _level(scan) + at))
+        while self._recent_scans and now_s - self._recent_scans[0][0].measured_s > SCAN_VALID_S:
+            self._recent_scans.popleft()
+        points = [
+            p for _, down_m, p in self._recent_scans if abs(down_m - position_ned_m[2]) <= SAME_ALTITUDE_M
+        ]
         around_m = np.vstack([NO_POINTS, *points]) - position
         return Surroundings(around_m, newest, velocity_ned_m_s, self.track_ne)
 
@@ -106,9 +108,9 @@ class BrakeMemory:
 def _level(scan: Scan) -> Points:
     """Horizontal points of a scan, without rays that point up or down."""
     points = [
-        (n * far_m, e * far_m)
-        for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
-        if far_m is not None and abs(d) <= LEVEL_MAX_SINE
+        (n * distance_m, e * distance_m)
+        for (n, e, d), distance_m in zip(scan.directions_ned, scan.distances_m, strict=True)
+        if distance_m is not None and abs(d) <= LEVEL_MAX_SINE
     ]
     return np.array(points) if points else NO_POINTS
 
@@ -142,13 +144,15 @@ class ObstacleBrake:
         if not self._scans or speed == 0.0:
             return velocity
         free_m, reason = self._free(velocity[0] / speed, velocity[1] / speed)
-        most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
-        if speed <= most:
+        max_m_s = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
+        if speed <= max_m_s:
             return velocity
         self._note(f"speed reduced {reason}")
         if free_m < MARGIN_M:
-            most = -min(BACK_M_S, BACK_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m))
-        return (velocity[0] * most / speed, velocity[1] * most / speed)
+            max_m_s = -min(
+                BACK_M_S, BACK_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m)
+            )
+        return (velocity[0] * max_m_s / speed, velocity[1] * max_m_s / speed)
 
     def limit_position_ne(
         self,
@@ -182,13 +186,13 @@ class ObstacleBrake:
             no_feed = None if feed_forward is None else (0.0, 0.0)
             return self._on_track(position, (un, ue), -back_m, to_track, to_target_m, gain), no_feed
         stop_m = free_m - MARGIN_M
-        most = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
+        max_m_s = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
         near_m = min(to_target_m, stop_m)
         commanded_m_s = gain * near_m + feed_m_s
-        if near_m == to_target_m and commanded_m_s <= most:
+        if near_m == to_target_m and commanded_m_s <= max_m_s:
             return target, feed_forward
         self._note(f"speed reduced {reason}" if near_m == to_target_m else f"position limited {reason}")
-        scale = min(1.0, most / commanded_m_s) if commanded_m_s > 0.0 else 1.0
+        scale = min(1.0, max_m_s / commanded_m_s) if commanded_m_s > 0.0 else 1.0
         near_m *= scale
         slowed = (
             None
@@ -199,18 +203,18 @@ class ObstacleBrake:
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
-        above_m = self._above_m() if velocity_down_m_s < 0.0 and self._scans else math.inf
-        most = braking_speed(above_m - MARGIN_VERTICAL_M, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
-        if -velocity_down_m_s <= most:
+        above_m = self._clearance_above_m() if velocity_down_m_s < 0.0 and self._scans else math.inf
+        max_m_s = braking_speed(above_m - MARGIN_VERTICAL_M, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
+        if -velocity_down_m_s <= max_m_s:
             return velocity_down_m_s
         self._note("climb reduced to stop below an obstacle")
-        return -most
+        return -max_m_s
 
     def limit_down(self, down_m: float, position: Vector3 | None) -> float:
         """Moves the target below an obstacle above the vehicle."""
         if position is None or down_m >= position[2] or not self._scans:
             return down_m
-        highest = position[2] - max(0.0, self._above_m() - MARGIN_VERTICAL_M)
+        highest = position[2] - max(0.0, self._clearance_above_m() - MARGIN_VERTICAL_M)
         if down_m >= highest:
             return down_m
         self._note("altitude limited to stay below an obstacle")
@@ -225,8 +229,8 @@ class ObstacleBrake:
         if speed < SLOW_M_S:
             return None
         free_m, _ = self._free(n / speed, e / speed, within_range=False)
-        most = braking_speed(free_m - GUARD_MARGIN_M, GUARD_M_S2, GUARD_DELAY_S)
-        return "The vehicle would hit an obstacle" if speed > most else None
+        max_m_s = braking_speed(free_m - GUARD_MARGIN_M, GUARD_M_S2, GUARD_DELAY_S)
+        return "The vehicle would hit an obstacle" if speed > max_m_s else None
 
     # --- inside -------------------------------------------------------------------------------------
 
@@ -269,10 +273,10 @@ class ObstacleBrake:
         if to_track_m == 0.0:
             return north, east
         free_m, _ = self._free(to_track[0] / to_track_m, to_track[1] / to_track_m, within_range=False)
-        most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
+        max_m_s = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
         room_m = math.sqrt(max(0.0, max_m**2 - ahead_m**2))
         part = min(
-            1.0, max(0.0, free_m - MARGIN_M) / to_track_m, most / (gain * to_track_m), room_m / to_track_m
+            1.0, max(0.0, free_m - MARGIN_M) / to_track_m, max_m_s / (gain * to_track_m), room_m / to_track_m
         )
         return north + to_track[0] * part, east + to_track[1] * part
 
@@ -311,14 +315,14 @@ class ObstacleBrake:
                     break
         return math.inf if best is None else best
 
-    def _above_m(self) -> float:
+    def _clearance_above_m(self) -> float:
         """Distance to the nearest obstacle above the vehicle."""
         return min(
             (
-                -d * far_m
+                -d * distance_m
                 for scan in self._scans
-                for (_, _, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
-                if far_m is not None and d < -LEVEL_MAX_SINE
+                for (_, _, d), distance_m in zip(scan.directions_ned, scan.distances_m, strict=True)
+                if distance_m is not None and d < -LEVEL_MAX_SINE
             ),
             default=math.inf,
         )

@@ -197,7 +197,7 @@ class _Limiter:
         self._region.require_stoppable()
         self._must_stop = self.brake.must_stop()
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
-        p, q, r = (min(most, max(-most, rate)) for rate, most in pairs)
+        p, q, r = (min(limit, max(-limit, rate)) for rate, limit in pairs)
         if (p, q, r) != s.rates_frd_rad_s:
             self.notes.append("body rates limited to the vehicle's limits")
         return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
@@ -209,11 +209,11 @@ class _Limiter:
         return s
 
     def _yaw_rate(self, s: S) -> S:
-        rate, most = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]
-        if rate is None or abs(rate) <= most:
+        rate, limit = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]
+        if rate is None or abs(rate) <= limit:
             return s
         self.notes.append("yaw rate limited to the vehicle's limit")
-        return replace(s, yaw_rate_ned_rad_s=math.copysign(most, rate))
+        return replace(s, yaw_rate_ned_rad_s=math.copysign(limit, rate))
 
     # --- position, velocity, acceleration -----------------------------------------------------------
 
@@ -252,8 +252,8 @@ class _Limiter:
         acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
         acceleration_down = acceleration[2]
         if acceleration_down is not None:
-            most_up, most_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
-            limited = min(most_down, max(-most_up, acceleration_down))
+            limit_up, limit_down = self._bounds.acceleration_up_m_s2, self._bounds.acceleration_down_m_s2
+            limited = min(limit_down, max(-limit_up, acceleration_down))
             if limited != acceleration_down:
                 self.notes.append(f"acceleration limited to {abs(limited):.1f} m/s²")
             acceleration_down = limited
@@ -268,17 +268,17 @@ class _Limiter:
     ) -> tuple[NorthEast, NorthEast | None]:
         """Moves the target closer to the vehicle, so that the position controller commands at most the
         operator's speed limit."""
-        most = self._bounds.approach_m_s
-        if self._motion is None or not math.isfinite(most):
+        limit = self._bounds.approach_m_s
+        if self._motion is None or not math.isfinite(limit):
             return position_ne, velocity_ne
         here, gain = self._motion.position_ned_m, self._bounds.position_gain
         offset = (position_ne[0] - here[0], position_ne[1] - here[1])
         feed = velocity_ne or (0.0, 0.0)
         commanded_m_s = math.hypot(gain * offset[0] + feed[0], gain * offset[1] + feed[1])
-        if commanded_m_s <= most:
+        if commanded_m_s <= limit:
             return position_ne, velocity_ne
-        scale = most / commanded_m_s
-        self.notes.append(f"speed limited to {most:g} m/s")
+        scale = limit / commanded_m_s
+        self.notes.append(f"speed limited to {limit:g} m/s")
         near = (here[0] + offset[0] * scale, here[1] + offset[1] * scale)
         return near, None if velocity_ne is None else (feed[0] * scale, feed[1] * scale)
 
@@ -287,11 +287,11 @@ class _Limiter:
             return down_m, velocity_down_m_s
         offset = down_m - self._motion.position_ned_m[2]
         commanded_m_s = self._bounds.vertical_gain * offset + (velocity_down_m_s or 0.0)
-        most = self._bounds.approach_descent_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
-        if abs(commanded_m_s) <= most:
+        limit = self._bounds.approach_descent_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
+        if abs(commanded_m_s) <= limit:
             return down_m, velocity_down_m_s
-        scale = most / abs(commanded_m_s)
-        self.notes.append(f"climb and descent limited to {most:g} m/s")
+        scale = limit / abs(commanded_m_s)
+        self.notes.append(f"climb and descent limited to {limit:g} m/s")
         feed = None if velocity_down_m_s is None else velocity_down_m_s * scale
         return self._motion.position_ned_m[2] + offset * scale, feed
 
@@ -305,38 +305,38 @@ class _Limiter:
             self.notes.append(f"climb and descent limited to {abs(limited):g} m/s")
         return limited
 
-    def _scaled(self, vector: NorthEast, most: float, quantity: str) -> NorthEast:
+    def _scaled(self, vector: NorthEast, limit: float, quantity: str) -> NorthEast:
         size = math.hypot(*vector)
-        if size <= most:
+        if size <= limit:
             return vector
-        self.notes.append(f"{quantity} limited to {most:g} m/s")
-        return (vector[0] * most / size, vector[1] * most / size)
+        self.notes.append(f"{quantity} limited to {limit:g} m/s")
+        return (vector[0] * limit / size, vector[1] * limit / size)
 
     def _limit_acceleration_ne(self, acceleration_ne: NorthEast | None) -> NorthEast | None:
         if acceleration_ne is None:
             return None
-        most = self._bounds.acceleration_m_s2
+        limit = self._bounds.acceleration_m_s2
         if self._bounds.tilt_rad < math.pi / 2 - 0.01:
-            most = min(most, GRAVITY_M_S2 * math.tan(self._bounds.tilt_rad))
+            limit = min(limit, GRAVITY_M_S2 * math.tan(self._bounds.tilt_rad))
         size = math.hypot(*acceleration_ne)
-        if size > most:
-            self.notes.append(f"acceleration limited to {most:.1f} m/s²")
-            acceleration_ne = (acceleration_ne[0] * most / size, acceleration_ne[1] * most / size)
+        if size > limit:
+            self.notes.append(f"acceleration limited to {limit:.1f} m/s²")
+            acceleration_ne = (acceleration_ne[0] * limit / size, acceleration_ne[1] * limit / size)
         return acceleration_ne
 
     def _slewed(self, velocity: Partial3) -> Partial3:
-        most = self._bounds.slew_velocity_m_s2 * self._dt_s
-        if not math.isfinite(most) or any(axis is None for axis in velocity):
+        limit = self._bounds.slew_velocity_m_s2 * self._dt_s
+        if not math.isfinite(limit) or any(axis is None for axis in velocity):
             return velocity
         last = self._last_velocity()
         if last is None:
             return velocity
         step = [(axis or 0.0) - at for axis, at in zip(velocity, last, strict=True)]
         size = math.hypot(*step)
-        if size <= most:
+        if size <= limit:
             return velocity
         self.notes.append(f"velocity change limited to {self._bounds.slew_velocity_m_s2:g} m/s²")
-        n, e, d = (at + each * most / size for at, each in zip(last, step, strict=True))
+        n, e, d = (at + each * limit / size for at, each in zip(last, step, strict=True))
         return (n, e, d)
 
     def _last_velocity(self) -> Vector3 | None:

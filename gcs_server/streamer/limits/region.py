@@ -95,13 +95,13 @@ class RegionLimiter:
             self._notes.append(f"outside {breach}: only a velocity back inside is flown")
             return (0.0, 0.0)
         to_edge_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
-        most = braking_speed(to_edge_m, BRAKE_M_S2, BRAKE_DELAY_S)
+        max_m_s = braking_speed(to_edge_m, BRAKE_M_S2, BRAKE_DELAY_S)
         if self._cannot_stop_inside(here):
-            most = 0.0
-        if speed <= most:
+            max_m_s = 0.0
+        if speed <= max_m_s:
             return (n, e)
         self._notes.append("speed reduced to stop before the fence")
-        return (n * most / speed, e * most / speed)
+        return (n * max_m_s / speed, e * max_m_s / speed)
 
     def keep_margin(self, velocity: NorthEast) -> NorthEast:
         """Changes the velocity to move the vehicle back from an edge that is nearer than the margin."""
@@ -112,8 +112,8 @@ class RegionLimiter:
         for inside_m, out in region.edges((self._motion.position_ned_m[0], self._motion.position_ned_m[1])):
             if inside_m >= MARGIN_M:
                 continue
-            most = -min(BACK_PER_S * (MARGIN_M - inside_m), MAX_BACK_M_S, self._bounds.speed_m_s)
-            excess = n * out[0] + e * out[1] - most
+            max_m_s = -min(BACK_PER_S * (MARGIN_M - inside_m), MAX_BACK_M_S, self._bounds.speed_m_s)
+            excess = n * out[0] + e * out[1] - max_m_s
             if excess > 0.0:
                 n, e = n - excess * out[0], e - excess * out[1]
         if (n, e) != velocity:
@@ -137,9 +137,9 @@ class RegionLimiter:
         down_m = self._motion.position_ned_m[2]
         left_down_m = region.down_max_m - down_m - MARGIN_VERTICAL_M
         left_up_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
-        most_down = _max_vertical_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
-        most_up = _max_vertical_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
-        kept = max(min(velocity_down_m_s, most_down), -most_up)
+        max_down_m_s = _max_vertical_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
+        max_up_m_s = _max_vertical_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
+        kept = max(min(velocity_down_m_s, max_down_m_s), -max_up_m_s)
         if kept != velocity_down_m_s:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
         return kept

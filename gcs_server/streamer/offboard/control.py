@@ -74,7 +74,7 @@ class OffboardControl:
             self._estimates, self._protocol, lambda: unusable_topics(vehicle.endpoints)
         )
         self._configuration = OffboardConfiguration(clock, vehicle, self._estimates)
-        self.operator = limits
+        self.operator_limits = limits
         self.avoidance = AvoidanceControl(clock, vehicle, self._estimates)
         self._snapshots = VehicleSnapshots(
             clock, vehicle, self._estimates, self._configuration, limits, self.avoidance, find
@@ -123,7 +123,7 @@ class OffboardControl:
                 f"Vehicle {vehicle.id} is already in Offboard with another program's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
-        await self.operator.wait_for_identity()
+        await self.operator_limits.wait_for_identity()
         if self.avoidance.way is not None:
             self.avoidance.require_sensor()
         self.check(request)
@@ -149,7 +149,7 @@ class OffboardControl:
                 await (vehicle.command.set_mode(request.mode) if select is None else select())
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._require_starting(number)
-            self.operator.report_at_start()
+            self.operator_limits.report_at_start()
         except BaseException as error:
             if self._requested_stream == number and not isinstance(error, Rejected):
                 self._streams.cancel_start(vehicle.id, self.snapshot(), number)
@@ -293,9 +293,8 @@ class OffboardControl:
 
     def limits(self) -> OffboardLimits:
         """The limits for setpoints."""
-        return OffboardLimits(
-            vehicle_limits(self._configuration.parameters()), self.operator.limits, self.operator.origin()
-        )
+        vehicle, operator = vehicle_limits(self._configuration.parameters()), self.operator_limits
+        return OffboardLimits(vehicle, operator.limits, operator.origin())
 
     def failsafe(self) -> FailsafeView | None:
         """The vehicle's action when the stream stops; None if unknown."""
@@ -331,7 +330,7 @@ class OffboardControl:
             if_stream_stops=failsafe.text() if failsafe else None,
             sends_failed=state.sends_failed,
             ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
-            limits_origin=self.operator.origin(),
+            limits_origin=self.operator_limits.origin(),
             avoidance=self.avoidance.view(state),
             health=health_of(state, self._estimates, failsafe),
         )
@@ -367,13 +366,14 @@ class OffboardControl:
             setpoint,
             self._clock.monotonic_s(),
             self.snapshot(request),
-            has_position_limits=self.operator.limits.needs_position,
+            has_position_limits=self.operator_limits.limits.needs_position,
         )
 
     def check_segments(self, segments: Sequence[Segment], mode: str) -> None:
         """Raises Refused if segments leave the position limits, or need a topic in an unknown version."""
         self.require_topics(segments, in_offboard=mode == OFFBOARD)
-        check_segments(segments, self.snapshot(), has_position_limits=self.operator.limits.needs_position)
+        limited = self.operator_limits.limits.needs_position
+        check_segments(segments, self.snapshot(), has_position_limits=limited)
 
     def require_topics(self, segments: Sequence[Segment], *, in_offboard: bool) -> None:
         """Raises Refused if the vehicle has a topic of these segments' setpoints in an unknown version."""

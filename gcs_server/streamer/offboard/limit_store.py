@@ -76,7 +76,7 @@ class LimitStore:
     ) -> None:
         self._records = records
         self._parse = parse
-        self._kept: dict[str, LimitRecord | Unreadable] = {}
+        self._stored: dict[str, LimitRecord | Unreadable] = {}
         self._system_ids: dict[str, int] = {}
         """System id in each readable record, by the record's name."""
         self._folder_problem: str | None = None
@@ -94,11 +94,11 @@ class LimitStore:
             )
             return
         for name, content in records.items():
-            self._kept[name] = content if isinstance(content, Unreadable) else self._record(name, content)
+            self._stored[name] = content if isinstance(content, Unreadable) else self._record(name, content)
 
     def find(self, key: VehicleKey) -> LimitRecord | Unreadable | None:
         """The stored record of a vehicle; None if there is none."""
-        record = self._kept.get(key.name)
+        record = self._stored.get(key.name)
         if isinstance(record, Unreadable):
             return Unreadable(f"The file {self._file(key.name)} cannot be read: {record}.")
         if record is None and self._folder_problem is not None:
@@ -107,15 +107,15 @@ class LimitStore:
 
     def may_have_record(self, system_id: int) -> bool:
         """Whether a record may exist for a vehicle with this system id, before its uid is known."""
-        without_system_id = [name for name in self._kept if name not in self._system_ids]
+        without_system_id = [name for name in self._stored if name not in self._system_ids]
         return bool(self._folder_problem or without_system_id) or system_id in self._system_ids.values()
 
-    async def keep(self, key: VehicleKey, record: LimitRecord) -> str | None:
+    async def save(self, key: VehicleKey, record: LimitRecord) -> str | None:
         """Stores a record; returns None once it is on disk, or the reason for a failure."""
         if self._records is None:
             return "This server has no data folder."
         none_set = record.limits == OperatorLimits()
-        if not none_set and key.name not in self._kept and len(self._kept) >= MAX_RECORDS:
+        if not none_set and key.name not in self._stored and len(self._stored) >= MAX_RECORDS:
             return f"Limits of {MAX_RECORDS} vehicles are already stored."
         content = None if none_set else _content(key, record)
         writing = self._records.write(key.name, content)
@@ -129,9 +129,9 @@ class LimitStore:
         self._write_problems.pop(key.name, None)
         self._system_ids[key.name] = key.system_id
         if none_set:
-            self._kept.pop(key.name, None)
+            self._stored.pop(key.name, None)
         else:
-            self._kept[key.name] = record
+            self._stored[key.name] = record
         return None
 
     def warnings(self) -> list[str]:
@@ -139,7 +139,7 @@ class LimitStore:
         texts = [
             f"Limits of a vehicle cannot be restored: the file {self._file(name)} cannot be read: {record}. "
             "Set them again; that replaces the file."
-            for name, record in self._kept.items()
+            for name, record in self._stored.items()
             if isinstance(record, Unreadable)
         ]
         if self._folder_problem is not None:

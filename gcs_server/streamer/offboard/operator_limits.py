@@ -172,7 +172,7 @@ class VehicleOperatorLimits:
             not_kept_reason = self._not_kept
             self._not_kept = not_kept_reason or "They are stored once the vehicle is identified."
             return
-        problem = await self._store.keep(self._key, record)
+        problem = await self._store.save(self._key, record)
         if self._record is record:
             self._not_kept = (
                 None if problem is None else f"{problem} These limits are lost when the server restarts."

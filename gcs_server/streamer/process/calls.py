@@ -94,7 +94,7 @@ class WorkerCalls:
         now_s = self._clock.monotonic_s()
         stalled, self._checked_s = now_s - self._checked_s > LOOP_STALLED_S, now_s
         worker = self.worker
-        if worker is None or not worker.up or not worker.has_unhandled:
+        if worker is None or not worker.started or not worker.has_unhandled:
             return
         if stalled:
             self._silent_since_s = now_s
@@ -159,7 +159,7 @@ class WorkerCalls:
         elif isinstance(value, Answer):
             self._answered(value)
         elif isinstance(value, WorkerStarted) and self.worker is not None:
-            self.worker.up = True
+            self.worker.started = True
             if not value.real_time:
                 log.info("setpoint streams run without real-time priority: see docs/performance.md")
 

@@ -76,7 +76,7 @@ class WorkerHandle:
         """By socket number."""
         self.attached: set[str] = set()
         """Ids of the vehicles that the process knows (`Attach`)."""
-        self.up = False
+        self.started = False
         """Whether the process has reported that it started."""
         self._loop.add_reader(self._pipe.fileno(), self.read)
         self._thread = threading.Thread(

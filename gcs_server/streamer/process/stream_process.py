@@ -152,7 +152,7 @@ class StreamProcess(Streams):
 
     async def ready(self) -> None:
         until_s = self._clock.monotonic_s() + START_TIMEOUT_S
-        while self._calls.worker is None or not self._calls.worker.up:
+        while self._calls.worker is None or not self._calls.worker.started:
             self._spawn()
             if not self._started or self._clock.monotonic_s() >= until_s:
                 raise Refused(RESTARTING, remedy="Try again in a second.")

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class _Stream:
-    core: VehicleStream
+    machine: VehicleStream
     transport: VehicleTransport
     snapshot: Snapshot
     sends_failed: int = 0
@@ -86,17 +86,17 @@ class StreamScheduler:
             self._run_guard(guard)
             due_s = min(due_s, guard.due_s)
         for vehicle_id, stream in self._streams.items():
-            core = stream.core
-            if not core.streaming:
+            machine = stream.machine
+            if not machine.streaming:
                 continue
             try:
-                for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._loop_message_s):
+                for out in machine.tick(self._clock.monotonic_s(), stream.snapshot, self._loop_message_s):
                     if not stream.transport.send(out):
                         stream.sends_failed += 1
-                        core.cadence.not_sent(self._clock.monotonic_s())
+                        machine.cadence.not_sent(self._clock.monotonic_s())
             except Exception as error:
                 self._end_failed_stream(vehicle_id, error)
-            due_s = min(due_s, core.due_s(self._loop_message_s))
+            due_s = min(due_s, machine.due_s(self._loop_message_s))
         return due_s
 
     def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
@@ -128,9 +128,9 @@ class StreamScheduler:
         """
         ros2 = Ros2Transport(target, self._own_ids, lambda: int(self._clock.unix_s() * 1e6))
         transport = VehicleTransport(sender, target, topics, ros2)
-        core = VehicleStream(transport, server_silent_limit_s=self._silent_limit_s)
+        machine = VehicleStream(transport, server_silent_limit_s=self._silent_limit_s)
         no_snapshot = Snapshot(-1.0, "", None, None, None)
-        self._streams[vehicle_id] = _Stream(core, transport, no_snapshot, number=number)
+        self._streams[vehicle_id] = _Stream(machine, transport, no_snapshot, number=number)
 
     def forget(self, vehicle_id: str) -> None:
         """See `Streams`."""
@@ -139,33 +139,33 @@ class StreamScheduler:
         transport.mavlink.sender, transport.topics = NoSender(), no_topics
 
     def active(self) -> list[str]:
-        return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.core.streaming]
+        return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.machine.streaming]
 
     def state(self, vehicle_id: str) -> StreamState:
         stream = self._streams[vehicle_id]
-        core, cadence, now_s = stream.core, stream.core.cadence, self._clock.monotonic_s()
+        machine, cadence, now_s = stream.machine, stream.machine.cadence, self._clock.monotonic_s()
         return StreamState(
-            core.phase,
-            core.request if core.streaming else None,
-            core.sent if core.streaming else None,
-            core.limited if core.streaming else (),
+            machine.phase,
+            machine.request if machine.streaming else None,
+            machine.sent if machine.streaming else None,
+            machine.limited if machine.streaming else (),
             cadence.rate_hz,
-            cadence.achieved_hz(now_s) if core.streaming else None,
-            core.age_s(now_s),
-            cadence.age_s(now_s) if core.streaming else None,
-            core.valid_left_s(now_s),
+            cadence.achieved_hz(now_s) if machine.streaming else None,
+            machine.age_s(now_s),
+            cadence.age_s(now_s) if machine.streaming else None,
+            machine.valid_left_s(now_s),
             stream.sends_failed,
-            core.last_end,
+            machine.last_end,
             stream.number,
-            cadence.steady_s if core.streaming else 0.0,
-            core.avoiding if core.streaming else None,
-            core.played,
+            cadence.steady_s if machine.streaming else 0.0,
+            machine.avoiding if machine.streaming else None,
+            machine.played,
         )
 
     def phases(self) -> dict[str, tuple[str, int]]:
         """Phase and number of each vehicle's newest stream."""
         return {
-            vehicle_id: (stream.core.phase, stream.number) for vehicle_id, stream in self._streams.items()
+            vehicle_id: (stream.machine.phase, stream.number) for vehicle_id, stream in self._streams.items()
         }
 
     def guard_states(self) -> dict[str, GuardState]:
@@ -179,72 +179,72 @@ class StreamScheduler:
     @property
     def has_pending_reports(self) -> bool:
         """Whether there are reports or findings to take."""
-        return any(stream.core.reports for stream in self._streams.values()) or any(
+        return any(stream.machine.reports for stream in self._streams.values()) or any(
             guard.findings for guard in self._guards.values()
         )
 
     def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
         stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
-        if stream.core.streaming:
+        if stream.machine.streaming:
             return 0
         stream.snapshot = snapshot.plausible()
         stream.number += 1
         stream.sends_failed = 0
         self._record_loop_message(now_s)
         try:
-            stream.core.begin(now_s, request, rate_hz, stream.snapshot)
+            stream.machine.begin(now_s, request, rate_hz, stream.snapshot)
         except Exception as error:
-            stream.core.end("refused", f"The setpoint stream did not begin: {error}", report=False)
+            stream.machine.end("refused", f"The setpoint stream did not begin: {error}", report=False)
             raise
         return stream.number
 
     def starting(self, vehicle_id: str, number: int) -> bool:
         stream = self._streams[vehicle_id]
-        return stream.number == number and stream.core.phase == "starting"
+        return stream.number == number and stream.machine.phase == "starting"
 
     def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
         stream = self._streams[vehicle_id]
         if number not in (None, stream.number):
             return False
         stream.snapshot = snapshot.plausible()
-        return stream.core.engage(self._clock.monotonic_s())
+        return stream.machine.engage(self._clock.monotonic_s())
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
         stream = self._streams[vehicle_id]
         if stream.number == number:
             stream.snapshot = snapshot.plausible()
-            stream.core.cancel_start(self._clock.monotonic_s(), stream.snapshot)
+            stream.machine.cancel_start(self._clock.monotonic_s(), stream.snapshot)
 
     def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
         stream = self._streams[vehicle_id]
         stream.snapshot = snapshot.plausible()
-        return stream.core.change(self._clock.monotonic_s(), request, stream.snapshot)
+        return stream.machine.change(self._clock.monotonic_s(), request, stream.snapshot)
 
     def change_script(self, vehicle_id: str, change: ScriptChange) -> None:
-        self._streams[vehicle_id].core.change_script(self._clock.monotonic_s(), change)
+        self._streams[vehicle_id].machine.change_script(self._clock.monotonic_s(), change)
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         stream = self._streams[vehicle_id]
         stream.snapshot = snapshot.plausible()
-        stream.core.request_stop(self._clock.monotonic_s(), stream.snapshot)
+        stream.machine.request_stop(self._clock.monotonic_s(), stream.snapshot)
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
-        self._streams[vehicle_id].core.inhibit_mode_requests(self._clock.monotonic_s())
+        self._streams[vehicle_id].machine.inhibit_mode_requests(self._clock.monotonic_s())
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
         stream = self._streams[vehicle_id]
-        stream.core.force_hold(self._clock.monotonic_s(), stream.snapshot, "group", why)
+        stream.machine.force_hold(self._clock.monotonic_s(), stream.snapshot, "group", why)
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
         stream = self._streams[vehicle_id]
         if number in (None, stream.number):
-            stream.core.end(code, text, report=False)
+            stream.machine.end(code, text, report=False)
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
         reports: list[tuple[str, StreamEvent]] = []
         for vehicle_id, stream in self._streams.items():
-            while stream.core.reports:
-                reports.append((vehicle_id, stream.core.reports.popleft()))
+            while stream.machine.reports:
+                reports.append((vehicle_id, stream.machine.reports.popleft()))
         return reports
 
     # --- modes registered with PX4 ----------------------------------------------------------------
@@ -271,7 +271,7 @@ class StreamScheduler:
     def _flies_mode(self, vehicle_id: str) -> bool:
         """Whether a stream flies the vehicle in a registered mode, and ROS 2 carries its setpoints."""
         stream = self._streams.get(vehicle_id)
-        if stream is None or not stream.core.streaming or stream.core.mode == OFFBOARD:
+        if stream is None or not stream.machine.streaming or stream.machine.mode == OFFBOARD:
             return False
         return stream.transport.topics() is not None
 
@@ -313,7 +313,7 @@ class StreamScheduler:
         if guard is None:
             return False
         flying = [v for v in guard.members if v not in guard.held]
-        phases = {self._streams[v].core.phase for v in flying}
+        phases = {self._streams[v].machine.phase for v in flying}
         if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
             return False
         if not set(requests) <= set(flying) or ("holding" in phases and set(requests) != set(flying)):
@@ -338,9 +338,11 @@ class StreamScheduler:
 
     def _view_of(self, vehicle_id: str) -> MemberView:
         stream = self._streams[vehicle_id]
-        core = stream.core
-        ended = core.last_end.text if core.last_end is not None and not core.streaming else None
-        return MemberView(core.phase, core.request if core.streaming else None, stream.snapshot, ended)
+        machine = stream.machine
+        ended = machine.last_end.text if machine.last_end is not None and not machine.streaming else None
+        return MemberView(
+            machine.phase, machine.request if machine.streaming else None, stream.snapshot, ended
+        )
 
     def _execute(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
         """Applies all actions before anything else is sent to any member."""
@@ -348,7 +350,7 @@ class StreamScheduler:
         for vehicle_id, request in actions.new_requests.items():
             stream = self._streams[vehicle_id]
             try:
-                if not stream.core.change(now_s, request, stream.snapshot):
+                if not stream.machine.change(now_s, request, stream.snapshot):
                     refused = f"Vehicle {vehicle_id} could not start"
             except Exception as error:
                 if not isinstance(error, ValueError):
@@ -360,11 +362,11 @@ class StreamScheduler:
             guard.renewed(until_s)
             for vehicle_id in guard.members:
                 if vehicle_id not in guard.held:
-                    self._streams[vehicle_id].core.set_expiry(until_s)
+                    self._streams[vehicle_id].machine.set_expiry(until_s)
         for vehicle_id, why in actions.hold.items():
             stream = self._streams[vehicle_id]
             try:
-                stream.core.force_hold(now_s, stream.snapshot, actions.code, why)
+                stream.machine.force_hold(now_s, stream.snapshot, actions.code, why)
             except Exception as error:  # the other members must still be held
                 self._end_failed_stream(vehicle_id, error)
 
@@ -372,7 +374,7 @@ class StreamScheduler:
         """Ends only the stream of the vehicle that failed."""
         log.exception("the stream to vehicle %s failed", vehicle_id)
         text = f"The setpoint stream failed: {error}"
-        self._streams[vehicle_id].core.end("fault", text, WARNING)
+        self._streams[vehicle_id].machine.end("fault", text, WARNING)
 
     def _record_loop_message(self, now_s: float) -> None:
         """Records a message from the event loop. If this process stalled, first ends the streams that should
@@ -381,7 +383,7 @@ class StreamScheduler:
         if now_s - self._loop_message_s >= self._silent_limit_s:
             for vehicle_id, stream in self._streams.items():
                 try:
-                    stream.core.tick(now_s, stream.snapshot, self._loop_message_s)
+                    stream.machine.tick(now_s, stream.snapshot, self._loop_message_s)
                 except Exception as error:
                     self._end_failed_stream(vehicle_id, error)
         self._loop_message_s = max(self._loop_message_s, now_s)

@@ -109,9 +109,9 @@ class Snapshot:
         return (n + vn * age_s, e + ve * age_s, d + vd * age_s)
 
 
-def _within(values: tuple[float, ...], most: float) -> bool:
+def _within(values: tuple[float, ...], limit: float) -> bool:
     """Whether all numbers are finite and at most this large."""
-    return all(-most <= value <= most for value in values)
+    return all(-limit <= value <= limit for value in values)
 
 
 def _finite(value: float | None) -> float | None:

@@ -141,7 +141,7 @@ class WaypointFlights:
         flight = self._flights.get(vehicle.id)
         if flight is not None:
             flight.update()
-            self._keep_progress(vehicle, flight)
+            self._save_progress(vehicle, flight)
         if vehicle.status.link_lost:
             return
         was_flying = self._in_mission.get(vehicle.id, True)
@@ -169,9 +169,9 @@ class WaypointFlights:
         self._flights[vehicle.id] = begun
         begun.update()
 
-    def _keep_progress(self, vehicle: Vehicle, flight: WaypointFlight) -> None:
+    def _save_progress(self, vehicle: Vehicle, flight: WaypointFlight) -> None:
         if (key := key_of(vehicle.identity)) is not None and (progress := flight.new_progress()) is not None:
-            self._store.keep(key, progress)
+            self._store.save(key, progress)
 
     def _waits_for_home(self, vehicle: Vehicle) -> bool:
         estimates, now_s = VehicleEstimates(vehicle), self._clock.monotonic_s()

@@ -53,7 +53,7 @@ class ProgressStore:
 
     def __init__(self, records: Records | None = None) -> None:
         self._records = records
-        self._kept: dict[str, FlightProgress] = {}
+        self._stored: dict[str, FlightProgress] = {}
         self._problems: dict[str, str] = {}
 
     async def load(self) -> None:
@@ -72,7 +72,7 @@ class ProgressStore:
             try:
                 if isinstance(content, Unreadable):
                     raise ValueError(content)
-                self._kept[name] = _read(content)
+                self._stored[name] = _read(content)
             except (ValueError, TypeError, KeyError) as error:
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
                 self._add_problem(
@@ -82,15 +82,15 @@ class ProgressStore:
 
     def find(self, key: VehicleKey) -> FlightProgress | None:
         """The progress of a vehicle's newest flight; None: none is known."""
-        return self._kept.get(key.name)
+        return self._stored.get(key.name)
 
-    def keep(self, key: VehicleKey, progress: FlightProgress) -> None:
+    def save(self, key: VehicleKey, progress: FlightProgress) -> None:
         """Replaces the progress of a vehicle; a thread writes it."""
-        if self._kept.get(key.name) == progress:
+        if self._stored.get(key.name) == progress:
             return
-        if key.name not in self._kept and len(self._kept) >= MAX_RECORDS:
+        if key.name not in self._stored and len(self._stored) >= MAX_RECORDS:
             self._forget_oldest()
-        self._kept[key.name] = progress
+        self._stored[key.name] = progress
         if self._records is not None:
             writing = self._records.write(key.name, {"format": FORMAT, **_content(progress)})
             writing.add_done_callback(lambda done: self._written(key.name, done))
@@ -105,8 +105,8 @@ class ProgressStore:
             self._records.close()
 
     def _forget_oldest(self) -> None:
-        oldest = min(self._kept, key=lambda name: self._kept[name].unix_s)
-        del self._kept[oldest]
+        oldest = min(self._stored, key=lambda name: self._stored[name].unix_s)
+        del self._stored[oldest]
         if self._records is not None:
             self._records.write(oldest, None)
 
@@ -143,8 +143,8 @@ def _read(content: Mapping[str, Any]) -> FlightProgress:
         raise ValueError(f"format {content.get('format')!r} is not known")
     whole = {name: content[name] for name in ("mission_id", "item", "leg_start")}
     for name, value in whole.items():
-        most = 2**32 - 1 if name == "mission_id" else MAX_ITEM
-        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
+        max_value = 2**32 - 1 if name == "mission_id" else MAX_ITEM
+        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= max_value:
             raise ValueError(name)
     name, finished, unix_s, home = (content[each] for each in ("name", "finished", "unix_s", "home"))
     if name is not None and (not isinstance(name, str) or len(name) > MAX_TEXT):

@@ -148,7 +148,7 @@ def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
     """After a stall of the loop all streams end, even if one of them has a fault."""
     bench = setup_with_two()
     bench.run(0.5, beats=True)
-    core = bench.streams._streams["bad"].core
+    core = bench.streams._streams["bad"].machine
 
     def broken(*_):
         raise ValueError("broken")
@@ -213,7 +213,7 @@ def test_a_member_that_cannot_be_held_does_not_stop_the_others_from_holding(monk
     def broken(*_):
         raise ValueError("broken")
 
-    monkeypatch.setattr(bench.streams._streams["bad"].core, "force_hold", broken)
+    monkeypatch.setattr(bench.streams._streams["bad"].machine, "force_hold", broken)
     update_snapshots(position_ned_m=None)
     assert bench.streams.guard("g").held == {"bad", "1"}
     assert bench.streams.state("bad").phase == "idle"

@@ -26,11 +26,11 @@ def store_in(folder):
 
 def test_progress_is_there_after_a_restart_for_the_same_vehicle_only(tmp_path):
     store = store_in(tmp_path / "flights")
-    store.keep(KEY, PROGRESS)
+    store.save(KEY, PROGRESS)
     store.close()
     again = store_in(tmp_path / "flights")
     assert (again.find(KEY), again.find(OTHER)) == (PROGRESS, None)
-    again.keep(KEY, replace(PROGRESS, finished=True, name=None, home=None))
+    again.save(KEY, replace(PROGRESS, finished=True, name=None, home=None))
     again.close()
     assert store_in(tmp_path / "flights").find(KEY).finished
     assert again.warnings() == []
@@ -54,8 +54,8 @@ def test_progress_is_there_after_a_restart_for_the_same_vehicle_only(tmp_path):
 )
 def test_an_unreadable_file_is_a_warning_and_the_next_flight_replaces_it(tmp_path, field, value):
     store = store_in(tmp_path)
-    store.keep(KEY, PROGRESS)
-    store.keep(OTHER, PROGRESS)
+    store.save(KEY, PROGRESS)
+    store.save(OTHER, PROGRESS)
     store.close()
     file = tmp_path / "system-1.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), field: value}))
@@ -63,7 +63,7 @@ def test_an_unreadable_file_is_a_warning_and_the_next_flight_replaces_it(tmp_pat
     assert (again.find(KEY), again.find(OTHER)) == (None, PROGRESS)
     (warning,) = again.warnings()
     assert "system-1.json cannot be read" in warning
-    again.keep(KEY, PROGRESS)
+    again.save(KEY, PROGRESS)
     again.close()
     assert again.warnings() == []
 
@@ -71,7 +71,7 @@ def test_an_unreadable_file_is_a_warning_and_the_next_flight_replaces_it(tmp_pat
 def test_a_file_that_cannot_be_written_is_a_warning_and_the_progress_is_known_until_the_restart(tmp_path):
     (tmp_path / "flights").write_text("a file in the place of the folder")
     store = ProgressStore(Records(tmp_path / "flights"))
-    store.keep(KEY, PROGRESS)
+    store.save(KEY, PROGRESS)
     store.close()
     assert store.find(KEY) == PROGRESS
     assert "cannot be written" in store.warnings()[0]
@@ -83,6 +83,6 @@ def test_of_too_many_vehicles_the_oldest_is_forgotten(tmp_path, monkeypatch):
     store = store_in(tmp_path)
     keys = [VehicleKey(system_id, None) for system_id in (1, 2, 3)]
     for number, key in enumerate(keys):
-        store.keep(key, replace(PROGRESS, unix_s=float(number)))
+        store.save(key, replace(PROGRESS, unix_s=float(number)))
     store.close()
     assert [store_in(tmp_path).find(key) is not None for key in keys] == [False, True, True]
