@@ -41,7 +41,8 @@ def _least_sums(nominal: Array, flown: Array) -> Array:
     """(N, 1 + M) least sum of all pairs up to each pair; the first column is infinite.
 
     The pairs of a row begin at one column, reached from the previous row, and continue to the right. Their
-    sum is a difference of two cumulative sums, so a running minimum finds the best begin for each pair.
+    sum is a difference of two cumulative sums, so a running minimum finds the best first column for each
+    pair.
     """
     products = nominal @ flown.T
     squares = (nominal**2).sum(axis=1)[:, None] + (flown**2).sum(axis=1) - 2.0 * products
@@ -59,7 +60,7 @@ def _least_sums(nominal: Array, flown: Array) -> Array:
 
 
 def _pairs(sums: Array, i: int, j: int) -> tuple[Indices, Indices]:
-    """The pairs up to this one."""
+    """The pairs with the least sum, from the first one to (i, j)."""
     pairs = [(i, j)]
     while i > 0 or j > 0:
         if i == 0:

@@ -26,7 +26,8 @@ MAX_SAMPLES = 4000
 MAX_FINDINGS = 100
 EMPTY_SHARE = 0.005
 TOUCHING_M, FORWARD_M_S = 0.3, 2.0
-"""A vehicle lower and faster than this has touched the ground [m, m/s]; take-off and landing are slower."""
+"""A vehicle this near to the ground [m] that moves horizontally faster than this [m/s] has touched the
+ground; take-off and landing are slower."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,11 +36,11 @@ FindGround = Callable[[Sequence[tuple[float, float]]], tuple[Ground | None, Sequ
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """What is flown."""
+    """The plan of a request, and what the site needs to know about it."""
 
     flyable: Flyable
     positions: list[tuple[float, float]]
-    """Of the plan: latitude, longitude [deg]."""
+    """Positions of the plan: latitude, longitude [deg]."""
     obstacles: tuple[PlannedObstacle, ...]
     avoids: bool
     """Whether obstacle avoidance is on in a step."""

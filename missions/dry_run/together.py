@@ -133,7 +133,7 @@ def dry_run_together(
         report: called with the progress; an exception from it ends the dry run.
 
     Raises:
-        PlanError: A role has no vehicle, or the mission cannot be compiled.
+        PlanError: a role has no vehicle, or the mission cannot be compiled.
     """
     same_conditions = [conditions or Conditions()] * len(mission.roles)
     (flown,), _ = fly_together(
@@ -167,7 +167,7 @@ def fly_together(
         The flights, the first with velocity, attitude and gimbal, and the computing time [s].
 
     Raises:
-        PlanError: A role has no vehicle, or the mission cannot be compiled.
+        PlanError: a role has no vehicle, or the mission cannot be compiled.
     """
     if not mission.roles:
         raise PlanError("roles", "the mission has no roles", "Fly it with one vehicle.")
