@@ -59,6 +59,33 @@ def _propagate_errors(dt_s: float, bias_effect: Rows, tilt_effect: Rows, states:
 
 
 @formula
+def _propagate_columns(
+    dt_s: float, bias_effect: Rows, tilt_effect: Rows, errors: Rows, tilts: Rows, changes: Rows
+) -> None:
+    """The same as `_propagate_errors` for each column of `errors` (21, 21), in loops along contiguous rows.
+
+    `tilts` (3, 21) and `changes` (2, 21) are work arrays.
+    """
+    for k in range(3):
+        for c in range(SIZE):
+            tilts[k, c] = errors[TILT + k, c]
+    for k in range(3):
+        north, east, down = tilt_effect[k, 0], tilt_effect[k, 1], tilt_effect[k, 2]
+        for c in range(SIZE):
+            changes[0, c] = north * tilts[0, c] + east * tilts[1, c] + down * tilts[2, c]
+            changes[1, c] = 0.0
+        for j in range(3):
+            effect = bias_effect[k, j]
+            for c in range(SIZE):
+                errors[TILT + k, c] += effect * errors[GYRO_BIAS + j, c]
+                changes[1, c] += effect * errors[ACCEL_BIAS + j, c]
+        for c in range(SIZE):
+            change = changes[0, c] + changes[1, c]
+            errors[POSITION + k, c] += dt_s * errors[VELOCITY + k, c] + 0.5 * dt_s * change
+            errors[VELOCITY + k, c] += change
+
+
+@formula
 def _invert(innovation_covariance: Rows, count: int, inverse: Rows) -> None:
     """Writes the inverse of a symmetric positive matrix of up to three rows into the first rows of (3, 3)."""
     a, b, c, d, e, f = innovation_covariance[0, 0], 0.0, 0.0, 1.0, 0.0, 1.0
@@ -107,7 +134,8 @@ def propagate_covariance(
     covariance: Blocks,
 ) -> None:  # fmt: skip
     """Propagates the covariance: the same step is applied to its columns and to its rows."""
-    bias_effect, tilt_effect, states = np.empty((3, 3)), np.zeros((3, 3)), np.empty(SIZE)
+    bias_effect, tilt_effect = np.empty((3, 3)), np.zeros((3, 3))
+    tilts, changes = np.empty((3, SIZE)), np.empty((2, SIZE))
     for i in range(covariance.shape[0]):
         for j in range(3):
             for k in range(3):
@@ -118,12 +146,7 @@ def propagate_covariance(
         for k in range(2):
             horizontal_accel[i, k] += impulse[i, k] - dt_s / ACCEL_SMOOTHING_S * horizontal_accel[i, k]
         impulse[i] = 0.0
-        for column in range(SIZE):
-            for k in range(SIZE):
-                states[k] = covariance[i, k, column]
-            _propagate_errors(dt_s, bias_effect, tilt_effect, states)
-            for k in range(SIZE):
-                covariance[i, k, column] = states[k]
+        _propagate_columns(dt_s, bias_effect, tilt_effect, covariance[i], tilts, changes)
         for row in range(SIZE):
             _propagate_errors(dt_s, bias_effect, tilt_effect, covariance[i, row])
         for k in range(SIZE):
@@ -139,6 +162,7 @@ def fuse_states(
     change: Blocks, vector: Rows, q: Rows, matrix: Blocks,
 ) -> None:  # fmt: skip
     """Fuses the measurements one after the other; with independent noise this equals fusing all together."""
+    cross = np.empty(SIZE)  # contiguous, so that the loop over the covariance runs fast
     for i in range(covariance.shape[0]):
         is_fused = False
         for m in range(innovation.shape[1]):
@@ -152,12 +176,12 @@ def fuse_states(
             scale = 1.0 / (covariance[i, state, state] + variance[i, m])
             residual = innovation[i, m] - change[i, state, 0]
             for k in range(SIZE):
-                change[i, k, 1] = covariance[i, state, k]
+                cross[k] = covariance[i, state, k]
             for k in range(SIZE):
-                gain = change[i, k, 1] * scale
+                gain = cross[k] * scale
                 change[i, k, 0] += gain * residual
                 for j in range(SIZE):
-                    covariance[i, k, j] -= gain * change[i, j, 1]
+                    covariance[i, k, j] -= gain * cross[j]
         if is_fused:
             _apply_correction(change[i], bad_accel[i], bias_limit[i], vector[i], q[i], matrix[i])
 
@@ -194,6 +218,7 @@ def fuse_measurements(
 ) -> None:  # fmt: skip
     """Updates the covariance in Joseph's form, which is valid for any gain."""
     measured = innovation.shape[1]
+    gains, changes, values = np.empty((3, SIZE)), np.empty((3, SIZE)), np.empty(SIZE)
     for i in range(covariance.shape[0]):
         is_used = False
         for k in range(SIZE):
@@ -215,11 +240,19 @@ def fuse_measurements(
                     value -= 0.5 * gain[i, k, n] * innovation_covariance[i, n, m]
                 change[i, k, m] = value
         for k in range(SIZE):
-            for j in range(SIZE):
-                value = 0.0
-                for m in range(measured):
-                    value += gain[i, k, m] * change[i, j, m] + change[i, k, m] * gain[i, j, m]
-                covariance[i, k, j] -= value
+            for m in range(measured):
+                gains[m, k], changes[m, k] = gain[i, k, m], change[i, k, m]
+        # The update is symmetric to the last bit, so one half of it is computed.
+        for k in range(SIZE):
+            for j in range(k + 1):
+                values[j] = 0.0
+            for m in range(measured):
+                for j in range(k + 1):
+                    values[j] += gains[m, k] * changes[m, j] + changes[m, k] * gains[m, j]
+            for j in range(k + 1):
+                covariance[i, k, j] -= values[j]
+            for j in range(k):
+                covariance[i, j, k] -= values[j]
         for k in range(SIZE):
             value = 0.0
             for m in range(measured):
