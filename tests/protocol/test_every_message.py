@@ -250,7 +250,7 @@ def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
             for kind in (9, 6, 0, 255):
                 payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
                 look.hear(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
-            look.bad.offboard._configuration._read[name] = value
+            look.bad.offboard._configuration._read_values[name] = value
             look.bad.offboard.limits()
             look.everywhere()
 

@@ -167,7 +167,7 @@ def test_reading_continues_after_an_error():
     async def scenario():
         link, received_data = make_link("udpin://127.0.0.1:0"), []
         link.start(lambda data, *_: received_data.append(data), lambda _: None, lambda: None)
-        real, faults = UdpLink._peer, []
+        real, faults = UdpLink._new_peer, []
 
         def peer(self, address):
             if not faults:
@@ -175,7 +175,7 @@ def test_reading_continues_after_an_error():
                 raise LookupError("once")
             return real(self, address)
 
-        link._peer = peer.__get__(link)
+        link._new_peer = peer.__get__(link)
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.connect(("127.0.0.1", link.local_port))
         vehicle.send(b"lost by the fault")
