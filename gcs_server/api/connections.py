@@ -147,7 +147,7 @@ class Connections:
         self._wait(connection)
         return connection
 
-    def closed(self, connection: Connection) -> None:
+    def remove(self, connection: Connection) -> None:
         """Removes a closed connection; may be called more than once."""
         if connection.closed:
             return
@@ -199,11 +199,11 @@ class Connections:
         if now_s - self._shed_s < SHED_PERIOD_S:
             return
         self._shed_s = now_s
-        held = [(c.socket.unread_bytes(), c) for c in self._all if c.socket is not None]
-        total = sum(size for size, _ in held)
+        unread = [(c.socket.unread_bytes(), c) for c in self._all if c.socket is not None]
+        total = sum(size for size, _ in unread)
         if total <= self.limits.unread_bytes:
             return
-        for size, connection in sorted(held, key=lambda each: (self._protected(each[1]), -each[0])):
+        for size, connection in sorted(unread, key=lambda each: (self._protected(each[1]), -each[0])):
             if total <= self.limits.unread_bytes:
                 return
             total -= size
@@ -264,7 +264,7 @@ class Connections:
 
     def _close_for_others(self, connection: Connection) -> None:
         self.count_refusal()
-        self.closed(connection)
+        self.remove(connection)
         connection.end()
 
     def _wait(self, connection: Connection) -> None:

@@ -47,12 +47,12 @@ class HoldResults(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    results: list[HoldResult] = Field(description="In the order of the request.")
+    results: list[HoldResult] = Field(description="The results, in the order of the request.")
 
 
 @router.post("/hold", response_model=HoldResults)
 async def hold_several(body: HoldRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
+    """Switches several vehicles to Hold, even if another client has control; ends their setpoint streams.
 
     The command is sent to all vehicles at the same time, and a failure of one does not affect the others.
     Answers once each vehicle has reported Hold or failed.

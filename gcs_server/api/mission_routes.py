@@ -68,7 +68,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.get("/flown", response_model=FlownMissionView)
 async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
-    """The newest flight of a plan in Mission mode, running or ended, beside its plan.
+    """The newest flight of a plan in Mission mode, running or ended, compared with its plan.
 
     `samples` are the flown positions, and the nearest points of the planned path.
     """

@@ -147,7 +147,7 @@ class JointMissionView(BaseModel):
 
 
 class FlownMissionView(BaseModel):
-    """The flight of a vehicle's newest mission, beside its plan."""
+    """The flight of a vehicle's newest mission, compared with its plan."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

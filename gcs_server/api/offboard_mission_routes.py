@@ -42,7 +42,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.get("/flown", response_model=m.FlownMissionView)
 async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
-    """The flight of the newest mission, running or ended, beside its plan.
+    """The flight of the newest mission, running or ended, compared with its plan.
 
     `samples` are the flown positions, and the positions that were sent at the same times.
     """

@@ -31,7 +31,7 @@ class CircleFenceBody(StrictBody):
     kind: Literal["circle"]
     lat_deg: Latitude
     lon_deg: Longitude
-    radius_m: float = Field(allow_inf_nan=False, ge=5, le=10_000, description="[m]")
+    radius_m: float = Field(allow_inf_nan=False, ge=5, le=10_000, description="Radius [m].")
 
     def to_fence(self) -> Fence:
         """Converts to the streamer's type."""
@@ -50,10 +50,10 @@ class LimitsRequest(StrictBody):
 
     model_config = example(speed_max_m_s=5, height_max_m=30, distance_max_m=100)
 
-    speed_max_m_s: float | None = _limit("Over the ground [m/s].", 0.1, 20)
-    climb_max_m_s: float | None = _limit("[m/s]", 0.1, 20)
-    sink_max_m_s: float | None = _limit("[m/s]", 0.1, 20)
-    tilt_max_rad: float | None = _limit("[rad]", 0.02, 1.5)
+    speed_max_m_s: float | None = _limit("Horizontal speed [m/s].", 0.1, 20)
+    climb_max_m_s: float | None = _limit("Climb rate [m/s].", 0.1, 20)
+    sink_max_m_s: float | None = _limit("Descent rate [m/s].", 0.1, 20)
+    tilt_max_rad: float | None = _limit("Tilt [rad].", 0.02, 1.5)
     height_min_m: float | None = _limit("Above home [m].", -1000, 10_000)
     height_max_m: float | None = _limit("Above home [m].", -1000, 10_000)
     distance_max_m: float | None = _limit("From home, over the ground [m].", 5, 10_000)

@@ -76,9 +76,9 @@ class FenceView(AnswerBody):
     points_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, description="Latitude and longitude of each corner [deg]."
     )
-    lat_deg: float | None = Field(default=None, description="Of the centre.")
-    lon_deg: float | None = Field(default=None, description="Of the centre.")
-    radius_m: float | None = Field(default=None, description="[m]")
+    lat_deg: float | None = Field(default=None, description="Latitude of the centre.")
+    lon_deg: float | None = Field(default=None, description="Longitude of the centre.")
+    radius_m: float | None = Field(default=None, description="Radius [m].")
 
 
 LimitsModel = model_of(

@@ -35,7 +35,7 @@ HOVERS_BELOW_M_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The flight of a plan beside those of the other vehicles."""
+    """The flight of a plan, compared with the flights of the other vehicles."""
 
     path: PredictedPath | None
     """Predicted path of the vehicle; None: its position is not known, or the plan has no path."""

@@ -1,9 +1,9 @@
 """Starts requests one at a time, each in a separate iteration of the event loop.
 
-Otherwise hundreds of simultaneous requests would be answered in one turn, and all other work of the loop
-would wait. Clients in control of a vehicle come first, then known clients, then new ones. A client that keeps
-changing its name therefore does not delay other clients. Within a priority, addresses alternate, and so do
-the clients of an address.
+Otherwise hundreds of simultaneous requests would be answered in one iteration, and all other work of the
+loop would wait. Clients in control of a vehicle come first, then known clients, then new ones. A client that
+keeps changing its name therefore does not delay other clients. Within a priority, addresses alternate, and
+so do the clients of an address.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class RequestQueue:
     async def wait(self, client: Principal) -> None:
         """Returns when the request may start; immediately if no other request waits."""
         loop = asyncio.get_running_loop()
-        known = self._note(client.key, loop.time())
+        known = self._record_request(client.key, loop.time())
         if not self._is_starting:
             self._is_starting = True
             loop.call_soon(self._next)
@@ -72,7 +72,7 @@ class RequestQueue:
         self._lanes[0 if self._in_control(client.key) else 1 if known else 2].push(client, future)
         await future
 
-    def _note(self, key: str, now_s: float) -> bool:
+    def _record_request(self, key: str, now_s: float) -> bool:
         """Records a request; returns whether the client is known. New clients never displace known ones."""
         if key not in self._seen and len(self._seen) >= MAX_KNOWN_CLIENTS:
             self._seen = {k: s for k, s in self._seen.items() if now_s - s[1] < FORGOTTEN_AFTER_S}

@@ -217,7 +217,7 @@ class GimbalView(AnswerBody):
 class Links(AnswerBody):
     """All links."""
 
-    links: list[LinkModel] = Field(description="By name.")  # type: ignore[valid-type]
+    links: list[LinkModel] = Field(description="All links, sorted by name.")  # type: ignore[valid-type]
 
 
 class MapFile(AnswerBody):

@@ -128,7 +128,7 @@ def bare_app() -> FastAPI:
             "`Authorization: Bearer …`; without it the answer is 401."
         ),
         separate_input_output_schemas=False,  # requests and answers use the same type for a plan
-        openapi_url=None,  # FastAPI would encode it anew for each request
+        openapi_url=None,  # FastAPI would encode it again for each request
         docs_url=None,
         redoc_url=None,
     )

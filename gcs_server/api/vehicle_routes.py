@@ -144,7 +144,7 @@ async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Switches to Hold, whoever has control; ends a setpoint stream."""
+    """Switches to Hold, even if another client has control; ends a setpoint stream."""
     return await carry_out(
         station,
         principal,
@@ -236,8 +236,8 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
 async def land_now(
     v: str, body: control_models.LandNowRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Lands at the current position, whoever has control; answers once the vehicle is landing. Control does
-    not change."""
+    """Lands at the current position, even if another client has control; answers once the vehicle is landing.
+    Control does not change."""
 
     async def work(vehicle: Vehicle) -> None:
         BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
@@ -248,9 +248,9 @@ async def land_now(
 
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
 async def kill(v: str, body: models.KillRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Stops the motors immediately, even in flight and whoever has control: the vehicle falls. The command is
-    repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands are refused
-    during this time.
+    """Stops the motors immediately, even in flight and even if another client has control: the vehicle falls.
+    The command is repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands
+    are refused during this time.
     """
 
     async def work(vehicle: Vehicle) -> None:

@@ -248,7 +248,7 @@ class SyncMission:
         )
 
     def flown(self) -> dict[str, Any]:
-        """The newest flight of a plan, beside its plan: `samples`, `planned_legs`, `deviation_max_m`."""
+        """The newest flight of a plan, with its plan: `samples`, `planned_legs`, `deviation_max_m`."""
         return self._portal.call(lambda: self._inner.flown())
 
     def resume(self) -> None:

@@ -90,7 +90,7 @@ class Mission:
         await self._vehicle.request("POST", "/mission/start", body)
 
     async def flown(self) -> dict[str, Any]:
-        """The newest flight of a plan, beside its plan: `samples`, `planned_legs`, `deviation_max_m`."""
+        """The newest flight of a plan, with its plan: `samples`, `planned_legs`, `deviation_max_m`."""
         return (await self._vehicle.request("GET", "/mission/flown"))["flown"]
 
     async def resume(self) -> None:

@@ -96,7 +96,7 @@ class Acceptor:
         try:
             await loop.connect_accepted_socket(lambda: self._protocol(connection), accepted)
         except OSError:  # the connection is already closed
-            self._connections.closed(connection)
+            self._connections.remove(connection)
             accepted.close()
 
     async def _failed(self, error: OSError) -> None:

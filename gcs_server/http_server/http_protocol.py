@@ -87,7 +87,7 @@ class BoundedHttp(HttpToolsProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection is closed."""
         super().connection_lost(exc)
-        self._connections.closed(self.connection)
+        self._connections.remove(self.connection)
 
     def data_received(self, data: bytes) -> None:
         """Handles bytes from the client."""

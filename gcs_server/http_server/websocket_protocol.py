@@ -57,7 +57,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         """The connection is closed."""
         self._unparsed.clear()
         super().connection_lost(exc)
-        self._connections.closed(self.connection)
+        self._connections.remove(self.connection)
 
     def data_received(self, data: bytes) -> None:
         """Splits bytes of the client into pieces."""
@@ -71,8 +71,8 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._parse_some()
 
     def _parse_some(self) -> None:
-        """Parses one piece. The next piece is parsed in another turn, once the application has read the
-        messages."""
+        """Parses one piece. The next piece is parsed in another iteration of the event loop, once the
+        application has read the messages."""
         self._parsing = False
         if self.transport.is_closing() or self.disconnected:
             self._unparsed.clear()

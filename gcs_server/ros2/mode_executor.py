@@ -1,7 +1,7 @@
 """The executor of one external mode: the commands that it sends to PX4 while it is in charge.
 
 PX4 v1.16 puts an executor in charge when its mode is selected. It remains in charge through the modes that
-it commands itself, until somebody else changes the mode, or a failsafe does; PX4 then rejects its commands.
+it commands itself, until another party or a failsafe changes the mode; PX4 then rejects its commands.
 While an executor is in charge, PX4's take-off does not continue in Hold, and after a landing its own mode is
 selected again. As in PX4's interface library, an executor commands only an armed vehicle. The numbers follow
 from recordings of PX4 and from that library. No I/O and no clock: the caller passes the time and sends the

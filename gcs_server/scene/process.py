@@ -30,7 +30,7 @@ from gcs_server.scene.view_request import MAX_VIEWS, ViewRequest
 PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25
 """Period while no view is open: only checks whether one has opened [s]."""
-MAX_AHEAD = 2 * m.ACKNOWLEDGED_EVERY
+MAX_UNREPORTED = 2 * m.ACKNOWLEDGED_EVERY
 """Maximum number of sent snapshots that the process has not reported yet."""
 ANSWER_TIMEOUT_S = 5.0
 HUNG_AFTER_S = 20.0
@@ -148,7 +148,7 @@ class SceneProcess:
             # When the last view has closed, one more snapshot lets the process remove its scene.
             wanted = len(stalled) < len(opened) or (run.newest.viewers and not opened)
             now_s = self._clock.monotonic_s()
-            if run.sent - run.newest.snapshots < MAX_AHEAD:
+            if run.sent - run.newest.snapshots < MAX_UNREPORTED:
                 progress_s = now_s
                 if wanted:
                     run.sent += 1
@@ -199,7 +199,7 @@ class SceneProcess:
     def _drag(self, bridge: str, drag: Drag) -> None:
         run = self._run
         if (
-            run is not None and run.sent - run.newest.snapshots < MAX_AHEAD
+            run is not None and run.sent - run.newest.snapshots < MAX_UNREPORTED
         ):  # otherwise the process is not drawing now
             run.post(m.HandleDragged(bridge, drag))
 

@@ -25,7 +25,7 @@ from missions.frames import Vector3
 
 log = logging.getLogger(__name__)
 
-REMEMBERED_S = 290.0
+TRAIL_LENGTH_S = 290.0
 """Length of a trail built from the history [s]; the history contains five minutes."""
 PAUSE_S = 1.0
 """Time without an update after which the trail has a gap [s]."""
@@ -170,8 +170,8 @@ class Tracks:
     def _track(self, vehicle: SceneVehicle, *, paused: bool) -> Track:
         now_s = vehicle.clock.monotonic_s()
         track = self._tracks.get(vehicle.id)
-        if track is None or now_s - track.updated_s > REMEMBERED_S:
-            track = Track(weakref.ref(vehicle), now_s, now_s - REMEMBERED_S)
+        if track is None or now_s - track.updated_s > TRAIL_LENGTH_S:
+            track = Track(weakref.ref(vehicle), now_s, now_s - TRAIL_LENGTH_S)
             self._tracks[vehicle.id] = track
         elif paused and track.incomplete_since_s is None:
             track.incomplete_since_s = track.updated_s

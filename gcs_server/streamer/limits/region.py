@@ -139,10 +139,10 @@ class RegionLimiter:
         left_up_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
         max_down_m_s = _max_vertical_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
         max_up_m_s = _max_vertical_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
-        kept = max(min(velocity_down_m_s, max_down_m_s), -max_up_m_s)
-        if kept != velocity_down_m_s:
+        limited = max(min(velocity_down_m_s, max_down_m_s), -max_up_m_s)
+        if limited != velocity_down_m_s:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
-        return kept
+        return limited
 
     def require_stoppable(self, *, horizontal: bool = True, vertical: bool = True) -> None:
         """Sets `stop` if the vehicle is outside, or must be stopped now to stay inside."""

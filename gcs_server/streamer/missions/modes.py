@@ -167,9 +167,9 @@ class MissionModes:
             Refused: there is no such mode, or the vehicle flies in it.
         """
         vehicle = self._vehicle(vehicle_id)
-        known = self._vehicles.get(vehicle_id)
-        if known is None or name not in known.modes:
-            names = ", ".join(map(repr, known.modes)) if known is not None and known.modes else "none"
+        state = self._vehicles.get(vehicle_id)
+        if state is None or name not in state.modes:
+            names = ", ".join(map(repr, state.modes)) if state is not None and state.modes else "none"
             raise Refused(
                 f"Vehicle {vehicle_id} has no mode {name!r} of this server.", remedy=f"Its modes: {names}."
             )
@@ -186,23 +186,23 @@ class MissionModes:
 
     def all(self, vehicle_id: str) -> list[MissionModeStatus]:
         """The modes of a vehicle."""
-        known = self._vehicles.get(vehicle_id)
+        state = self._vehicles.get(vehicle_id)
         return [
             self._status(each, self._registration(vehicle_id, name))
-            for name, each in ({} if known is None else known.modes).items()
+            for name, each in ({} if state is None else state.modes).items()
         ]
 
     # --- time -------------------------------------------------------------------------------------
 
     def update(self) -> None:
         """Reports changes, and starts the mission of a mode that has become active."""
-        for vehicle_id, known in list(self._vehicles.items()):
+        for vehicle_id, state in list(self._vehicles.items()):
             vehicle = self._vehicle(vehicle_id)
-            vehicle.isolation.run("its mission modes", self._update_vehicle, vehicle, known)
+            vehicle.isolation.run("its mission modes", self._update_vehicle, vehicle, state)
 
-    def _update_vehicle(self, vehicle: Vehicle, known: _VehicleModes) -> None:
+    def _update_vehicle(self, vehicle: Vehicle, state: _VehicleModes) -> None:
         by_mode: dict[str, _ModeEntry] = {}
-        for name, each in known.modes.items():
+        for name, each in state.modes.items():
             registration = self._registration(vehicle.id, name)
             if registration.mode is not None:
                 by_mode[registration.mode] = each
@@ -221,17 +221,17 @@ class MissionModes:
             prepared = [(each.mode, each.preparation) for each in by_mode.values()]
             self._preparer.update(vehicle, [(mode, kept) for mode, kept in prepared if kept is not None])
         since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
-        before, known.last_mode = known.last_mode, (status.mode, since_s) if status.armed else None
+        before, state.last_mode = state.last_mode, (status.mode, since_s) if status.armed else None
         if before is not None and not status.armed:
-            known.disarmed_s = self._clock.monotonic_s()
-        self._hold_after_disarming(vehicle, known, by_mode)
-        entered = by_mode.get(status.mode) if known.last_mode != before and status.armed else None
+            state.disarmed_s = self._clock.monotonic_s()
+        self._hold_after_disarming(vehicle, state, by_mode)
+        entered = by_mode.get(status.mode) if state.last_mode != before and status.armed else None
         if entered is not None:
             work = self._begin(vehicle, status.mode, entered)
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
 
     def _hold_after_disarming(
-        self, vehicle: Vehicle, known: _VehicleModes, by_mode: Mapping[str, _ModeEntry]
+        self, vehicle: Vehicle, state: _VehicleModes, by_mode: Mapping[str, _ModeEntry]
     ) -> None:
         """Selects Hold if PX4 has gone back to a mode with an executor, or to the take-off of its mission,
         after disarming. In these modes the next arming would start the mission, or a take-off."""
@@ -242,9 +242,9 @@ class MissionModes:
         if entry is None or not entry.mode.takes_off or vehicle.status.armed:
             return
         present = entry.mode
-        if self._clock.monotonic_s() - known.disarmed_s > AFTER_DISARMING_S:
+        if self._clock.monotonic_s() - state.disarmed_s > AFTER_DISARMING_S:
             return
-        known.disarmed_s = float("-inf")
+        state.disarmed_s = float("-inf")
 
         async def hold() -> None:
             try:

@@ -59,7 +59,7 @@ class OffboardMissionStatus:
     """Mode in which it is flown: offboard, or the mode as which it is registered (`external_1` …)."""
     executor_in_charge: bool | None
     """Whether PX4 has put the executor of this mode in charge of the vehicle. While it is false, PX4 rejects
-    the mission's take-off, landing and mode changes, because somebody else commands the vehicle. null: the
+    the mission's take-off, landing and mode changes, because another party commands the vehicle. null: the
     mode has no executor, or is not registered."""
     question: str | None
     """Question to the operator; answered by `go_on`."""

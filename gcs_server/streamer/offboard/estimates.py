@@ -73,22 +73,30 @@ class VehicleEstimates:
             return None
         return sample.value, self._age_s(sample.received_monotonic_s)
 
-    def has(self, flags: int) -> bool:
-        """Whether the estimator sets one of these flags. True if it does not send flags."""
+    def has_any_flag(self, flags: int) -> bool:
+        """Whether the estimator sets one of these flags. True if the vehicle sends no flags."""
         sample = self._vehicle.topic("estimator")
         return sample is None or not isinstance(sample.value, Estimator) or sample.value.flags & flags != 0
 
     def has_position(self) -> bool:
         """Whether the vehicle has a valid position estimate."""
-        return self.local() is not None and self.has(POSITION_HORIZONTAL) and self.has(POSITION_VERTICAL)
+        return (
+            self.local() is not None
+            and self.has_any_flag(POSITION_HORIZONTAL)
+            and self.has_any_flag(POSITION_VERTICAL)
+        )
 
     def has_velocity(self) -> bool:
         """Whether the vehicle has a valid velocity estimate."""
-        return self.local() is not None and self.has(VELOCITY_HORIZONTAL) and self.has(VELOCITY_VERTICAL)
+        return (
+            self.local() is not None
+            and self.has_any_flag(VELOCITY_HORIZONTAL)
+            and self.has_any_flag(VELOCITY_VERTICAL)
+        )
 
     def has_heading(self) -> bool:
         """Whether the vehicle has a valid attitude estimate."""
-        return self.attitude() is not None and self.has(ATTITUDE)
+        return self.attitude() is not None and self.has_any_flag(ATTITUDE)
 
     def accuracy_m(self) -> float | None:
         """Position accuracy, one sigma, the worse of horizontal and vertical [m]; None if unknown."""
@@ -151,7 +159,7 @@ class VehicleEstimates:
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
         command = vehicle.command.recent_command(status.mode)
-        usable = local is not None and self.has(POSITION_HORIZONTAL)
+        usable = local is not None and self.has_any_flag(POSITION_HORIZONTAL)
         return Snapshot(
             vehicle.clock.monotonic_s(),
             status.mode,

@@ -190,7 +190,7 @@ class Streams(Protocol):
         ...
 
     def guard(self, name: str) -> GuardState | None:
-        """State of a group's guard; None if it was dropped."""
+        """State of a group's guard; None if there is no guard with this name."""
         ...
 
     async def change_together(

@@ -51,7 +51,7 @@ class WaypointFlight:
     Args:
         vehicle: the vehicle, which flies its mission.
         held: the plan on the vehicle.
-        announcement: the start by a client; None: somebody else has selected Mission.
+        announcement: the start by a client; None: another party has selected Mission.
         seen: whether the server has seen the vehicle enter Mission with this plan.
     """
 

@@ -267,7 +267,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Hold
-         * @description Switches to Hold, whoever has control; ends a setpoint stream.
+         * @description Switches to Hold, even if another client has control; ends a setpoint stream.
          */
         readonly post: operations["hold_api_v1_vehicles__v__hold_post"];
         readonly delete?: never;
@@ -387,8 +387,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Land Now
-         * @description Lands at the current position, whoever has control; answers once the vehicle is landing. Control does
-         *     not change.
+         * @description Lands at the current position, even if another client has control; answers once the vehicle is landing.
+         *     Control does not change.
          */
         readonly post: operations["land_now_api_v1_vehicles__v__land_now_post"];
         readonly delete?: never;
@@ -408,9 +408,9 @@ export interface paths {
         readonly put?: never;
         /**
          * Kill
-         * @description Stops the motors immediately, even in flight and whoever has control: the vehicle falls. The command is
-         *     repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands are refused
-         *     during this time.
+         * @description Stops the motors immediately, even in flight and even if another client has control: the vehicle falls.
+         *     The command is repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands
+         *     are refused during this time.
          */
         readonly post: operations["kill_api_v1_vehicles__v__kill_post"];
         readonly delete?: never;
@@ -430,7 +430,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Hold Several
-         * @description Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
+         * @description Switches several vehicles to Hold, even if another client has control; ends their setpoint streams.
          *
          *     The command is sent to all vehicles at the same time, and a failure of one does not affect the others.
          *     Answers once each vehicle has reported Hold or failed.
@@ -1794,7 +1794,7 @@ export interface paths {
         };
         /**
          * Show Flown
-         * @description The newest flight of a plan in Mission mode, running or ended, beside its plan.
+         * @description The newest flight of a plan in Mission mode, running or ended, compared with its plan.
          *
          *     `samples` are the flown positions, and the nearest points of the planned path.
          */
@@ -2042,7 +2042,7 @@ export interface paths {
         };
         /**
          * Show Flown
-         * @description The flight of the newest mission, running or ended, beside its plan.
+         * @description The flight of the newest mission, running or ended, compared with its plan.
          *
          *     `samples` are the flown positions, and the positions that were sent at the same times.
          */
@@ -3037,7 +3037,7 @@ export interface components {
             readonly lon_deg: number;
             /**
              * Radius M
-             * @description [m]
+             * @description Radius [m].
              */
             readonly radius_m: number;
         };
@@ -4708,17 +4708,17 @@ export interface components {
             ])[] | null;
             /**
              * Lat Deg
-             * @description Of the centre.
+             * @description Latitude of the centre.
              */
             readonly lat_deg?: number | null;
             /**
              * Lon Deg
-             * @description Of the centre.
+             * @description Longitude of the centre.
              */
             readonly lon_deg?: number | null;
             /**
              * Radius M
-             * @description [m]
+             * @description Radius [m].
              */
             readonly radius_m?: number | null;
         };
@@ -4951,7 +4951,7 @@ export interface components {
         };
         /**
          * FlownMissionView
-         * @description The flight of a vehicle's newest mission, beside its plan.
+         * @description The flight of a vehicle's newest mission, compared with its plan.
          */
         readonly FlownMissionView: {
             /**
@@ -6422,7 +6422,7 @@ export interface components {
         readonly HoldResults: {
             /**
              * Results
-             * @description In the order of the request.
+             * @description The results, in the order of the request.
              */
             readonly results: readonly components["schemas"]["HoldResult"][];
         };
@@ -7035,22 +7035,22 @@ export interface components {
         readonly LimitsRequest: {
             /**
              * Speed Max M S
-             * @description Over the ground [m/s].
+             * @description Horizontal speed [m/s].
              */
             readonly speed_max_m_s?: number | null;
             /**
              * Climb Max M S
-             * @description [m/s]
+             * @description Climb rate [m/s].
              */
             readonly climb_max_m_s?: number | null;
             /**
              * Sink Max M S
-             * @description [m/s]
+             * @description Descent rate [m/s].
              */
             readonly sink_max_m_s?: number | null;
             /**
              * Tilt Max Rad
-             * @description [rad]
+             * @description Tilt [rad].
              */
             readonly tilt_max_rad?: number | null;
             /**
@@ -7241,7 +7241,7 @@ export interface components {
         readonly Links: {
             /**
              * Links
-             * @description By name.
+             * @description All links, sorted by name.
              */
             readonly links: readonly components["schemas"]["Link"][];
         };
@@ -8736,7 +8736,7 @@ export interface components {
             /**
              * Executor In Charge
              * @description Whether PX4 has put the executor of this mode in charge of the vehicle. While it is false, PX4 rejects
-             *     the mission's take-off, landing and mode changes, because somebody else commands the vehicle. null: the
+             *     the mission's take-off, landing and mode changes, because another party commands the vehicle. null: the
              *     mode has no executor, or is not registered.
              */
             readonly executor_in_charge: boolean | null;

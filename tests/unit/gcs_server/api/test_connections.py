@@ -116,7 +116,7 @@ def test_the_total_size_of_bodies_is_limited_and_released(limited):
     one, other = limited.connect(), limited.connect()
     assert limited.connections.take_body(one, 900)
     assert not limited.connections.take_body(other, 200)
-    limited.connections.closed(other)
+    limited.connections.remove(other)
     limited.connections.release_body(one)
     assert limited.connections.take_body(one, 1000)
 
