@@ -25,7 +25,7 @@ def api_client(
 
     Args:
         data: the server's data folder.
-        path: beginning of the paths that the client calls.
+        path: prefix of the paths that the client calls.
         record: whether the server records its links.
         raises: whether an unexpected error of the server is raised instead of answered.
         static: folder of the built page; None: no page.

@@ -36,8 +36,8 @@ class Publisher:
         """The type and the writer of a topic; made when it is first used."""
         if topic not in self._writers:
             kind = idl_type(SHOWN[message])
-            where = Topic(self.participant, wire_name(topic, self._namespace), kind)
-            self._writers[topic] = kind, DataWriter(self.participant, where, qos=TRANSIENT)
+            dds_topic = Topic(self.participant, wire_name(topic, self._namespace), kind)
+            self._writers[topic] = kind, DataWriter(self.participant, dds_topic, qos=TRANSIENT)
         return self._writers[topic]
 
     def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:

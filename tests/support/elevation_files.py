@@ -58,7 +58,7 @@ def hill(
     lon_deg: float = LON_DEG,
     width_deg: float = 0.002,
 ) -> Height:
-    """A round hill (in degrees) on flat ground."""
+    """A round hill on flat ground; `width_deg` is its standard deviation."""
     return lambda lat, lon: (
         amsl_m + top_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))
     )

@@ -20,13 +20,13 @@ def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int,
     links."""
     sim = VehicleSim(count, first_instance=first, seed=seed, start_ned_m=row_east(count, first))
     found = {first + row: hashlib.sha256() for row in range(count)}
-    climb_m = sim.simulation.home.alt_amsl_m + 10.0
+    target_amsl_m = sim.simulation.home.alt_amsl_m + 10.0
     steps = round(seconds / TICK_S)
     for step in range(steps):
         for row in range(count):
             if step == round(ARMED_AT * steps):
                 _command(sim, row, 400, 1.0)
-                _command(sim, row, 22, *[float("nan")] * 6, climb_m)
+                _command(sim, row, 22, *[float("nan")] * 6, target_amsl_m)
             if step == round(BROKEN_AT * steps) and (first + row) % 2 == 0:
                 sim.set_parameter(row, "SIM_GPS_USED", 3)
         sim.step(TICK_S)

@@ -24,7 +24,7 @@ class LinkRecorder:
         """Polls until the condition is true.
 
         Raises:
-            TimeoutError: it was not true in time.
+            TimeoutError: the condition was not true in time.
         """
         async with asyncio.timeout(timeout_s):
             while not good():  # noqa: ASYNC110 polls real sockets

@@ -1,7 +1,7 @@
 """A mission in the middle of each kind of step, for tests of events during that step.
 
-A step that takes no time is flown with one that does: a gimbal track and its hold, the list of a branch or a
-call and its hold, pictures one second apart. The event comes while these last.
+A step without a duration is combined with one that has a duration: a gimbal track with a hold, a branch or a
+call with a hold in its list. Pictures are one second apart. The event occurs in this time.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.reader import read
 from missions.offboard.steps import MissionStep
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flown
+from tests.support.offboard_missions import flight_of
 
 CENTER = "center: {offset_ned_m: [20, 0, -10]}, radius_m: 8"
 FLY = "step: fly, points: [{offset_ned_m: [30, 0, -10]}]"
@@ -41,7 +41,7 @@ STEPS: dict[str, tuple[str, ...]] = {
     "meet": ("step: meet, meeting: here",),
     "land": ("step: land",),
 }
-"""The steps of each story. The event comes during the last of them."""
+"""The steps of each flight. The event occurs during the last one."""
 BY_PX4 = ("take_off", "land")
 IN_OFFBOARD = [kind for kind in STEPS if kind not in BY_PX4]
 
@@ -98,7 +98,7 @@ def flight(kind: str, **actions: str) -> FakeFlight:
 
 def _alone(kind: str, actions: dict[str, str]) -> FakeFlight:
     wanted = ("step: hold, duration_s: 4",) if kind in BY_PX4 else STEPS[kind]
-    return FakeFlight(_acting(with_lists(flown(*wanted, FLY)), actions)).start()
+    return FakeFlight(_acting(with_lists(flight_of(*wanted, FLY)), actions)).start()
 
 
 def _at_meeting(actions: dict[str, str]) -> FakeFlight:

@@ -18,7 +18,7 @@ UP = "- {step: take_off, height_m: 10}\n"
 DOWN = "- {step: land}\n"
 
 
-def flown(*steps: str) -> str:
+def flight_of(*steps: str) -> str:
     """A mission with these steps between take-off and landing."""
     return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
 
@@ -36,11 +36,11 @@ def codes(found: Timeline) -> set[str]:
     return {finding.code for finding in found.findings}
 
 
-def kinds(found: Timeline) -> list[str]:
+def titles(found: Timeline) -> list[str]:
     return [segment.title for segment in found.segments]
 
 
-def where(segment: Segment, t_s: float) -> tuple[float, ...]:
+def position_at(segment: Segment, t_s: float) -> tuple[float, ...]:
     setpoint = segment.at(t_s)
     assert isinstance(setpoint, Trajectory | Position)
     return tuple(axis or 0.0 for axis in setpoint.position_ned_m)

@@ -83,7 +83,7 @@ def _memory(view: memoryview, memo: Memo) -> memoryview:
     return made
 
 
-def _same(value: T, _memo: Memo) -> T:
+def _unchanged(value: T, _memo: Memo) -> T:
     return value
 
 
@@ -92,7 +92,7 @@ COPIERS: dict[type, Any] = {
     types.BuiltinMethodType: _builtin,
     np.ndarray: _array,
     memoryview: _memory,
-    struct.Struct: _same,
-    Message: _same,
+    struct.Struct: _unchanged,
+    Message: _unchanged,
 }
 """Received messages never change."""

@@ -14,7 +14,7 @@ TESTS = Path(__file__).resolve().parent.parent
 
 
 def imported(path: Path) -> Iterator[str]:
-    """The modules that a file imports, wherever in it."""
+    """The modules that a file imports, also inside functions."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (each.name for each in node.names)
@@ -24,7 +24,7 @@ def imported(path: Path) -> Iterator[str]:
 
 
 def is_run_by_pytest(module: str) -> bool:
-    """Whether that names a test module or a conftest."""
+    """Whether this is the name of a test module or a conftest."""
     name = module.split(".")[-1]
     return name == "conftest" or name.startswith("test_")
 

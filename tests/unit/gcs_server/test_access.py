@@ -20,12 +20,12 @@ from gcs_server.api.access import (
 from gcs_server.api.sign_in_page import FOLDER, sign_in_page
 
 TOKEN = "correct-horse-battery"
-ALONE = Access(loopback_only=True, token=None)
-OPEN = Access(loopback_only=False, token=TOKEN)
-LOCKED = Access(loopback_only=True, token=TOKEN)
-COOKIE = f"theme=dark; {OPEN.cookie_name}={OPEN.cookie_value}"
+LOOPBACK_ONLY = Access(loopback_only=True, token=None)
+ALL_INTERFACES = Access(loopback_only=False, token=TOKEN)
+LOOPBACK_WITH_TOKEN = Access(loopback_only=True, token=TOKEN)
+COOKIE = f"theme=dark; {ALL_INTERFACES.cookie_name}={ALL_INTERFACES.cookie_value}"
 BEARER = f"Bearer {TOKEN}"
-OUT = "gcs.field:8080"
+REMOTE_HOST = "gcs.field:8080"
 
 
 def request_head(method="GET", path="/", query="", *, host="localhost:8080", secure=False, **headers):
@@ -82,7 +82,7 @@ ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
     ],
 )
 def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, headers, expected):
-    assert code(ALONE, request_head(method, **headers)) == expected
+    assert code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
 
 
 @pytest.mark.parametrize(
@@ -91,10 +91,10 @@ def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, h
 )
 def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, expected):
     headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": dest}
-    assert code(ALONE, request_head(method, **headers)) == expected
+    assert code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
 
 
-@pytest.mark.parametrize("access", [OPEN, LOCKED], ids=["bound to all", "on loopback"])
+@pytest.mark.parametrize("access", [ALL_INTERFACES, LOOPBACK_WITH_TOKEN], ids=["bound to all", "on loopback"])
 @pytest.mark.parametrize("method", ["GET", "POST", "WEBSOCKET"])
 @pytest.mark.parametrize("path", ["/", "/docs", "/api/v1/health", "/scene/", "/assets/a.js", "/nothing"])
 def test_with_a_token_every_request_needs_it(access, method, path):
@@ -103,7 +103,10 @@ def test_with_a_token_every_request_needs_it(access, method, path):
     assert code(access, request_head(method, path, authorization="Bearer wrong")) == "token_wrong"
     assert code(access, request_head(method, path, authorization=BEARER)) is None
     assert code(access, request_head(method, path, cookie=COOKIE, **own)) is None
-    assert code(access, request_head(method, path, cookie=f"{OPEN.cookie_name}={TOKEN}")) == "token_missing"
+    assert (
+        code(access, request_head(method, path, cookie=f"{ALL_INTERFACES.cookie_name}={TOKEN}"))
+        == "token_missing"
+    )
     assert (
         code(access, request_head(method, path, cookie=COOKIE, origin="http://evil.example"))
         == "foreign_origin"
@@ -126,13 +129,13 @@ def test_with_a_token_every_request_needs_it(access, method, path):
         ("GET", {"authorization": "Bearer \xe9"}, "token_wrong"),
         ("GET", {"authorization": TOKEN}, "token_missing"),
         ("GET", {"authorization": f"Bearer {TOKEN}x"}, "token_wrong"),
-        ("POST", {"cookie": COOKIE, "origin": f"http://{OUT}"}, None),
+        ("POST", {"cookie": COOKIE, "origin": f"http://{REMOTE_HOST}"}, None),
         (
             "POST",
-            {"cookie": COOKIE, "origin": f"https://{OUT}"},
+            {"cookie": COOKIE, "origin": f"https://{REMOTE_HOST}"},
             None,
         ),  # a proxy in front of the server uses https
-        ("POST", {"cookie": COOKIE, "origin": f"http://{OUT}", "secure": True}, "foreign_origin"),
+        ("POST", {"cookie": COOKIE, "origin": f"http://{REMOTE_HOST}", "secure": True}, "foreign_origin"),
         ("POST", {"host": "rebound.example", "origin": "http://rebound.example"}, "token_missing"),
         ("GET", {"host": "whatever.name", "authorization": BEARER}, None),
     ],
@@ -140,11 +143,14 @@ def test_with_a_token_every_request_needs_it(access, method, path):
 def test_from_other_machines_a_cookie_needs_the_pages_origin_and_a_bearer_token_does_not(
     method, headers, expected
 ):
-    assert code(OPEN, request_head(method, **{"host": OUT, **headers})) == expected
+    assert code(ALL_INTERFACES, request_head(method, **{"host": REMOTE_HOST, **headers})) == expected
 
 
 def test_on_loopback_a_token_does_not_allow_foreign_host_names():
-    assert code(LOCKED, request_head(host="rebound.example", authorization=BEARER)) == "foreign_host"
+    assert (
+        code(LOOPBACK_WITH_TOKEN, request_head(host="rebound.example", authorization=BEARER))
+        == "foreign_host"
+    )
 
 
 @pytest.mark.parametrize(
@@ -157,40 +163,51 @@ def test_on_loopback_a_token_does_not_allow_foreign_host_names():
         ("/a b\r\nSet-Cookie: x", "token={}", "/a%20b%0D%0ASet-Cookie:%20x"),
     ],
 )
-def test_the_link_signs_in_and_leaves_no_token_in_the_address(path, query, location):
-    assert OPEN.decide(request_head(path=path, query=query.format(TOKEN))) == SignedIn(location)
-    refusal = OPEN.decide(request_head(path=path, query=query.format("wrong")))
+def test_the_sign_in_link_leaves_no_token_in_the_address(path, query, location):
+    assert ALL_INTERFACES.decide(request_head(path=path, query=query.format(TOKEN))) == SignedIn(location)
+    refusal = ALL_INTERFACES.decide(request_head(path=path, query=query.format("wrong")))
     assert isinstance(refusal, Refusal)
     assert (refusal.status, refusal.guessed) == (401, True)
-    assert OPEN.decide(request_head(path=path, query=query.format("old"), cookie=COOKIE)) == SignedIn(
-        location
-    )
+    assert ALL_INTERFACES.decide(
+        request_head(path=path, query=query.format("old"), cookie=COOKIE)
+    ) == SignedIn(location)
 
 
 def test_only_navigation_to_the_link_signs_in():
     for method in ("POST", "PUT", "DELETE", "WEBSOCKET"):
-        assert code(OPEN, request_head(method, query=f"token={TOKEN}")) == "token_missing"
-    assert code(OPEN, request_head(query=f"token={TOKEN}", origin="http://evil.example")) == "foreign_origin"
+        assert code(ALL_INTERFACES, request_head(method, query=f"token={TOKEN}")) == "token_missing"
+    assert (
+        code(ALL_INTERFACES, request_head(query=f"token={TOKEN}", origin="http://evil.example"))
+        == "foreign_origin"
+    )
 
 
-def test_the_form_is_read_only_from_our_own_page_and_only_where_there_is_a_token():
-    assert OPEN.decide(request_head("POST", SIGN_IN_PATH, origin="http://localhost:8080")) == FormSent()
-    assert code(OPEN, request_head("POST", SIGN_IN_PATH, origin="http://evil.example")) == "foreign_origin"
-    assert ALONE.decide(request_head("POST", SIGN_IN_PATH)) is None
+def test_the_sign_in_form_is_accepted_if_a_token_is_set_and_only_from_the_servers_page():
+    assert (
+        ALL_INTERFACES.decide(request_head("POST", SIGN_IN_PATH, origin="http://localhost:8080"))
+        == FormSent()
+    )
+    assert (
+        code(ALL_INTERFACES, request_head("POST", SIGN_IN_PATH, origin="http://evil.example"))
+        == "foreign_origin"
+    )
+    assert LOOPBACK_ONLY.decide(request_head("POST", SIGN_IN_PATH)) is None
     assert form_fields(f"token=+{TOKEN}%0A&next=%2Fdocs%3Fa%3D1".encode()) == (TOKEN, "/docs?a=1")
     assert form_fields(b"next=//evil.example") == ("", "/evil.example")
 
 
 def test_the_cookie_is_valid_for_this_site_only_and_does_not_contain_the_token():
-    cookie = OPEN.cookie(secure=False)
+    cookie = ALL_INTERFACES.cookie(secure=False)
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
     assert "Secure" not in cookie
     assert TOKEN not in cookie
-    assert OPEN.cookie(secure=True).endswith("; Secure")
+    assert ALL_INTERFACES.cookie(secure=True).endswith("; Secure")
     other = Access(loopback_only=False, token=TOKEN + "x")
-    assert other.cookie_name != OPEN.cookie_name, "two servers on one machine share a browser's cookies"
-    assert other.cookie_value != OPEN.cookie_value
+    assert other.cookie_name != ALL_INTERFACES.cookie_name, (
+        "two servers on one machine share a browser's cookies"
+    )
+    assert other.cookie_value != ALL_INTERFACES.cookie_value
 
 
 garbage = st.text(st.characters(max_codepoint=255), max_size=60)
@@ -211,13 +228,13 @@ garbage = st.text(st.characters(max_codepoint=255), max_size=60)
     ),
 )
 def test_invalid_requests_are_never_allowed_and_never_raise(method, path, query, headers):
-    for access in (ALONE, OPEN, LOCKED):
+    for access in (LOOPBACK_ONLY, ALL_INTERFACES, LOOPBACK_WITH_TOKEN):
         raw = [(name.encode(), value.encode("latin-1")) for name, value in headers]
         scope = {"type": "websocket" if method == "WEBSOCKET" else "http", "method": method, "path": path}
         verdict = access.decide(
             RequestHead.from_scope({**scope, "query_string": query.encode("latin-1"), "headers": raw})
         )
-        if access is not ALONE:
+        if access is not LOOPBACK_ONLY:
             assert isinstance(verdict, Refusal)
     form_fields(query.encode("latin-1"))
 

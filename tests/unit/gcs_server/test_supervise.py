@@ -39,7 +39,7 @@ def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
     asyncio.run(scenario())
 
 
-def test_an_update_is_repeated_with_its_period_and_again_after_a_failure():
+def test_an_update_is_repeated_at_its_period_also_after_a_failure():
     async def scenario():
         clock = CountingClock()
         supervisor, calls, done = Supervisor(clock), [], asyncio.Event()
@@ -84,7 +84,7 @@ def test_work_cancelled_before_its_first_step_causes_no_warning(recwarn):
         supervisor = Supervisor(SystemClock())
 
         async def never_begun():
-            raise AssertionError("it was cancelled before")
+            raise AssertionError("must not run: the task was cancelled before its first step")
 
         supervisor.spawn("single", never_begun())
         await supervisor.close()

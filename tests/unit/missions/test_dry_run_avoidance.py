@@ -32,14 +32,14 @@ def through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
     return mission(steps, home=HOME, obstacles=(obstacle,))
 
 
-def flown(document: OffboardMission, longest_s: float = 60.0) -> DryRun:
+def fly_avoiding(document: OffboardMission, longest_s: float = 60.0) -> DryRun:
     site = Site(prisms_of(document.obstacles, AIRCRAFT.home))
     flyable = replace(FlyableMission.of(document, AIRCRAFT), longest_s=longest_s)
     return dry_run(flyable, AIRCRAFT, site=site)
 
 
 def test_without_avoidance_the_flight_ends_at_the_box() -> None:
-    found = flown(through_the_box("false"))
+    found = fly_avoiding(through_the_box("false"))
     assert not found.finished
     (hit,) = [each for each in found.findings if each.code == "obstacle_hit"]
     assert (hit.severity, hit.step) == ("error", "step 2")
@@ -48,8 +48,8 @@ def test_without_avoidance_the_flight_ends_at_the_box() -> None:
     assert hit.position_ned_m[0] == pytest.approx(11.7, abs=0.5)
 
 
-def test_with_avoidance_the_vehicle_climbs_over_the_box_and_comes_down_behind_it() -> None:
-    found = flown(through_the_box("over"))
+def test_with_avoidance_the_vehicle_climbs_over_the_box_and_descends_behind_it() -> None:
+    found = fly_avoiding(through_the_box("over"))
     assert (found.finished, found.landed) == (True, True)
     assert [(each.code, each.severity, each.step) for each in found.findings] == [
         ("obstacle_avoided", "warning", "step 2"),
@@ -58,21 +58,21 @@ def test_with_avoidance_the_vehicle_climbs_over_the_box_and_comes_down_behind_it
     assert found.track is not None
     north, _, down = found.track.position_ned_m.T
     above = (north > 11.0) & (north < 15.0)
-    assert (-down[above]).min() > 6.4, "it flies over the box"
+    assert (-down[above]).min() > 6.4, "the vehicle flies over the box"
     behind = north > 27.0
     assert np.flatnonzero(behind)[0] > np.flatnonzero(above)[-1]
-    assert -down[behind][0] < 5.5, "it is back on its path before the end of the step"
+    assert -down[behind][0] < 5.5, "the vehicle is back on its path before the end of the step"
     assert found.obstacle_distance_m is not None
     assert 0.4 < found.obstacle_distance_m < 2.0
 
 
 @pytest.mark.story
-def test_with_avoidance_that_finds_no_way_the_vehicle_waits_before_the_obstacle() -> None:
+def test_if_avoidance_finds_no_path_the_vehicle_waits_before_the_obstacle() -> None:
     corridor = block(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
     wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
     fence = (FencePolygon(inclusion=True, polygon=corridor),)
     document = through_the_box("around", wall).model_copy(update={"fence": fence})
-    found = flown(document, longest_s=21.0)
+    found = fly_avoiding(document, longest_s=21.0)
     codes = {each.code for each in found.findings}
     assert {"avoidance_stopped", "not_finished"} <= codes
     assert "obstacle_hit" not in codes

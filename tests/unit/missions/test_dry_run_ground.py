@@ -31,7 +31,7 @@ def ground(height_m) -> Ground:
     return Ground(north_deg, HOME.lon_deg - STEP_DEG * (SIZE // 2), STEP_DEG, STEP_DEG, amsl_m)
 
 
-def there(north_m: float) -> tuple[float, float]:
+def position_deg(north_m: float) -> tuple[float, float]:
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, 0.0, 0.0))
     return (lat_deg, lon_deg)
 
@@ -44,7 +44,7 @@ def step_up(height_m: float, from_m: float = 25.0) -> GroundGrid:
 
 
 def test_heights_are_relative_to_the_ground_at_the_start():
-    grid, assumed = ground_grid(ground(lambda north_m: 700.0 + 0.1 * north_m), ORIGIN, [there(80.0)])
+    grid, assumed = ground_grid(ground(lambda north_m: 700.0 + 0.1 * north_m), ORIGIN, [position_deg(80.0)])
     assert grid is not None
     row, column = (round(-start / grid.spacing_m) for start in (grid.north_m, grid.east_m))
     assert grid.heights_m[row, column] == pytest.approx(0.0, abs=1e-6)
@@ -55,7 +55,7 @@ def test_heights_are_relative_to_the_ground_at_the_start():
 
 
 def test_a_large_plan_has_a_coarser_grid():
-    grid, _ = ground_grid(ground(lambda _: 700.0), ORIGIN, [there(20_000.0)])
+    grid, _ = ground_grid(ground(lambda _: 700.0), ORIGIN, [position_deg(20_000.0)])
     assert grid is not None
     assert max(grid.heights_m.shape) <= MAX_SIDE
     assert grid.spacing_m == pytest.approx(20_100.0 / (MAX_SIDE - 2))
@@ -63,12 +63,14 @@ def test_a_large_plan_has_a_coarser_grid():
 
 def test_unknown_ground_is_level_and_reported():
     known, assumed = ground_grid(
-        ground(lambda north_m: math.nan if north_m > 60.0 else 700.0 + 0.2 * north_m), ORIGIN, [there(80.0)]
+        ground(lambda north_m: math.nan if north_m > 60.0 else 700.0 + 0.2 * north_m),
+        ORIGIN,
+        [position_deg(80.0)],
     )
     assert known is not None
     assert np.isfinite(known.heights_m).all()
     assert "Where the elevation files have no data" in assumed[1]
-    none, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [there(80.0)])
+    none, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [position_deg(80.0)])
     assert none is None
     assert assumed == ["The elevation files do not cover the start: the dry run flies over level ground."]
 
@@ -85,7 +87,7 @@ def test_a_vehicle_lands_on_higher_ground_at_its_height():
 
 
 @pytest.mark.flight
-def test_a_path_into_rising_ground_ends_there_in_every_flight():
+def test_a_path_into_rising_ground_ends_with_a_collision_in_every_flight():
     many = monte_carlo(flyable(hop(45.0)), AIRCRAFT, flights=1, site=Site(ground=step_up(20.0)))
     (finding,) = [each for each in many.nominal.findings if each.code == "obstacle_hit"]
     assert "the ground" in finding.message
@@ -111,7 +113,7 @@ def test_a_flight_that_grazes_a_gentle_slope_has_a_finding_with_its_position():
 def test_each_vehicle_of_a_mission_starts_on_its_own_ground():
     steps = "[{step: take_off, height_m: 3}, {step: meet, meeting: up}, {step: land}]"
     mission = read(f"name: Hops\nroles:\n  lead: {{steps: {steps}}}\n  left: {{steps: {steps}}}\n")
-    lat_deg, lon_deg = there(45.0)
+    lat_deg, lon_deg = position_deg(45.0)
     upper = replace(AIRCRAFT, home=HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m))
     site = Site(ground=step_up(8.0))
     flown = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper}, Conditions(), site=site)

@@ -56,7 +56,7 @@ def test_the_path_of_a_dry_run_is_relative_to_the_start_for_any_local_origin(flo
     assert np.abs(flown.track.position_ned_m[:, 1]).max() < 2.0
 
 
-def test_the_gimbal_follows_its_track(flown):
+def test_a_gimbal_step_sets_the_pitch_of_the_gimbal(flown):
     assert flown.track is not None
     assert flown.track.gimbal_rad is not None
     fly = next(step for step in flown.steps if step.title == "North")

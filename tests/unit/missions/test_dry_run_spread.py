@@ -16,7 +16,7 @@ pytestmark = pytest.mark.flight
 
 STEADY = Conditions(wind_ned_m_s=(0.0, 2.0, 0.0), gusts_m_s=0.0, sensor_noise=0.0)
 NOISY = replace(STEADY, sensor_noise=1.0)
-NONE = Spread(wind_m_s=0.0, gusts=0.0, mass=0.0, battery=0.0, sensor_noise=0.0)
+NO_SPREAD = Spread(wind_m_s=0.0, gusts=0.0, mass=0.0, battery=0.0, sensor_noise=0.0)
 VARIED = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "sensor_noise"}
 """The condition and its spread."""
 
@@ -29,7 +29,7 @@ def flights(spread: Spread, conditions: Conditions) -> tuple[FlightSummary, ...]
 
 
 def test_without_spread_noise_and_gusts_all_flights_are_equal():
-    first, second = flights(NONE, STEADY)
+    first, second = flights(NO_SPREAD, STEADY)
     assert first == second
     assert first.conditions == STEADY
 
@@ -37,7 +37,10 @@ def test_without_spread_noise_and_gusts_all_flights_are_equal():
 @pytest.mark.parametrize("condition", VARIED)
 def test_a_spread_varies_its_condition_alone_and_changes_each_flight(condition):
     stated = NOISY if condition == "sensor_noise" else STEADY
-    varied, unvaried = flights(replace(NONE, **{VARIED[condition]: 0.3}), stated), flights(NONE, stated)
+    varied, unvaried = (
+        flights(replace(NO_SPREAD, **{VARIED[condition]: 0.3}), stated),
+        flights(NO_SPREAD, stated),
+    )
     given = [getattr(each.conditions, condition) for each in varied]
     assert given[0] != given[1]
     assert getattr(stated, condition) not in given
@@ -53,7 +56,7 @@ def test_a_spread_varies_its_condition_alone_and_changes_each_flight(condition):
 
 @pytest.mark.parametrize("condition", ["mass_scale", "battery_scale"])
 def test_a_heavier_vehicle_and_a_smaller_battery_leave_less_charge(condition):
-    spread = replace(NONE, **{VARIED[condition]: 0.3})
+    spread = replace(NO_SPREAD, **{VARIED[condition]: 0.3})
     one, other = sorted(flights(spread, STEADY), key=lambda each: getattr(each.conditions, condition))
     assert one.battery_end_share is not None
     assert other.battery_end_share is not None

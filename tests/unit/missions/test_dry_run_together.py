@@ -41,8 +41,8 @@ roles:
 
 def aircraft() -> dict[str, Aircraft]:
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((0.0, APART_M, 0.0))
-    there = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m)
-    return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=there)}
+    left_home = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m)
+    return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=left_home)}
 
 
 def crossed(height_m: float, minimum_m: float) -> DryRunTogether:
@@ -62,7 +62,7 @@ def test_all_fly_from_their_positions_and_wait_for_each_other(one_above_the_othe
     assert left.track.position_ned_m[0] == pytest.approx((0.0, APART_M, 0.0), abs=0.1)
     assert left.track.position_ned_m[-1] == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
     flies = [next(step for step in run.steps if step.place.endswith("step 3")) for run in (lead, left)]
-    assert flies[0].start_s == pytest.approx(flies[1].start_s, abs=1.0), "the lower one waited in the air"
+    assert flies[0].start_s == pytest.approx(flies[1].start_s, abs=1.0), "the lower vehicle waited in the air"
     assert left.track.q_ned_frd is not None, "each has its own track"
 
 
@@ -73,7 +73,7 @@ def test_the_smallest_distance_is_reported_and_above_the_minimum(one_above_the_o
     assert one_above_the_other.findings == ()
 
 
-def test_two_vehicles_that_cross_at_one_height_are_a_finding_with_position_and_time():
+def test_two_vehicles_that_cross_at_one_height_cause_a_finding_with_position_and_time():
     given = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
     for each in given.values():
         each["aircraft"]["home"] = each["aircraft"]["home"].model_dump()

@@ -22,7 +22,7 @@ def up(value_m: float) -> Altitude:
     return Altitude(value_m=value_m, reference="home")
 
 
-def to(north_m: float, alt_m: float = 20.0, hold_s: float = 0.0) -> Waypoint:
+def waypoint_at(north_m: float, alt_m: float = 20.0, hold_s: float = 0.0) -> Waypoint:
     return Waypoint(lat_deg=north_m * M, lon_deg=8.0, altitude=up(alt_m), hold_s=hold_s)
 
 
@@ -35,7 +35,7 @@ def a_plan(*items: object) -> Plan:
 
 
 def test_a_straight_flight_takes_the_time_of_its_trapezoidal_profile() -> None:
-    found = estimate(a_plan(TAKEOFF, to(100)), VEHICLE)
+    found = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE)
     assert found.length_m == pytest.approx(120.0)
     assert found.time_s == pytest.approx(CLIMB_S + 100.0 / 5.0 + 5.0 / 3.0)
     assert found.climb_m == pytest.approx(20.0)
@@ -48,17 +48,19 @@ def test_short_legs_never_reach_the_speed() -> None:
 
 
 def test_steep_legs_take_their_vertical_time() -> None:
-    found = estimate(a_plan(TAKEOFF, to(1, alt_m=80.0)), VEHICLE)
+    found = estimate(a_plan(TAKEOFF, waypoint_at(1, alt_m=80.0)), VEHICLE)
     assert found.time_s == pytest.approx(CLIMB_S + 60.0 / 3.0)
 
 
 def test_waits_speed_changes_and_jumps_are_included() -> None:
-    plain = estimate(a_plan(TAKEOFF, to(100)), VEHICLE).time_s
-    waits = estimate(a_plan(TAKEOFF, Delay(delay_s=7.0), to(100, hold_s=3.0)), VEHICLE).time_s
+    plain = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE).time_s
+    waits = estimate(a_plan(TAKEOFF, Delay(delay_s=7.0), waypoint_at(100, hold_s=3.0)), VEHICLE).time_s
     assert waits == pytest.approx(plain + 10.0)
-    fast = estimate(a_plan(TAKEOFF, ChangeSpeed(speed_m_s=10.0), to(100)), VEHICLE).time_s
+    fast = estimate(a_plan(TAKEOFF, ChangeSpeed(speed_m_s=10.0), waypoint_at(100)), VEHICLE).time_s
     assert fast == pytest.approx(CLIMB_S + 100.0 / 10.0 + 10.0 / 3.0)
-    looped = estimate(a_plan(TAKEOFF, to(100), to(200), Jump(target_index=1, repeat=2)), VEHICLE)
+    looped = estimate(
+        a_plan(TAKEOFF, waypoint_at(100), waypoint_at(200), Jump(target_index=1, repeat=2)), VEHICLE
+    )
     assert looped.length_m == pytest.approx(20.0 + 100.0 + 5 * 100.0)
 
 
@@ -66,7 +68,7 @@ def test_the_descents_of_a_landing_and_a_return_are_included() -> None:
     landed = estimate(a_plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=8.0, altitude=up(0.0))), VEHICLE)
     assert landed.time_s == pytest.approx(CLIMB_S + land_time_s(20.0, VEHICLE))
     assert land_time_s(20.0, VEHICLE) == pytest.approx(15.0 / 1.5 + 5.0 / 0.7)
-    returned = estimate(a_plan(TAKEOFF, to(100), ReturnHome()), VEHICLE)
+    returned = estimate(a_plan(TAKEOFF, waypoint_at(100), ReturnHome()), VEHICLE)
     assert returned.length_m == pytest.approx(20.0 + 100.0 + 10.0 + 100.0 + 30.0)
     assert returned.climb_m == pytest.approx(30.0)
 
@@ -75,9 +77,9 @@ def test_pictures_are_counted_along_the_path() -> None:
     plan = a_plan(
         TAKEOFF,
         TriggerDistance(distance_m=30.0, at_once=1.0),
-        to(100),
+        waypoint_at(100),
         TriggerDistance(distance_m=0.0),
-        to(200),
+        waypoint_at(200),
         PhotoStart(count=3.0),
     )
     assert estimate(plan, VEHICLE).photos == 1 + 3 + 3
@@ -85,7 +87,7 @@ def test_pictures_are_counted_along_the_path() -> None:
 
 def test_energy_is_hover_power_plus_the_work_of_climbing() -> None:
     power = PowerModel(hover_power_w=180.0, battery_wh=50.0, mass_kg=1.5, efficiency=0.5, reserve=0.2)
-    found = estimate(a_plan(TAKEOFF, to(100)), VEHICLE, power)
+    found = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE, power)
     assert found.energy_wh == pytest.approx((180.0 * found.time_s + 1.5 * 9.80665 * 20.0 / 0.5) / 3600.0)
     assert power.usable_wh == pytest.approx(40.0)
 

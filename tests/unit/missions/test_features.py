@@ -1,4 +1,4 @@
-"""GeoJSON and KML: files of this program are read completely, other files as far as their meaning is
+"""GeoJSON and KML: files written by this server are read completely, other files as far as their meaning is
 defined."""
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def collection(*features: tuple[str | None, object]) -> bytes:
     return json.dumps({"type": "FeatureCollection", "features": found}).encode()
 
 
-def places(found: Imported) -> list[tuple[float, float]]:
+def positions(found: Imported) -> list[tuple[float, float]]:
     assert all(isinstance(item, Waypoint) for item in found.plan.items)
     return [(item.lat_deg, item.lon_deg) for item in found.plan.items if isinstance(item, Waypoint)]
 
@@ -60,7 +60,7 @@ def test_points_and_lines_of_other_programs_become_waypoints_and_areas_stay_area
         ),
         HOME_20,
     )
-    assert places(found) == [(47.5, 8.5), (47.6, 8.6), (47.7, 8.7)]
+    assert positions(found) == [(47.5, 8.5), (47.6, 8.6), (47.7, 8.7)]
     assert {item.altitude for item in found.plan.items if isinstance(item, Waypoint)} == {HOME_20.altitude}
     (area,) = found.areas
     assert area.outer == tuple(Point(lat_deg=lat, lon_deg=lon) for lon, lat in square[:3])
@@ -87,7 +87,7 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
 @pytest.mark.parametrize(("mode", "reference"), [("absolute", "amsl"), ("relativeToGround", "terrain")])
 def test_the_altitude_mode_of_kml_is_the_reference_of_its_altitudes(mode: str, reference: str) -> None:
     found = kml.read((KML % mode).encode())
-    assert places(found) == [(47.5, 8.5), (47.6, 8.6)]
+    assert positions(found) == [(47.5, 8.5), (47.6, 8.6)]
     first = found.plan.items[0]
     assert isinstance(first, Waypoint)
     assert (first.altitude.value_m, first.altitude.reference) == (30.0, reference)

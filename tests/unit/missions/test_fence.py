@@ -12,7 +12,7 @@ from missions.geodesy import LocalOrigin
 
 L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
 FENCED = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
-NEXT_TO = [(n, e) for n in (-1e-6, 0.0, 1e-6) for e in (-1e-6, 0.0, 1e-6)]
+ROUNDING_STEPS = [(n, e) for n in (-1e-6, 0.0, 1e-6) for e in (-1e-6, 0.0, 1e-6)]
 metres = st.floats(-100, 100)
 positions = st.tuples(metres, metres)
 corners = st.lists(positions, min_size=3, max_size=8)
@@ -21,7 +21,7 @@ inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(lambda p: FENC
 
 def is_inside(p, region=FENCED):
     """Inside to within a micrometre: a position on the edge counts."""
-    return any(region.breach((p[0] + n, p[1] + e)) is None for n, e in NEXT_TO)
+    return any(region.breach((p[0] + n, p[1] + e)) is None for n, e in ROUNDING_STEPS)
 
 
 @given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))

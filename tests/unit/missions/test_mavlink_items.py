@@ -97,7 +97,7 @@ def test_invalid_items_from_a_vehicle_are_shown() -> None:
     assert item.params == (None, 0, 0, 0, 95.0, 0.0, None)
 
 
-def test_a_fraction_in_an_integer_field_is_named() -> None:
+def test_a_fraction_in_an_integer_field_is_refused_with_its_parameter() -> None:
     plan = Plan(items=(a_waypoint(), Digicam(shoot=0.5)))
     with pytest.raises(PlanError, match=r"item 2, parameter 5: 0\.5 is not a whole number"):
         wire.mission_items(plan)

@@ -34,7 +34,7 @@ def fly(north: float, east: float) -> str:
     return f"{{step: fly, points: [{{offset_ned_m: [{north}, {east}, -10]}}]}}"
 
 
-def apart(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
+def compile_apart(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
     """Compiled for vehicles at this distance, each with its local origin at its position."""
     origin = LocalOrigin(47.0, 8.0, 480.0)
     lat, lon, alt = origin.to_geodetic((0.0, east_m, 0.0))
@@ -127,8 +127,8 @@ def test_each_role_begins_with_a_common_start_and_its_steps_are_named() -> None:
     assert found.segments[1].place == "left, step 1"
 
 
-def test_two_vehicles_that_cross_at_one_time_are_a_finding_with_position_and_time() -> None:
-    found = apart(crossing())
+def test_two_vehicles_that_cross_at_one_time_cause_a_finding_with_position_and_time() -> None:
+    found = compile_apart(crossing())
     assert codes(found) == ["separation"]
     text = found.findings[0].message
     assert "lead, step 2; left, step 2" in text
@@ -142,14 +142,14 @@ def test_vehicles_separated_by_a_meeting_give_no_finding() -> None:
         f"  lead:\n    steps: [{UP}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {DOWN}]\n"
         f"  left:\n    steps: [{UP}, {{step: meet, meeting: passed}}, {fly(40, -40)}, {DOWN}]\n"
     )
-    found = apart(waiting)
+    found = compile_apart(waiting)
     assert codes(found) == []
     lead, left = found.timelines.values()
     assert found.duration_s > max(lead.duration_s, left.duration_s)
 
 
-def test_vehicles_too_near_at_the_start_are_a_finding() -> None:
-    found = apart(crossing(), east_m=4.0)
+def test_vehicles_too_near_at_the_start_cause_a_finding() -> None:
+    found = compile_apart(crossing(), east_m=4.0)
     assert found.findings[0].code == "separation"
     assert "lead, s" in found.findings[0].message
 
@@ -159,9 +159,9 @@ def test_the_documents_minimum_separation_is_used() -> None:
         f"name: Two\nminimum_separation_m: 2\nroles:\n  lead: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
         f"  left: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
     )
-    assert codes(apart(side_by_side, east_m=5.0)) == []
+    assert codes(compile_apart(side_by_side, east_m=5.0)) == []
     usual = side_by_side.model_copy(update={"minimum_separation_m": None})
-    assert codes(apart(usual, east_m=5.0)) == ["separation"]
+    assert codes(compile_apart(usual, east_m=5.0)) == ["separation"]
 
 
 def test_without_the_vehicles_positions_there_is_no_finding_about_separation() -> None:

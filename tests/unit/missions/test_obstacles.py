@@ -25,7 +25,7 @@ from missions.offboard.writer import write_yaml
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Obstacle
 from tests.support.obstacles import block
-from tests.support.offboard_missions import codes, flown, mission
+from tests.support.offboard_missions import codes, flight_of, mission
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
 ORIGIN = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
@@ -123,7 +123,7 @@ NORTH = "step: fly, points: [{offset_ned_m: [50, 0, %s]}]"
 
 
 def compiled(step: str, **rest) -> Timeline:
-    return compile_mission(mission(flown(step), **{"home": HOME, "obstacles": (BARN,), **rest}))
+    return compile_mission(mission(flight_of(step), **{"home": HOME, "obstacles": (BARN,), **rest}))
 
 
 def test_the_compiled_path_of_a_mission_is_checked_with_step_and_position() -> None:

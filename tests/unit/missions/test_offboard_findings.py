@@ -20,7 +20,7 @@ from missions.offboard.state import MissionVehicle, OperatorArea
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import PowerModel, VehicleModel
 from tests.support.mission_steps import STEPS, for_two
-from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, mission
+from tests.support.offboard_missions import DOWN, HOME, UP, codes, flight_of, mission
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -31,23 +31,24 @@ ROOT = Path(__file__).resolve().parents[3]
         ("- {step: hold, duration_s: 1}\n" + DOWN, "takeoff_missing"),
         (UP + UP + DOWN, "takeoff_in_air"),
         (UP, "landing_missing"),
-        (flown("step: table, file: x"), "step_invalid"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
-        (flown("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
-        (flown("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
-        (flown("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
-        (flown("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
-        (flown("step: hold, duration_s: 86400"), "endurance_exceeded"),
-        (flown("step: wait, until: {value: battery_share, above: 1}, timeout_s: 9"), "condition_never"),
-        (flown("step: branch, condition: {value: satellites, below: 0}, then: []"), "condition_never"),
-        (flown("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9"), "condition_unreported"),
-        (flown("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
-        (flown("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
+        (flight_of("step: table, file: x"), "step_invalid"),
+        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
+        (flight_of("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
+        (flight_of("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
+        (flight_of("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
+        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
+        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
+        (flight_of("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
+        (flight_of("step: hold, duration_s: 86400"), "endurance_exceeded"),
+        (flight_of("step: wait, until: {value: battery_share, above: 1}, timeout_s: 9"), "condition_never"),
+        (flight_of("step: branch, condition: {value: satellites, below: 0}, then: []"), "condition_never"),
+        (flight_of("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9"),
+         "condition_unreported"),
+        (flight_of("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
+        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
     ],
 )  # fmt: skip
-def test_each_fault_is_a_finding_with_its_step(steps: str, code: str) -> None:
+def test_each_fault_causes_its_finding(steps: str, code: str) -> None:
     limits = CheckLimits(
         power=PowerModel(200.0, 100.0, 2.0),
         vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
@@ -61,7 +62,7 @@ def test_each_fault_is_a_finding_with_its_step(steps: str, code: str) -> None:
 FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_deg: 8}, radius_m: 50}\n"
 
 
-def test_a_path_outside_the_geofence_is_a_finding_with_its_position() -> None:
+def test_a_path_outside_the_geofence_causes_a_finding_with_its_position() -> None:
     text = f"name: Test\n{FENCE}steps:\n{UP}- {{step: fly, points: [{{offset_ned_m: [60, 0, -10]}}]}}\n{DOWN}"
     assert codes(compile_mission(read(text))) == {"fence_unknown"}
     found = compile_mission(read(text).model_copy(update={"home": HOME}))
@@ -88,7 +89,7 @@ SQUARE = PolygonFence(tuple((HERE[0] + north, HERE[1] + east) for north, east in
     ],
 )
 def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, words: str) -> None:
-    plan = mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))
+    plan = mission(flight_of("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))
     start = Start(origin=LocalOrigin(*HERE, HOME.alt_amsl_m), home_alt_amsl_m=HOME.alt_amsl_m)
     assert OperatorArea.from_json(json.loads(json.dumps(area.to_json()))) == area
     found = compile_mission(plan, MissionVehicle(operator=area), start)
@@ -99,13 +100,13 @@ def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, word
     assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=wide), start))
 
 
-def test_unknown_parameters_are_one_finding_that_names_them_also_for_several_vehicles() -> None:
+def test_unknown_parameters_cause_one_finding_with_their_names_also_for_several_vehicles() -> None:
     vehicle = MissionVehicle(limits=CheckLimits(unknown_parameters=("MPC_XY_VEL_MAX", "MPC_ACC_HOR")))
-    (finding,) = compile_mission(mission(flown("step: hold, duration_s: 1")), vehicle).findings
+    (finding,) = compile_mission(mission(flight_of("step: hold, duration_s: 1")), vehicle).findings
     assert (finding.code, finding.severity, finding.step) == ("parameters_unknown", "warning", None)
     assert finding.message.endswith("PX4's defaults are used: MPC_ACC_HOR, MPC_XY_VEL_MAX.")
     many = MissionVehicle(limits=CheckLimits(unknown_parameters=("D", "C", "B", "A", "E")))
-    (finding,) = compile_mission(mission(flown("step: hold, duration_s: 1")), many).findings
+    (finding,) = compile_mission(mission(flight_of("step: hold, duration_s: 1")), many).findings
     assert finding.message.endswith("PX4's defaults are used: A, B, C and 2 more.")
     both = for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
     found = compile_roles(both, dict.fromkeys(both.roles, vehicle), planned_starts(both)).findings
@@ -113,7 +114,7 @@ def test_unknown_parameters_are_one_finding_that_names_them_also_for_several_veh
 
 
 def test_a_reported_and_satisfiable_condition_gives_no_finding() -> None:
-    wait = flown("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
+    wait = flight_of("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
     assert codes(compile_mission(mission(wait))) == set()
     vehicle = MissionVehicle(reported=frozenset({"wind_speed_m_s"}))
     assert codes(compile_mission(mission(wait), vehicle)) == set()

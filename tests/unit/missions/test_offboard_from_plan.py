@@ -15,7 +15,7 @@ from missions.offboard.reader import read
 from missions.offboard.segments import WaitSegment
 from missions.plan import Plan
 from missions.values import Altitude
-from tests.support.offboard_missions import HOME, codes, kinds
+from tests.support.offboard_missions import HOME, codes, titles
 from tests.support.plan_strategies import RESOLVED, plans
 
 M = 1.0 / 111_194.9
@@ -39,7 +39,7 @@ def test_a_waypoint_plan_becomes_a_mission() -> None:
     )
     converted = from_plan(plan, "From a plan")
     found = compile_mission(converted.mission)
-    assert kinds(found)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
+    assert titles(found)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
     assert codes(found) <= {"landing_missing"}
     assert [segment.kind for segment in found.segments if isinstance(segment, WaitSegment)] == [
         "take_off",

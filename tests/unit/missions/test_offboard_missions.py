@@ -20,7 +20,17 @@ from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.segments import CurveSegment, WaitSegment
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
-from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, kinds, mission, timeline, where
+from tests.support.offboard_missions import (
+    DOWN,
+    HOME,
+    UP,
+    codes,
+    flight_of,
+    mission,
+    position_at,
+    timeline,
+    titles,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = sorted((ROOT / "missions/examples").glob("*.yaml"))
@@ -62,10 +72,10 @@ def test_a_timeline_is_continuous(path: Path) -> None:
     for segment in found.segments:
         if not isinstance(segment, WaitSegment):
             setpoint = segment.at(0.0)
-            assert where(segment, 0.0) == pytest.approx(here, abs=1e-6), segment.place
+            assert position_at(segment, 0.0) == pytest.approx(here, abs=1e-6), segment.place
             off = math.remainder((getattr(setpoint, "yaw_ned_rad", None) or 0.0) - yaw_rad, math.tau)
             assert abs(off) <= math.radians(1.0) + 1e-9, segment.place
-            assert where(segment, segment.duration_s) == pytest.approx(segment.end_ned_m, abs=1e-6)
+            assert position_at(segment, segment.duration_s) == pytest.approx(segment.end_ned_m, abs=1e-6)
         here, yaw_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
 
@@ -127,21 +137,21 @@ def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
 
 def test_a_point_with_a_wait_ends_the_path_and_is_held() -> None:
     found = timeline(
-        flown("step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]")
+        flight_of("step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]")
     )
-    assert kinds(found) == ["Take off", "Fly", "Hold", "Fly", "Land"]
+    assert titles(found) == ["Take off", "Fly", "Hold", "Fly", "Land"]
     assert found.segments[2].duration_s == 4.0
-    assert where(found.segments[2], 2.0) == pytest.approx((9, 0, -10))
+    assert position_at(found.segments[2], 2.0) == pytest.approx((9, 0, -10))
 
 
 def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> None:
     found = timeline(
-        flown(
+        flight_of(
             "step: orbit, radius_m: 5, center: {offset_ned_m: [20, 0, -10]},"
             " look_at: {offset_ned_m: [20, 0, 0]}"
         )
     )
-    assert kinds(found) == ["Take off", "Approach", "Orbit", "Land"]
+    assert titles(found) == ["Take off", "Approach", "Orbit", "Land"]
     assert found.segments[1].end_ned_m == pytest.approx((15, 0, -10))
     assert found.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
 
@@ -174,7 +184,7 @@ def test_tables_from_csv_and_numpy_are_flown_at_their_own_times() -> None:
     found = timeline(UP + "- {step: table, file: a.csv}\n- {step: table, file: b.npy}\n" + DOWN, files=files)
     tables = [segment for segment in found.segments if segment.title == "Table"]
     assert [segment.duration_s for segment in tables] == [20.0, 20.0]
-    assert where(tables[0], 10.0) == pytest.approx((20, 0, -10))
+    assert position_at(tables[0], 10.0) == pytest.approx((20, 0, -10))
     assert found.findings == ()
 
 
@@ -242,12 +252,17 @@ def test_pictures_are_events_at_their_times() -> None:
     )
     assert [event.t_s for event in found.segments[1].events] == [0.0, 2.0, 4.0]
     shots = found.segments[2].events
-    assert [round(where(found.segments[2], event.t_s)[0], 1) for event in shots] == [0.0, 5.0, 10.0, 15.0]
+    assert [round(position_at(found.segments[2], event.t_s)[0], 1) for event in shots] == [
+        0.0,
+        5.0,
+        10.0,
+        15.0,
+    ]
     assert found.photos == 7
 
 
 def test_avoidance_of_mission_or_step_is_in_each_segment() -> None:
-    steps = flown(
+    steps = flight_of(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: false",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
     )
@@ -258,7 +273,7 @@ def test_avoidance_of_mission_or_step_is_in_each_segment() -> None:
 
 
 def test_a_mission_and_each_step_name_what_avoidance_tries_first() -> None:
-    steps = flown(
+    steps = flight_of(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: over",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
         "step: hold, duration_s: 1",
@@ -281,27 +296,27 @@ def test_repeats_and_calls_are_expanded() -> None:
         + "missions:\n  a: [{step: hold, duration_s: 1}, {step: photo}]\n"
     )
     found = compile_mission(read(text))
-    assert kinds(found) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
+    assert titles(found) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
     assert [segment.place for segment in found.segments][1:3] == ["step 2.1, a 1", "step 2.1, a 2"]
 
 
 def test_a_branch_gives_two_timelines_that_each_contain_the_following_steps() -> None:
     found = timeline(
-        flown(
+        flight_of(
             "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: hold, duration_s: 9}]"
         )
     )
-    assert kinds(found) == ["Take off"]
+    assert titles(found) == ["Take off"]
     assert found.decision is not None
     assert (found.decision.value, found.decision.above) == ("battery_share", 0.5)
     assert found.then is not None
     assert found.otherwise is not None
-    assert (kinds(found.then), kinds(found.otherwise)) == (["Hold", "Land"], ["Land"])
+    assert (titles(found.then), titles(found.otherwise)) == (["Hold", "Land"], ["Land"])
     assert found.duration_s == pytest.approx(found.own_duration_s + found.then.duration_s)
 
 
 def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
-    steps = flown(
+    steps = flight_of(
         "step: gimbal, track: look_at, place: {offset_ned_m: [0, 0, 0]}",
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}]",
         "step: fly, points: [{offset_ned_m: [20, 20, -10]}]",
@@ -310,7 +325,7 @@ def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
     found = compile_mission(mission(steps), start=start, first_step=3)
     fly = next(segment for segment in found.segments if segment.title == "Fly")
     assert fly.place == "step 4"
-    assert where(fly, 0.0) == pytest.approx((14, 3, -12))
+    assert position_at(fly, 0.0) == pytest.approx((14, 3, -12))
     assert fly.end_ned_m == pytest.approx((20, 20, -10))
     assert fly.gimbal is not None
     assert found.segments[-1].end_ned_m == pytest.approx((20, 20, 0))
@@ -337,7 +352,7 @@ def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, t
         p, q = (f"{{offset_ned_m: [{x}, {y}, {z}]}}" for x, y, z in ((a, b, c), (c, d, a)))
         size, capped = abs(n) + 0.2, max(-900.0, min(900.0, n))
         steps.append(template.format(p=p, q=q, size=size, n=capped, m=m))
-    found = timeline(flown(*steps))
+    found = timeline(flight_of(*steps))
     for t in np.linspace(0.0, found.duration_s, 50).tolist():
         setpoint = found.at(t)
         assert isinstance(setpoint, Trajectory | Position | Velocity)
@@ -348,7 +363,7 @@ def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, t
 def test_missions_with_too_many_steps_are_refused() -> None:
     many = "step: repeat, times: 1000, steps: [{step: hold, duration_s: 1}]"
     with pytest.raises(PlanError, match="Split the mission"):
-        timeline(flown(f"step: repeat, times: 1000, steps: [{{{many}}}]"))
+        timeline(flight_of(f"step: repeat, times: 1000, steps: [{{{many}}}]"))
     branches = "- {step: branch, condition: {value: satellites, above: 5}, then: [{step: photo}]}\n" * 20
     with pytest.raises(PlanError, match="branches"):
         timeline(UP + branches)

@@ -11,7 +11,7 @@ from missions.offboard import samples
 from missions.offboard.compiler import compile_mission
 from missions.offboard.positions import Start
 from missions.offboard.reader import read
-from tests.support.offboard_missions import DOWN, UP, flown, mission, timeline
+from tests.support.offboard_missions import DOWN, UP, flight_of, mission, timeline
 
 START = (0.0, 0.0, 0.0)
 ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns: 3"
@@ -19,7 +19,7 @@ ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns:
 
 def test_legs_are_connected_and_the_times_of_steps_sum_to_the_flight() -> None:
     found = timeline(
-        flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
+        flight_of("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
     )
     legs = samples.legs(found, START)
     assert (legs[0].points[0], legs[0].title) == ((0.0, 0.0, 0.0, 0.0), "Take off")
@@ -57,7 +57,7 @@ def test_after_a_branch_both_paths_are_drawn_and_the_longer_one_is_timed() -> No
 
 
 def test_a_long_mission_has_a_larger_sampling_interval() -> None:
-    found = compile_mission(mission(flown(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
+    found = compile_mission(mission(flight_of(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
     points = sum(len(leg.points) for leg in samples.legs(found, START))
     assert points <= samples.MAX_POINTS
     assert found.duration_s / samples.SPACING_S > samples.MAX_POINTS

@@ -195,7 +195,7 @@ def test_the_whole_width_of_a_corridor_is_covered(bends: list[float], width: flo
     assert found.lines_length_m >= 0.99 * LineString(path).length * width / across_m
 
 
-def places(found: Pattern) -> list[tuple[float, float]]:
+def positions(found: Pattern) -> list[tuple[float, float]]:
     return [
         CHART.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))
         for item in found.items
@@ -208,7 +208,7 @@ def places(found: Pattern) -> list[tuple[float, float]]:
 def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
     area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]], offset: float
 ) -> None:
-    ring = places(perimeter(points(area[0]), offset, HIGH))
+    ring = positions(perimeter(points(area[0]), offset, HIGH))
     assert ring[0] == pytest.approx(ring[-1])
     assert Polygon(area[0]).distance(LineString(ring)) == pytest.approx(offset, rel=0.02)
     assert not Polygon(ring).exterior.is_ccw
@@ -221,9 +221,9 @@ def test_an_orbit_stays_near_its_circle_and_points_at_the_centre(clockwise: bool
     found = orbit(
         center, 50.0, HIGH, look_at=foot, rounds=2, clockwise=clockwise, start_deg=90.0, deviation_m=0.5
     )
-    ring = places(found)
+    ring = positions(found)
     assert ring[0] == pytest.approx((50.0, 0.0), abs=0.01)
-    assert {round(math.hypot(*place), 2) for place in ring} == {50.0}
+    assert {round(math.hypot(*position), 2) for position in ring} == {50.0}
     assert LineString(ring).distance(shapely.Point(0, 0)) >= 49.49
     assert Polygon(ring[: len(ring) // 2]).exterior.is_ccw is not clockwise
     assert found.items[0] == RoiLocation(lat_deg=center.lat_deg, lon_deg=center.lon_deg, altitude=foot)
@@ -245,7 +245,7 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
     assert heights[-1] + picture_m / 2.0 == pytest.approx(40.0)
     assert found.trigger_m == pytest.approx(13.2 * 12.0 / 8.8 * 0.3)
     assert isinstance(found.items[0], GimbalPitchYaw)
-    ring = places(found)[:5]
+    ring = positions(found)[:5]
     assert Polygon(ring).exterior.distance(shapely.box(-10, -10, 10, 10)) == pytest.approx(12.0, abs=0.01)
     waypoints = [item for item in found.items if isinstance(item, Waypoint)][:5]
     for (start, end), waypoint in zip(pairwise(ring), waypoints[1:], strict=True):

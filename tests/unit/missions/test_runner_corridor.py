@@ -10,7 +10,7 @@ from missions.runner.flown import MAX_SAMPLES, FlownTrack, Stopwatch, state_in_m
 from missions.runner.reading import Reading
 from missions.runner.script import Played
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flown, mission
+from tests.support.offboard_missions import flight_of, mission
 
 NORTH = Corridor(
     ((0.0, 0.0, -10.0), (30.0, 0.0, -10.0), (30.0, 40.0, -10.0)), (1.0, 2.0, 2.0), (1.0,) * 3, (0.5,) * 3
@@ -65,7 +65,7 @@ def test_bounds_that_do_not_match_the_path_are_refused(wrong):
 
 def test_leaving_and_reentering_the_corridor_are_reported():
     fake = FakeFlight(
-        mission(flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
+        mission(flight_of("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
     ).start()
     fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
     assert fake.status.outside_corridor_m == 0.0
@@ -83,7 +83,7 @@ def test_leaving_and_reentering_the_corridor_are_reported():
 
 
 def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
-    fake = FakeFlight(mission(flown("step: hold, duration_s: 5"))).start().in_state("flying")
+    fake = FakeFlight(mission(flight_of("step: hold, duration_s: 5"))).start().in_state("flying")
     track, status = FlownTrack(), fake.status
     sent = Reading(
         position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))

@@ -11,7 +11,7 @@ from missions.runner.reading import Reading
 from missions.runner.requests import Play, Request, SetMode, StopStream, TakeOff
 from missions.runner.runner import Runner
 from tests.support.mission_vehicle import ALL
-from tests.support.offboard_missions import flown, mission
+from tests.support.offboard_missions import flight_of, mission
 
 FLY = "step: fly, points: [{offset_ned_m: [8, 0, -5]}]"
 MODE = "external_1"
@@ -26,7 +26,7 @@ UP = CLIMBING._replace(landed="in_air", position_ned_m=(0.0, 0.0, -10.0))
 
 def taking_off() -> Runner:
     """A mission during the take-off by its executor."""
-    runner = Runner(compile_mission(mission(flown(FLY))), "M", mode=MODE)
+    runner = Runner(compile_mission(mission(flight_of(FLY))), "M", mode=MODE)
     assert [type(each) for each in runner.start(0.0, ARMED)] == [TakeOff]
     assert runner.tick(0.1, CLIMBING) == []
     return runner

@@ -6,7 +6,7 @@ from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
 from missions.runner.status import CannotDo
 from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flown, mission
+from tests.support.offboard_missions import flight_of, mission
 
 
 @pytest.mark.parametrize("kind", STEPS)
@@ -107,7 +107,7 @@ def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
-def test_a_stream_that_ends_by_itself_is_a_failure(action, modes):
+def test_a_stream_that_ends_by_itself_triggers_the_failure_action(action, modes):
     fake = flight("orbit", failure=action)
     fake.set_reading(stream="ending", stream_text="The setpoint leaves the fence.")
     fake.fly(0.2)
@@ -116,7 +116,7 @@ def test_a_stream_that_ends_by_itself_is_a_failure(action, modes):
 
 
 def test_a_refused_take_off_suspends_the_mission_on_the_ground():
-    fake = FakeFlight(mission(flown(FLY)))
+    fake = FakeFlight(mission(flight_of(FLY)))
     fake.refused[TakeOff] = "Arming denied: no GPS."
     fake.start().fly(1.0)
     assert fake.status.state == "suspended"
@@ -126,7 +126,7 @@ def test_a_refused_take_off_suspends_the_mission_on_the_ground():
     fake.in_state("done")
 
 
-def test_a_take_off_that_takes_too_long_is_a_failure():
+def test_a_take_off_that_takes_too_long_triggers_the_failure_action():
     fake = FakeFlight(mission("- {step: take_off, height_m: 400, timeout_s: 5}\n- {step: land}\n")).start()
     fake.in_state("suspended")
     assert fake.modes() == ["hold"]
@@ -144,14 +144,14 @@ def test_a_refused_mode_is_reported_and_the_stream_expires():
 
 
 def test_failed_pictures_are_reported_once_and_the_mission_continues():
-    fake = FakeFlight(mission(flown("step: photo, count: 5, interval_s: 1", FLY)))
+    fake = FakeFlight(mission(flight_of("step: photo, count: 5, interval_s: 1", FLY)))
     fake.refused[Photo] = "no camera"
     fake.start().in_state("done")
     assert sum("picture" in text for text in fake.event_texts) == 1
 
 
 def test_a_mission_does_not_start_without_the_estimates_it_needs():
-    fake = FakeFlight(mission(flown(FLY)))
+    fake = FakeFlight(mission(flight_of(FLY)))
     fake.set_reading(estimates=frozenset({"heading"}))
     with pytest.raises(CannotDo, match="position"):
         fake.start()

@@ -19,7 +19,7 @@ from tests.support.mission_steps import (
     with_lists,
 )
 from tests.support.mission_vehicle import STEP_S, FakeFlight
-from tests.support.offboard_missions import flown, mission, timeline
+from tests.support.offboard_missions import flight_of, mission, timeline
 
 
 def test_each_kind_of_step_of_the_document_has_its_story():
@@ -32,7 +32,7 @@ def test_each_kind_of_step_of_the_document_has_its_story():
 
 def test_a_whole_flight_takes_off_flies_its_path_and_lands():
     steps = [step for kind in IN_OFFBOARD if kind != "meet" for step in STEPS[kind]]
-    fake = FakeFlight(with_lists(flown(*steps, FLY))).start()
+    fake = FakeFlight(with_lists(flight_of(*steps, FLY))).start()
     fake.set_reading(satellites=14)
     fake.in_state("waiting")
     assert fake.status.question == "Sharp?"
@@ -49,7 +49,9 @@ def test_a_whole_flight_takes_off_flies_its_path_and_lands():
 def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
     look = "step: gimbal, track: look_at, place: {offset_ned_m: [20, 0, 0]}"
     fake = FakeFlight(
-        mission(flown(look, f"step: orbit, {CENTER}, photo_every_m: 5", "step: gimbal, track: release", FLY))
+        mission(
+            flight_of(look, f"step: orbit, {CENTER}, photo_every_m: 5", "step: gimbal, track: release", FLY)
+        )
     )
     fake.start().in_state("done")
     assert fake.count(Photo) == math.ceil(math.tau * 8 / 5)
@@ -62,14 +64,14 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
 
 def test_each_photo_step_takes_its_pictures_with_its_camera():
     photos = "step: photo, count: 2, component: 101", "step: photo, count: 1"
-    fake = FakeFlight(mission(flown(*photos))).start().in_state("done")
+    fake = FakeFlight(mission(flight_of(*photos))).start().in_state("done")
     taken = [request.component for request in fake.asked if isinstance(request, Photo)]
     assert taken == [101, 101, None]
 
 
 def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     steps = "- {step: wait, until: {value: satellites, above: 10, for_s: 2}, timeout_s: 60}\n"
-    fake = FakeFlight(mission(steps + flown(FLY))).start()
+    fake = FakeFlight(mission(steps + flight_of(FLY))).start()
     fake.set_reading(satellites=6)
     fake.fly(5)
     assert (fake.status.state, fake.sent, fake.count(TakeOff)) == ("waiting", [], 0)
@@ -81,7 +83,7 @@ def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
 
 def test_after_a_landing_the_mission_takes_off_again():
     again = "- {step: wait, until: person, timeout_s: 600}\n"
-    fake = FakeFlight(mission(flown(FLY) + again + flown("step: hold, duration_s: 1"))).start()
+    fake = FakeFlight(mission(flight_of(FLY) + again + flight_of("step: hold, duration_s: 1"))).start()
     fake.in_state("waiting")
     assert fake.reading.armed is False
     sent = len(fake.sent)
@@ -105,7 +107,7 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
         "then: [{step: fly, points: [{offset_ned_m: [0, 20, -10]}]}], "
         "otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
     )
-    fake = FakeFlight(mission(flown(FLY, branch, "step: hold, duration_s: 1"))).start()
+    fake = FakeFlight(mission(flight_of(FLY, branch, "step: hold, duration_s: 1"))).start()
     fake.set_reading(battery_share=share)
     fake.in_state("done")
     assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
@@ -114,13 +116,13 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
 
 def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_a_branch():
     branch = "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: land}]"
-    course = Course(timeline(flown(FLY, branch)))
+    course = Course(timeline(flight_of(FLY, branch)))
     count = len(course.segments)
     assert [course.next_px4_segment(index) for index in (1, count, 1, 0)] == [count, count, count, 0]
     course.choose(fulfilled=True)
     assert [course.next_px4_segment(index) for index in (count, 1, 0)] == [count, count, 0]
     assert course.flown_by_px4(count)
-    held = Course(timeline(flown(FLY, branch.replace("land", "hold, duration_s: 1"))))
+    held = Course(timeline(flight_of(FLY, branch.replace("land", "hold, duration_s: 1"))))
     held.next_px4_segment(1)
     held.choose(fulfilled=True)
     assert held.next_px4_segment(1) == len(held.segments) - 1 > count
@@ -128,7 +130,7 @@ def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_
 
 def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
-    fake = FakeFlight(mission(flown(laps))).start()
+    fake = FakeFlight(mission(flight_of(laps))).start()
     fake.in_state("flying")
     play = next(r for r in fake.asked if isinstance(r, Play))
     assert sum(s.duration_s for s in play.script.segments) < 200.0
@@ -154,7 +156,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
 @pytest.mark.parametrize("until", ["person", "{value: satellites, above: 10}"])
 def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes):
     wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
-    fake = FakeFlight(mission(flown(wait, FLY))).start()
+    fake = FakeFlight(mission(flight_of(wait, FLY))).start()
     fake.set_reading(satellites=6)
     fake.in_state("done" if on_timeout == "continue" else "suspended")
     assert fake.modes() == modes
@@ -162,7 +164,7 @@ def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes
 
 def test_a_condition_must_be_true_without_interruption():
     wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
-    fake = FakeFlight(mission(flown(wait, FLY))).start().in_state("waiting")
+    fake = FakeFlight(mission(flight_of(wait, FLY))).start().in_state("waiting")
     for wind in (4.0, 7.0, 4.0, None):
         fake.set_reading(wind_speed_m_s=wind)
         fake.fly(2.0)

@@ -8,7 +8,7 @@ from missions.runner.requests import Play, SetMode, StopStream
 from missions.runner.status import CannotDo
 from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flown, mission
+from tests.support.offboard_missions import flight_of, mission
 
 # --- operator -------------------------------------------------------------------------------------
 
@@ -70,14 +70,14 @@ def test_a_step_of_a_suspended_mission_is_skipped_without_a_command():
 
 
 def test_a_pause_before_the_stream_begins_holds_at_its_start():
-    fake = FakeFlight(mission(flown(FLY))).start().in_state("taking_off")
+    fake = FakeFlight(mission(flight_of(FLY))).start().in_state("taking_off")
     fake.runner.flight.paused = True
     fake.in_state("paused")
     assert fake.path[-1] == pytest.approx((0.0, 0.0, -10.0), abs=0.5)
 
 
 def test_on_the_ground_a_take_off_cannot_be_skipped():
-    fake = FakeFlight(mission(flown(FLY))).start()
+    fake = FakeFlight(mission(flight_of(FLY))).start()
     with pytest.raises(CannotDo, match="on the ground"):
         fake.skip()
 
@@ -111,7 +111,7 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
 
 
 def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
-    fake = FakeFlight(mission(flown(FLY))).start()
+    fake = FakeFlight(mission(flight_of(FLY))).start()
     fake.until(lambda: fake.count(Play) == 1)
     fake.player = None
     fake.set_reading(mode="position", mode_source="pilot", stream="starting", played=None)
@@ -171,7 +171,7 @@ def test_expired_control_triggers_the_documents_action(kind, action, modes):
 )
 def test_expired_control_interrupts_only_what_an_operator_of_this_server_started(started, resumed, action):
     mode, source = started
-    fake = FakeFlight(mission(flown(FLY, "step: hold, duration_s: 60")), mode=mode)
+    fake = FakeFlight(mission(flight_of(FLY, "step: hold, duration_s: 60")), mode=mode)
     fake.set_reading(mode=mode, mode_source=source, armed=True, landed="in_air", position_ned_m=(0, 0, -10))
     fake.start().in_state("flying")
     if resumed is not None:

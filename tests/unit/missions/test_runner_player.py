@@ -13,7 +13,7 @@ from missions.runner.player import Player
 from missions.runner.script import Pace, Script, ScriptChange
 from missions.runner.time_scale import BRAKING
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
-from tests.support.offboard_missions import flown, timeline
+from tests.support.offboard_missions import flight_of, timeline
 
 STEP_S = 0.02
 LEGS = "step: fly, points: [{offset_ned_m: [40, 0, -10]}, {offset_ned_m: [40, 30, -14]}]"
@@ -29,7 +29,7 @@ SHAPES = {
 
 
 def script_of(*steps: str) -> Script:
-    segments = timeline(flown(*steps)).segments
+    segments = timeline(flight_of(*steps)).segments
     return Script("Test", segments[1:-1])
 
 

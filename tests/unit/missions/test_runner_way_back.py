@@ -7,9 +7,11 @@ import pytest
 from missions.runner.requests import Play, SetMode
 from missions.values import FenceCircle, FencePolygon, Point
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import HOME, flown, mission
+from tests.support.offboard_missions import HOME, flight_of, mission
 
-CORNER = mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}, {offset_ned_m: [60, 60, -10]}]"))
+CORNER = mission(
+    flight_of("step: fly, points: [{offset_ned_m: [60, 0, -10]}, {offset_ned_m: [60, 60, -10]}]")
+)
 DEG = 1.0 / 111_195.0
 """One metre to the north [degrees]."""
 
@@ -54,7 +56,7 @@ def test_a_way_back_outside_the_missions_geofence_is_not_flown(zones, north_m, f
 
 
 def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
-    fake = FakeFlight(mission(flown("step: repeat, times: 3, steps: [{step: hold, duration_s: 30}]")))
+    fake = FakeFlight(mission(flight_of("step: repeat, times: 3, steps: [{step: hold, duration_s: 30}]")))
     fake.start().in_state("flying").fly(1.0)
     begun_s = fake.now_s
     fake.skip()
@@ -63,7 +65,7 @@ def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
 
 
 def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
-    fake = FakeFlight(mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
+    fake = FakeFlight(mission(flight_of("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
     fake.in_state("flying").fly(3.0)
     there = fake.block()
     fake.fly(30.0)
@@ -77,7 +79,7 @@ def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
 
 
 def test_a_path_ends_only_after_the_vehicle_has_arrived():
-    fake = FakeFlight(mission(flown("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
+    fake = FakeFlight(mission(flight_of("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
     fake.until(lambda: fake.status.state == "flying" and fake.path[-1][0] > 14.0)
     fake.block()
     fake.fly(20.0)

@@ -39,7 +39,7 @@ def test_a_waypoints_file_is_read_with_home_frames_and_jumps() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(homes=HOMES))
-def test_any_items_are_unchanged_after_a_waypoints_file(plan: Plan) -> None:
+def test_any_items_are_unchanged_after_writing_and_reading_a_waypoints_file(plan: Plan) -> None:
     written = waypoints.write(plan)
     assert waypoints.read(written.data).plan == only_items(plan)
     assert bool(written.notes) == bool(
@@ -49,7 +49,7 @@ def test_any_items_are_unchanged_after_a_waypoints_file(plan: Plan) -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED))
-def test_any_items_are_unchanged_after_a_table(plan: Plan) -> None:
+def test_any_items_are_unchanged_after_writing_and_reading_a_table(plan: Plan) -> None:
     assert csv_table.read(csv_table.write(plan).data).plan == Plan(items=plan.items)
 
 

@@ -30,11 +30,11 @@ from tests.support.elevation_files import LAT_DEG, LON_DEG, flat, hill, write
 HOME = HomePosition(lat_deg=LAT_DEG - 0.01, lon_deg=LON_DEG, alt_amsl_m=500.0)
 
 
-def above(value_m: float) -> Altitude:
+def above_terrain(value_m: float) -> Altitude:
     return Altitude(value_m=value_m, reference="terrain")
 
 
-def to(north_deg: float, altitude: Altitude, east_deg: float = 0.0) -> Waypoint:
+def waypoint_at(north_deg: float, altitude: Altitude, east_deg: float = 0.0) -> Waypoint:
     return Waypoint(lat_deg=LAT_DEG + north_deg, lon_deg=LON_DEG + east_deg, altitude=altitude)
 
 
@@ -126,7 +126,9 @@ def test_a_large_area_is_read_with_a_wider_grid(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["text.tif", "empty.hgt", "N99E999.hgt"])
-def test_files_that_are_not_elevation_files_are_named_and_ignored(tmp_path: Path, name: str) -> None:
+def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
+    tmp_path: Path, name: str
+) -> None:
     (tmp_path / name).write_bytes(b"no picture at all")
     (tmp_path / "notes.txt").write_text("left alone")
     good = write(tmp_path / "good.tif", flat(10.0))
@@ -140,7 +142,7 @@ def test_files_that_are_not_elevation_files_are_named_and_ignored(tmp_path: Path
     assert "Use a GeoTIFF or HGT file" in problem
 
 
-def test_two_bands_and_no_coordinate_system_are_refused(tmp_path: Path) -> None:
+def test_files_with_two_bands_or_without_a_coordinate_system_are_refused(tmp_path: Path) -> None:
     for options, reason in (({"crs": None}, "no coordinate system"), ({"count": 2}, "2 bands")):
         path = write(tmp_path / "odd.tif", flat(1.0), **options)
         with pytest.raises(PlanError, match=reason):
@@ -150,8 +152,11 @@ def test_two_bands_and_no_coordinate_system_are_refused(tmp_path: Path) -> None:
 def test_altitudes_above_terrain_are_resolved(hilly: Ground) -> None:
     plan = Plan(
         planned_home=HOME,
-        items=(to(0.0, above(30.0)), to(0.0, Altitude(value_m=50.0, reference="home"))),
-        rally_points=(RallyPoint(lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=above(20.0)),),
+        items=(
+            waypoint_at(0.0, above_terrain(30.0)),
+            waypoint_at(0.0, Altitude(value_m=50.0, reference="home")),
+        ),
+        rally_points=(RallyPoint(lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=above_terrain(20.0)),),
     )
     found = follow_ground(plan, hilly)
     assert (found.resolved, found.unknown, found.added) == (2, 0, 0)
@@ -165,7 +170,10 @@ def test_altitudes_above_terrain_are_resolved(hilly: Ground) -> None:
 
 def test_without_ground_data_altitudes_stay_unresolved(hilly: Ground) -> None:
     plan = Plan(
-        items=(to(0.0, above(30.0).model_copy(update={"resolved_amsl_m": 1.0})), to(1.0, above(30.0)))
+        items=(
+            waypoint_at(0.0, above_terrain(30.0).model_copy(update={"resolved_amsl_m": 1.0})),
+            waypoint_at(1.0, above_terrain(30.0)),
+        )
     )
     for ground, unknown in ((hilly, 1), (None, 2)):
         found = follow_ground(plan, ground)
@@ -179,7 +187,13 @@ def test_without_ground_data_altitudes_stay_unresolved(hilly: Ground) -> None:
 def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
     hilly: Ground, tolerance_m: float, height_m: float, east_deg: float
 ) -> None:
-    plan = Plan(planned_home=HOME, items=(to(-0.009, above(height_m)), to(0.009, above(height_m), east_deg)))
+    plan = Plan(
+        planned_home=HOME,
+        items=(
+            waypoint_at(-0.009, above_terrain(height_m)),
+            waypoint_at(0.009, above_terrain(height_m), east_deg),
+        ),
+    )
     found = follow_ground(plan, hilly, tolerance_m)
     items = [each for each in found.plan.items if isinstance(each, Waypoint)]
     assert len(items) == 2 + found.added
@@ -195,7 +209,13 @@ def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
 
 
 def test_added_waypoints_keep_the_target_of_a_jump(hilly: Ground) -> None:
-    plan = Plan(items=(to(-0.009, above(30.0)), to(0.009, above(30.0)), Jump(target_index=1, repeat=1)))
+    plan = Plan(
+        items=(
+            waypoint_at(-0.009, above_terrain(30.0)),
+            waypoint_at(0.009, above_terrain(30.0)),
+            Jump(target_index=1, repeat=1),
+        )
+    )
     found = follow_ground(plan, hilly, 5.0)
     assert found.added > 0
     jump = found.plan.items[-1]
@@ -204,7 +224,7 @@ def test_added_waypoints_keep_the_target_of_a_jump(hilly: Ground) -> None:
 
 
 def test_too_many_waypoints_are_refused(hilly: Ground) -> None:
-    items = tuple(to(0.009 * (-1) ** i, above(30.0)) for i in range(400))
+    items = tuple(waypoint_at(0.009 * (-1) ** i, above_terrain(30.0)) for i in range(400))
     with pytest.raises(PlanError, match="Raise the tolerance"):
         follow_ground(Plan(items=items), hilly, 0.01)
 
@@ -213,20 +233,23 @@ def codes(plan: Plan, ground: Ground, return_alt_m: float = 30.0) -> list[tuple[
     return [(each.code, each.row) for each in plan_findings(plan, ground, return_alt_m)]
 
 
-def test_findings_for_a_line_through_the_hill_near_it_and_above_it(hilly: Ground) -> None:
+def test_a_line_through_or_near_the_hill_causes_a_finding_and_a_line_well_above_it_none(
+    hilly: Ground,
+) -> None:
     for height_m, wanted in ((40.0, [("terrain_hit", 1)]), (86.0, [("terrain_near", 1)]), (120.0, [])):
         altitude = Altitude(value_m=height_m, reference="home")
-        plan = Plan(planned_home=HOME, items=(to(-0.01, altitude), to(0.01, altitude)))
+        plan = Plan(planned_home=HOME, items=(waypoint_at(-0.01, altitude), waypoint_at(0.01, altitude)))
         assert codes(plan, hilly) == wanted
 
 
 def test_the_return_path_is_checked_at_the_return_altitude(hilly: Ground) -> None:
     around = [
-        to(-0.01, Altitude(value_m=20.0, reference="home"), 0.01),
-        to(0.01, Altitude(value_m=20.0, reference="home"), 0.01),
+        waypoint_at(-0.01, Altitude(value_m=20.0, reference="home"), 0.01),
+        waypoint_at(0.01, Altitude(value_m=20.0, reference="home"), 0.01),
     ]
     plan = Plan(
-        planned_home=HOME, items=(*around, to(0.01, Altitude(value_m=20.0, reference="home")), ReturnHome())
+        planned_home=HOME,
+        items=(*around, waypoint_at(0.01, Altitude(value_m=20.0, reference="home")), ReturnHome()),
     )
     assert codes(plan, hilly, return_alt_m=30.0) == [("terrain_hit", 3)]
     assert codes(plan, hilly, return_alt_m=100.0) == []
@@ -241,8 +264,8 @@ def test_take_off_and_landing_may_be_near_the_ground(hilly: Ground) -> None:
     assert codes(Plan(planned_home=HOME, items=(takeoff, land)), hilly) == []
 
 
-def test_a_moved_item_and_a_wrong_home_are_findings(hilly: Ground) -> None:
-    found = follow_ground(Plan(planned_home=HOME, items=(to(0.0, above(30.0)),)), hilly).plan
+def test_a_moved_item_and_a_wrong_home_cause_findings(hilly: Ground) -> None:
+    found = follow_ground(Plan(planned_home=HOME, items=(waypoint_at(0.0, above_terrain(30.0)),)), hilly).plan
     item = found.items[0]
     assert isinstance(item, Waypoint)
     moved = found.model_copy(update={"items": (item.model_copy(update={"lat_deg": LAT_DEG + 0.005}),)})
@@ -270,7 +293,10 @@ def test_a_finding_about_a_mission_into_the_hill_names_the_step(hilly: Ground) -
 
 
 def test_the_profile_of_a_plan_has_its_length_and_the_hill(hilly: Ground) -> None:
-    plan = Plan(planned_home=HOME, items=tuple(to(north, above(30.0)) for north in (-0.009, 0.009, -0.009)))
+    plan = Plan(
+        planned_home=HOME,
+        items=tuple(waypoint_at(north, above_terrain(30.0)) for north in (-0.009, 0.009, -0.009)),
+    )
     profile = plan_profile(plan, hilly)
     assert len(profile) <= 600
     assert profile[-1][0] == pytest.approx(math.radians(0.037) * 6_371_000.0, rel=0.01)

@@ -1,4 +1,4 @@
-"""The predicted paths of two vehicles: where they come too near, and within which times."""
+"""Conflicts between the predicted paths of vehicles: position, time and distance."""
 
 import json
 import math
@@ -23,7 +23,7 @@ from missions.vehicle import VehicleModel
 from missions.waypoints.planned import planned_by_plan
 
 ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
-LEAST_M = 5.0 + planned_margin_m()
+REQUIRED_M = 5.0 + planned_margin_m()
 
 
 def at(kind, north_m, east_m, alt_m, **more):
@@ -38,14 +38,17 @@ def at(kind, north_m, east_m, alt_m, **more):
 
 
 def line(*, east_m=0.0, alt_m=20.0, hold_s=0.0, north=False, land=True):
-    """200 m to the east, or to the north at `east_m`; crosses at 100 m, after `hold_s` above the take-off."""
+    """A straight path of 200 m: east from home or, with `north`, north at `east_m`.
+
+    hold_s: hold above the take-off, which delays the flight.
+    """
     begin, end = ((-100.0, east_m), (100.0, east_m)) if north else ((0.0, 0.0), (0.0, 200.0))
     items = [at("takeoff", *begin, alt_m), at("waypoint", *begin, alt_m, hold_s=hold_s)]
     items.append(at("waypoint", *end, alt_m))
     return [*items, at("land", *end, 0)] if land else items
 
 
-def flown(items, vehicle="1", *, frame=ORIGIN, **more):
+def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
     plan = plan_document.read(json.dumps({"items": items}))
     first = items[0]
     home = HomePosition(lat_deg=first["lat_deg"], lon_deg=first["lon_deg"], alt_amsl_m=500.0)
@@ -54,7 +57,7 @@ def flown(items, vehicle="1", *, frame=ORIGIN, **more):
 
 
 def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_place_time_and_distance():
-    found = first_conflict(flown(line(), "2"), flown(line(east_m=100.0, north=True)))
+    found = first_conflict(predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True)))
     assert (found.vehicle, found.other, found.place, found.other_place) == ("2", "1", "item 3", "item 3")
     assert found.along_m == pytest.approx(20 + 100, abs=25)
     assert found.after_s == pytest.approx(20 / 1.5 + 20, abs=6)
@@ -66,47 +69,58 @@ def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_place_time_an
 
 
 def test_paths_that_cross_at_different_times_are_no_conflict_beyond_the_accuracy_of_the_times():
-    other = flown(line(east_m=100.0, north=True))
-    assert first_conflict(flown(line(hold_s=20), "2"), other) is not None, "the times may differ by that much"
-    assert first_conflict(flown(line(hold_s=90), "2"), other) is None
+    other = predicted_path(line(east_m=100.0, north=True))
+    assert first_conflict(predicted_path(line(hold_s=20), "2"), other) is not None, (
+        "the times may differ by that much"
+    )
+    assert first_conflict(predicted_path(line(hold_s=90), "2"), other) is None
 
 
-def test_a_vehicle_follows_another_on_the_same_path_if_it_starts_late_enough():
+def test_a_vehicle_may_follow_another_on_the_same_path_if_it_starts_late_enough():
     ahead = {"index": 2, "t_s": 20 / 1.5 + 42}
-    assert first_conflict(flown(line(), "2"), flown(line(), index=2, t_s=20 / 1.5 + 8)) is not None
-    assert first_conflict(flown(line(), "2"), flown(line(), **ahead)) is None
-    assert first_conflict(flown(line(), "2"), flown(line())) is not None, "both begin at one position"
+    assert (
+        first_conflict(predicted_path(line(), "2"), predicted_path(line(), index=2, t_s=20 / 1.5 + 8))
+        is not None
+    )
+    assert first_conflict(predicted_path(line(), "2"), predicted_path(line(), **ahead)) is None
+    assert first_conflict(predicted_path(line(), "2"), predicted_path(line())) is not None, (
+        "both start at the same position"
+    )
 
 
-def test_two_paths_are_apart_by_their_altitude():
-    other = flown(line(east_m=100.0, north=True))
-    assert first_conflict(flown(line(alt_m=20 + LEAST_M + 0.5), "2"), other) is None
-    found = first_conflict(flown(line(alt_m=20 + LEAST_M - 0.5), "2"), other)
-    assert found.distance_m == pytest.approx(LEAST_M - 0.5, abs=0.1)
+def test_two_crossing_paths_may_be_separated_by_altitude():
+    other = predicted_path(line(east_m=100.0, north=True))
+    assert first_conflict(predicted_path(line(alt_m=20 + REQUIRED_M + 0.5), "2"), other) is None
+    found = first_conflict(predicted_path(line(alt_m=20 + REQUIRED_M - 0.5), "2"), other)
+    assert found.distance_m == pytest.approx(REQUIRED_M - 0.5, abs=0.1)
 
 
-def test_another_vehicle_that_has_landed_by_then_is_not_in_the_way():
+def test_a_vehicle_that_has_already_landed_causes_no_conflict():
     short = [at("takeoff", 0, 100, 20), at("land", 0, 100, 0)]
-    assert first_conflict(flown(line(hold_s=90), "2"), flown(short)) is None
-    assert first_conflict(flown(line(hold_s=90), "2"), flown(short[:1])) is not None, "it stays in the air"
+    assert first_conflict(predicted_path(line(hold_s=90), "2"), predicted_path(short)) is None
+    assert first_conflict(predicted_path(line(hold_s=90), "2"), predicted_path(short[:1])) is not None, (
+        "the other vehicle stays in the air"
+    )
 
 
-def test_a_vehicle_that_hovers_in_the_way_is_a_conflict_at_any_time():
-    found = first_conflict(flown(line(hold_s=600), "2"), standing("1", ORIGIN, (0, 100, -20), "Hold"))
+def test_a_vehicle_that_hovers_on_the_path_is_a_conflict_at_any_time():
+    found = first_conflict(
+        predicted_path(line(hold_s=600), "2"), standing("1", ORIGIN, (0, 100, -20), "Hold")
+    )
     assert (found.other_place, found.earlier_or_later_s) == ("Hold", None)
     assert "is there is not known" in found.text
-    assert first_conflict(flown(line(), "2"), standing("1", ORIGIN, (0, 100, -60), "Hold")) is None
+    assert first_conflict(predicted_path(line(), "2"), standing("1", ORIGIN, (0, 100, -60), "Hold")) is None
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_pairs_that_are_excluded_early_are_never_near(seed):
+def test_a_conflict_is_found_exactly_if_a_comparison_of_all_pairs_finds_one(seed):
     random = np.random.default_rng(seed)
 
-    def somewhere():
+    def random_items():
         points = [(*random.uniform(-60, 60, 2).tolist(), float(random.uniform(10, 50))) for _ in range(4)]
         return [at("takeoff", *points[0]), *(at("waypoint", *each) for each in points[1:])]
 
-    own, other = flown(somewhere(), "2"), flown(somewhere())
+    own, other = predicted_path(random_items(), "2"), predicted_path(random_items())
     first, second = np.nonzero(
         (own.earliest_s[:, None] <= other.latest_s) & (other.earliest_s <= own.latest_s[:, None])
     )
@@ -115,42 +129,44 @@ def test_pairs_that_are_excluded_early_are_never_near(seed):
         other.position_ned_m[second], other.velocity_ned_m_s[second],
     )  # fmt: skip
     found = first_conflict(own, other)
-    assert (found is not None) == bool(apart_m.min() < LEAST_M)
+    assert (found is not None) == bool(apart_m.min() < REQUIRED_M)
     if found is not None:
-        near = first[apart_m < LEAST_M]
+        near = first[apart_m < REQUIRED_M]
         assert own.t_s[near.min()] <= found.after_s
         assert found.distance_m >= apart_m.min() - 1e-6
 
 
-def test_each_vehicle_has_its_own_local_frame():
+def test_paths_in_different_local_frames_are_compared():
     frame = LocalOrigin(47.001, 8.002, 480.0)
-    found = first_conflict(flown(line(), "2"), flown(line(east_m=100.0, north=True), frame=frame))
-    same = first_conflict(flown(line(), "2"), flown(line(east_m=100.0, north=True)))
+    found = first_conflict(
+        predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True), frame=frame)
+    )
+    same = first_conflict(predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True)))
     assert found.distance_m == pytest.approx(same.distance_m, abs=0.5)
     assert found.after_s == pytest.approx(same.after_s, abs=1.0)
 
 
 def test_the_flown_part_of_a_path_is_not_compared():
-    crossing = flown(line(east_m=100.0, north=True), index=3, t_s=60.0)
-    assert first_conflict(flown(line(), "2"), crossing) is None
+    crossing = predicted_path(line(east_m=100.0, north=True), index=3, t_s=60.0)
+    assert first_conflict(predicted_path(line(), "2"), crossing) is None
 
 
-def test_a_vehicle_off_its_path_is_expected_on_the_straight_way_to_its_item():
+def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
     way = {"index": 2, "t_s": 0.0, "way_from": (0.0, 180.0, -20.0)}
-    own = flown(line(east_m=190.0, north=True), "2", **{**way, "way_from": (-60.0, 190.0, -20.0)})
-    found = first_conflict(own, flown(line(), **way))
+    own = predicted_path(line(east_m=190.0, north=True), "2", **{**way, "way_from": (-60.0, 190.0, -20.0)})
+    found = first_conflict(own, predicted_path(line(), **way))
     assert found.place == "item 3"
     assert 30 < found.along_m < 75
 
 
-def test_the_next_item_of_a_plan_that_repeats_without_end_is_flown_at_any_time():
+def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time():
     items = [*line(north=True, east_m=100.0, land=False), {"kind": "jump", "target_index": 1, "repeat": -1}]
-    assert first_conflict(flown(line(hold_s=900), "2"), flown(items)) is not None
+    assert first_conflict(predicted_path(line(hold_s=900), "2"), predicted_path(items)) is not None
 
 
-def test_conflicts_with_several_vehicles_come_in_order_of_time():
+def test_conflicts_with_several_vehicles_are_sorted_by_time():
     late, soon = standing("3", ORIGIN, (0, 150, -20), "Hold"), standing("1", ORIGIN, (0, 50, -20), "Hold")
-    found = conflicts(flown(line(), "2"), [late, soon])
+    found = conflicts(predicted_path(line(), "2"), [late, soon])
     assert [each.other for each in found] == ["1", "3"]
 
 
@@ -167,7 +183,7 @@ CROSSING = line(east_m=100.0, north=True, hold_s=10)
 
 def test_an_offboard_mission_is_compared_along_its_timeline():
     flight = mission(UP, ACROSS, DOWN)
-    own = flown(CROSSING, "2")
+    own = predicted_path(CROSSING, "2")
     found = first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
     assert (found.place, found.other_place) == ("item 3", "step 2")
     last = next(at for at, each in enumerate(flight.course.segments) if each.place == "step 3")
@@ -176,7 +192,7 @@ def test_an_offboard_mission_is_compared_along_its_timeline():
 
 
 def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
-    own = flown(line(east_m=100.0, north=True, hold_s=600), "2")
+    own = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
     waits = (UP, "{step: wait, until: person, timeout_s: 900}", ACROSS)
     for steps, expected in (((UP, ACROSS, DOWN), False), (waits, True)):
         path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
@@ -187,5 +203,5 @@ def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
 def test_a_paused_mission_is_expected_at_any_later_time():
     flight = mission(UP, ACROSS, DOWN)
     flight.paused = True
-    own = flown(line(east_m=100.0, north=True, hold_s=600), "2")
+    own = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
     assert first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None

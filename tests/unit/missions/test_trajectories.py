@@ -30,11 +30,11 @@ def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) 
     if jerk * jerk_s <= acceleration and jerk * jerk_s**2 <= speed:
         return 4.0 * jerk_s
     if speed * jerk >= acceleration**2:
-        bend_s = acceleration / jerk
-        full_s = (-3.0 * bend_s + math.sqrt(bend_s**2 + 4.0 * length_m / acceleration)) / 2.0
-        if acceleration * (bend_s + full_s) <= speed:
-            return 4.0 * bend_s + 2.0 * full_s
-        return length_m / speed + speed / acceleration + bend_s
+        ramp_s = acceleration / jerk
+        full_s = (-3.0 * ramp_s + math.sqrt(ramp_s**2 + 4.0 * length_m / acceleration)) / 2.0
+        if acceleration * (ramp_s + full_s) <= speed:
+            return 4.0 * ramp_s + 2.0 * full_s
+        return length_m / speed + speed / acceleration + ramp_s
     return length_m / speed + 2.0 * math.sqrt(speed / jerk)
 
 
@@ -59,10 +59,10 @@ def test_a_straight_leg_takes_the_shortest_possible_time(seed: int) -> None:
 
 
 def test_the_times_of_legs_between_stops_add_up() -> None:
-    there = through(points((0, 0, 0), (30, 0, 0))).duration_s
+    one_leg_s = through(points((0, 0, 0), (30, 0, 0))).duration_s
     both = through(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
-    assert both.duration_s == pytest.approx(2.0 * there)
-    assert both.point_times_s == pytest.approx((0.0, there, 2.0 * there))
+    assert both.duration_s == pytest.approx(2.0 * one_leg_s)
+    assert both.point_times_s == pytest.approx((0.0, one_leg_s, 2.0 * one_leg_s))
 
 
 def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> None:
@@ -117,7 +117,7 @@ def test_yaws_are_reached_at_their_points_by_the_shorter_rotation() -> None:
     assert curve.at(curve.duration_s).yaw_rate_ned_rad_s == 0.0
 
 
-def test_a_trajectory_turns_on_the_spot() -> None:
+def test_a_trajectory_may_turn_without_moving() -> None:
     curve = through([PassPoint((1, 2, -3), 0.0), PassPoint((1, 2, -3), EAST)])
     assert curve.duration_s > EAST / LIMITS.yaw_rate_rad_s
     assert curve.at(curve.duration_s / 2).position_ned_m == pytest.approx((1, 2, -3))

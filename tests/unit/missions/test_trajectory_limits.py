@@ -26,7 +26,7 @@ MARGIN = 1.0 + 1e-6
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def a_path(rng: np.random.Generator) -> Pieces:
+def random_path(rng: np.random.Generator) -> Pieces:
     """The path of one random mission, with its yaw."""
     kind = rng.random()
     if kind < 0.1:
@@ -62,18 +62,18 @@ def joined(paths: list[Pieces]) -> Pieces:
     )
 
 
-def holds(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
+def assert_within_limits(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
     times = np.linspace(0.0, curve.duration_s, samples)
     found = curve.sample(times)
     v, a = found.velocity_ned_m_s, found.acceleration_ned_m_s2
-    across = np.hypot(a[:, 0], a[:, 1])
+    horizontal = np.hypot(a[:, 0], a[:, 1])
     assert np.hypot(v[:, 0], v[:, 1]).max() <= limits.speed_m_s * MARGIN
     assert -v[:, 2].min() <= limits.climb_m_s * MARGIN
     assert v[:, 2].max() <= limits.descent_m_s * MARGIN
-    assert across.max() <= limits.acceleration_m_s2 * MARGIN
+    assert horizontal.max() <= limits.acceleration_m_s2 * MARGIN
     assert -a[:, 2].min() <= limits.acceleration_up_m_s2 * MARGIN
     assert a[:, 2].max() <= limits.acceleration_down_m_s2 * MARGIN
-    assert np.arctan2(across, GRAVITY_M_S2 - a[:, 2]).max() <= limits.tilt_rad * MARGIN
+    assert np.arctan2(horizontal, GRAVITY_M_S2 - a[:, 2]).max() <= limits.tilt_rad * MARGIN
     assert np.abs(found.yaw_rate_ned_rad_s).max() <= limits.yaw_rate_rad_s * MARGIN
     step_s = times[1]
     jerk = np.sqrt((np.diff(a, axis=0) ** 2).sum(axis=1)) / step_s
@@ -86,10 +86,10 @@ def holds(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
 def test_thousands_of_random_missions_stay_within_all_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
-    path = joined([a_path(rng) for _ in range(MISSIONS)])
+    path = joined([random_path(rng) for _ in range(MISSIONS)])
     curve = along(path, limits, has_yaw=True)
     assert math.isfinite(curve.duration_s)
-    holds(curve, limits, 40_000)
+    assert_within_limits(curve, limits, 40_000)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -99,7 +99,7 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     points = random_points(rng, 8, yaws=seed % 2 == 0)
     heading = None if any(p.yaw_ned_rad is not None for p in points) else AlongPath()
     curve = through(points, limits, exact=seed % 3 == 0, heading=heading)
-    holds(curve, limits, 4000)
+    assert_within_limits(curve, limits, 4000)
     h = 1e-4
     moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.begins.tolist()]))
     times = np.unique(np.concatenate((moments - h / 2.0, moments - h / 3.0)))

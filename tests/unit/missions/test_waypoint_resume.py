@@ -59,24 +59,24 @@ def test_a_flight_that_was_started_at_an_item_does_not_resume_before_it():
     assert leg_start(items_of(LINE), 4, None) == 2
 
 
-def test_a_region_of_interest_and_a_gate_are_no_beginning_of_a_leg():
+def test_a_region_of_interest_and_a_gate_do_not_begin_a_leg():
     items = [UP, at("waypoint", 50), at("roi_location", 90, 0), at("gate", 100), at("waypoint", 200), RETURN]
     assert leg_start(items_of(items), 4, 0) == 1
 
 
-def test_the_first_waypoint_from_the_item_sets_the_altitude_of_the_way():
+def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point():
     items = [UP, at("waypoint", 50), SPEED, at("waypoint", 90, 55), at("waypoint", 120, 20)]
     point = resume_point(plan_of(items), 2)
     assert (point.item, point.first.altitude.value_m) == (2, 55)
 
 
 @pytest.mark.parametrize("rest", [[RETURN], [at("land", 40, 0)], [SPEED, RETURN, at("waypoint", 9)], []])
-def test_without_a_waypoint_before_the_landing_there_is_no_start_on_the_ground(rest):
+def test_without_a_waypoint_before_the_landing_there_is_no_resume_point(rest):
     items = [UP, at("waypoint", 50), *rest]
     assert resume_point(plan_of(items), 2) == "No waypoint follows."
 
 
-def test_the_last_item_is_no_start_because_px4_begins_again():
+def test_the_last_item_is_no_resume_point_because_px4_restarts_the_mission():
     assert "begins again" in resume_point(plan_of([UP, at("waypoint", 50)]), 1)
 
 
@@ -97,7 +97,7 @@ def test_speed_gimbal_angles_camera_mode_and_trigger_are_restored_by_px4():
     assert not_restored(SPEED, gimbal, mode, PICTURES) == ()
 
 
-def test_what_px4_does_not_repeat_is_named_with_its_item():
+def test_items_that_px4_does_not_repeat_are_listed():
     roi, video = at("roi_location", 20, 0), {"kind": "video_start"}
     (found,) = not_restored(roi)
     assert found.startswith("PX4 does not repeat item 2: set the region of interest yourself")
@@ -111,14 +111,14 @@ def test_of_several_types_of_speed_px4_repeats_the_last_one():
     assert not_restored(CLIMB, SPEED, CLIMB)[0].startswith("PX4 does not repeat item 3: set the speed")
 
 
-def test_repeats_that_px4_counts_are_named_only_inside_their_loop():
+def test_a_jump_is_listed_only_if_the_flight_resumes_inside_its_loop():
     jump = {"kind": "jump", "target_index": 1, "repeat": 3}
     (found,) = not_restored(after=[jump])
     assert found.startswith("Item 4 repeats items from item 2 on.")
     assert not_restored(after=[{**jump, "target_index": 2}]) == ()
 
 
-def test_the_rest_is_checked_from_the_new_place_under_its_own_item_numbers():
+def test_the_rest_is_checked_from_the_new_position_with_the_plans_item_numbers():
     corners = [(120, -1e-4), (130, -1e-4), (130, 1e-4), (120, 1e-4)]
     polygon = [{"lat_deg": 47.0 + n / 111_195, "lon_deg": 8.0 + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 90, "reference": "home"}, "polygon": polygon}
@@ -134,20 +134,20 @@ def test_the_rest_is_checked_from_the_new_place_under_its_own_item_numbers():
         assert [each.message for each in found if "home" not in each.message] == messages
 
 
-def see(monitor, item, mode="mission"):
+def leg_start_after(monitor, item, mode="mission"):
     monitor.update(0.0, Reading(mode=mode, armed=True, landed="in_air"), item, None)
     return monitor.leg_start
 
 
 def test_a_monitored_flight_keeps_the_leg_that_it_was_flying_when_the_mode_changed():
     monitor = WaypointMonitor(plan_of(LINE), None, from_start=True)
-    assert see(monitor, 0) is None
-    assert see(monitor, 4) == 2
-    assert see(monitor, 5, mode="rtl") == 2
+    assert leg_start_after(monitor, 0) is None
+    assert leg_start_after(monitor, 4) == 2
+    assert leg_start_after(monitor, 5, mode="rtl") == 2
 
 
-def test_a_flight_that_px4_begins_again_at_its_first_item_resumes_there():
+def test_a_flight_that_px4_restarts_at_its_first_item_resumes_from_there():
     monitor = WaypointMonitor(plan_of(LINE), None, from_start=True)
-    assert see(monitor, 7) == 7
-    see(monitor, 0)
-    assert see(monitor, 4) == 2
+    assert leg_start_after(monitor, 7) == 7
+    leg_start_after(monitor, 0)
+    assert leg_start_after(monitor, 4) == 2

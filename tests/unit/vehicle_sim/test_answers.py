@@ -57,7 +57,7 @@ def test_requested_messages_are_sent(s: PlanStation) -> None:
     assert any(identity.uas_id)
 
 
-def test_a_vtol_take_off_is_a_mode_of_a_multicopter_on_the_ground(s: PlanStation) -> None:
+def test_a_multicopter_on_the_ground_accepts_the_vtol_takeoff_mode(s: PlanStation) -> None:
     assert acks_of(s, 84) == [0]
     s.run(1.1)
     assert s.mode == VTOL_TAKEOFF_MODE

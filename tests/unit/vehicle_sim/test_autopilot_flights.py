@@ -97,7 +97,7 @@ def flown() -> dict[str, Curve]:
         navigator.goto(float(lat), float(lon), math.nan, math.nan)
         for when, speed in changes.items():
             at.setdefault(when, []).append(lambda p=navigator.path, v=speed: setattr(p, "cruise_m_s", v))
-    # It is already in Hold, so the recorded DO_SET_MODE Hold does not stop it.
+    # The vehicle is already in Hold, so the recorded DO_SET_MODE Hold does not stop it.
     at[5.0] = [lambda: sim.autopilots[1].commander.set_mode(NavState.HOLD)]
     t_s, position, velocity = fly(sim, 26, at)
     for name, (row, *_rest) in GOTOS.items():
@@ -143,9 +143,11 @@ def test_gotos_accelerate_brake_and_overshoot_as_recorded(
     until_s = min(real.t_s[-1], sim.t_s[-1])
     grid = np.arange(0.0, until_s, TICK_S)
     own, theirs = (np.interp(grid, c.t_s, c.value) for c in (sim, real))
-    way_m = {"reposition_50m_then_stop": 50.2}.get(name, 60.0)
+    distance_m = {"reposition_50m_then_stop": 50.2}.get(name, 60.0)
     for part in (0.1, 0.5, 0.9):
-        assert sim.reaches_s(part * way_m) == pytest.approx(real.reaches_s(part * way_m), abs=0.6), part
+        assert sim.reaches_s(part * distance_m) == pytest.approx(
+            real.reaches_s(part * distance_m), abs=0.6
+        ), part
     assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.35)
     assert np.abs(own - theirs).max() < 2.6, "2.6 m are less than half a second at 8 m/s"
     if name != "reposition_50m_then_stop":  # its recording ends before the vehicle has stopped

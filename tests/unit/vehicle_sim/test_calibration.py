@@ -114,7 +114,7 @@ def test_each_side_is_recognised_after_a_rest(side: Side) -> None:
     detector = RestDetector(1.3)
     events = [detector.feed(at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
     began, still = events.index(Rest.BEGAN) * STEP_S, events.index(Rest.STILL) * STEP_S
-    assert began == pytest.approx(2.36, abs=0.3), "as recorded"
+    assert began == pytest.approx(2.36, abs=0.3), "as in the recording"
     assert still - began == pytest.approx(1.31, abs=0.05)
     assert detector.side is side
 
@@ -130,7 +130,7 @@ def test_motion_ends_a_rest_and_a_tilted_vehicle_has_no_side() -> None:
     assert detector.side is None
 
 
-def test_offset_and_scale_follow_from_six_sides() -> None:
+def test_offset_and_scale_are_computed_from_six_sides() -> None:
     readings = {side: np.array(at_rest(side)) / SCALE + OFFSET for side in Side}
     found = offset_and_scale(readings)
     assert found is not None
@@ -266,7 +266,7 @@ def test_a_compass_calibration_with_a_known_heading_sets_the_offset() -> None:
     assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "one sample with its noise"
 
 
-def test_a_calibration_is_cancelled_at_once_or_when_its_side_is_measured() -> None:
+def test_a_calibration_is_cancelled_at_once_or_after_the_measurement_of_the_current_side() -> None:
     s = TurnedVehicle()
     s.command(0, 1)
     assert s.command(0, 0, 0, 0, 1) == TEMPORARILY_REJECTED, "only one calibration at a time"

@@ -123,7 +123,7 @@ def test_a_series_has_its_interval_and_count_and_can_be_stopped(station):
     assert acks_of(station, 2000, 0, 0, 5) == [DENIED], "no interval"
 
 
-def test_mode_zoom_format_and_reset(station):
+def test_commands_for_mode_zoom_format_and_reset_are_executed(station):
     assert acks_of(station, 530, 0, 2) == [ACCEPTED]
     assert from_camera(station, "CAMERA_SETTINGS")[-1].mode_id == 2
     assert acks_of(station, 530, 0, 1) == [UNSUPPORTED], "video"

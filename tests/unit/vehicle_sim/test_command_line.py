@@ -7,7 +7,7 @@ from vehicle_sim.options import build_parser
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "expected"),
     [
         (["--home", "1,2"], "lat,lon,alt"),
         (["--home", "95,2,3"], "latitude"),
@@ -30,12 +30,12 @@ from vehicle_sim.options import build_parser
     ],
 )
 def test_invalid_arguments_are_explained(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:
         main(arguments)
     assert end.value.code == 2
-    assert says in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_help_names_the_ports() -> None:

@@ -74,7 +74,7 @@ def test_roll_has_priority_over_yaw():
     assert 0.1 < yaw < 0.6
 
 
-def test_random_demands_stay_within_the_motors():
+def test_motor_signals_of_random_demands_stay_within_their_limits():
     generator = np.random.default_rng(1)
     block = allocation(200)
     for _ in range(20):

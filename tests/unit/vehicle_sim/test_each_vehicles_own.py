@@ -25,7 +25,7 @@ def climbing(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Si
     return simulation
 
 
-def rows(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
+def state_of(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
     """The whole state of one vehicle."""
     return {
         f"{kind}.{field.name}": value[row].copy()
@@ -36,7 +36,7 @@ def rows(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(("count", "first_vehicle"), [(3, 0), (40, 1), (41, 0)])
-def test_a_vehicle_flies_the_same_bit_for_bit_in_a_fleet_of_any_size(count, first_vehicle):
+def test_a_vehicles_flight_is_bit_identical_in_a_fleet_of_any_size(count, first_vehicle):
     alone, fleet = climbing(1, 2), climbing(count, first_vehicle)
     row = 2 - first_vehicle
     alone.set_gusts(1.5)
@@ -48,7 +48,7 @@ def test_a_vehicle_flies_the_same_bit_for_bit_in_a_fleet_of_any_size(count, firs
         alone.step()
         fleet.step()
     assert alone.truth.position_ned_m[0, 2] < -0.3, "it has taken off"
-    expected, found = rows(alone, 0), rows(fleet, row)
+    expected, found = state_of(alone, 0), state_of(fleet, row)
     differ = [
         name for name, value in expected.items() if not np.array_equal(value, found[name], equal_nan=True)
     ]

@@ -97,7 +97,7 @@ def fly(log: _Log) -> Replay:
     sensors.gps_satellites[:], sensors.gps_fix_type[:] = 10, 3
     estimator = Estimator(1, STEP_S)
     estimator.configure(0, Parameters())
-    velocity, sigma, declination, fields_left = [], [], [], 0
+    velocity, sigma, declination, mag_samples_left = [], [], [], 0
     for k, t_s in enumerate(times):
         sensors.gyro_frd_rad_s[:], sensors.accel_frd_m_s2[:] = imu[k, :3], imu[k, 3:]
         if k % 2 and k > 1:
@@ -111,10 +111,10 @@ def fly(log: _Log) -> Replay:
                 sensors.baro_count += 2
             if field_at[k] > field_at[k - 2]:
                 sensors.mag_frd_gauss[:] = fields[field_at[k] - 1]
-                fields_left = MAG_SAMPLES
-            if fields_left:
+                mag_samples_left = MAG_SAMPLES
+            if mag_samples_left:
                 sensors.mag_count += 1
-                fields_left -= 1
+                mag_samples_left -= 1
         if k % RANGE_EVERY_STEPS == 0:
             flies = log.latest(t_s, "vehicle_land_detected", "landed") == 0.0
             armed = log.latest(t_s, "vehicle_status", "arming_state") == 2.0
@@ -146,8 +146,8 @@ def rms(values: FloatArray) -> FloatArray:
 
 def test_the_velocity_matches_that_of_px4s_estimator(replay):
     hover = (replay.t_s > 16.0) & (replay.t_s < 42.0)
-    between = rms((replay.velocity - replay.recorded_velocity)[hover])
-    assert (between <= [0.03, 0.08, 0.03]).all(), between
+    difference = rms((replay.velocity - replay.recorded_velocity)[hover])
+    assert (difference <= [0.03, 0.08, 0.03]).all(), difference
     error = rms((replay.velocity - replay.true_velocity)[hover])
     recorded_error = rms((replay.recorded_velocity - replay.true_velocity)[hover])
     assert (error <= 1.2 * recorded_error).all(), (error, recorded_error)
@@ -164,7 +164,7 @@ def test_the_standard_deviations_match_those_of_px4(replay, t_s, what):
     assert (ratio >= 0.75).all(), (what, ratio)
 
 
-def test_the_declination_is_fused_at_rest_although_gnss_aids(replay):
+def test_the_declination_is_fused_at_rest_although_gnss_is_fused(replay):
     resting = (replay.t_s > 4.0) & (replay.t_s < 12.0)
     assert replay.recorded_declination[resting].all()
     assert replay.declination[resting].all()

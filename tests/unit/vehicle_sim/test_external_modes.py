@@ -25,7 +25,7 @@ class Registry(ExternalModes):
         self.now_us = 0
         self.requests: list[int] = []
 
-    def mode_of(self, name: str, **more: bool | int) -> Answer:
+    def register_mode(self, name: str, **more: bool | int) -> Answer:
         return self.register(Registration(name, arming_check=True, mode=True, **more))  # type: ignore[arg-type]
 
     def run(self, seconds: float, answer: Callable[[int], Reply | None] = lambda _: None) -> None:
@@ -45,40 +45,40 @@ def answers(number: int = 0, *, can_run: bool = True, requires: str = "") -> Cal
 
 def test_a_mode_gets_its_slot_by_its_name():
     registry = Registry()
-    assert registry.mode_of("A") == Answer(True, 0, 23)
-    assert registry.mode_of("B") == Answer(True, 1, 24)
+    assert registry.register_mode("A") == Answer(True, 0, 23)
+    assert registry.register_mode("B") == Answer(True, 1, 24)
     assert registry.unregister("A", 0, 23)
-    assert registry.mode_of("C") == Answer(True, 0, 25)
-    assert registry.mode_of("A") == Answer(True, 2, 23)
+    assert registry.register_mode("C") == Answer(True, 0, 25)
+    assert registry.register_mode("A") == Answer(True, 2, 23)
 
 
 def test_slots_are_kept_over_a_restart():
     registry = Registry()
     for name in "ABC":
-        registry.mode_of(name)
-    assert Registry(registry.hashes).mode_of("C").mode == 25
+        registry.register_mode(name)
+    assert Registry(registry.hashes).register_mode("C").mode == 25
 
 
 def test_a_new_name_overwrites_the_first_free_slot_when_all_were_used():
     registry = Registry(hashes=[name_hash(name) for name in "ABCDEFGH"])
-    assert registry.mode_of("A").mode == 23
-    assert registry.mode_of("Z").mode == 24
+    assert registry.register_mode("A").mode == 23
+    assert registry.register_mode("Z").mode == 24
     assert registry.hashes[1] == name_hash("Z")
 
 
 def test_a_second_mode_of_the_same_name_leaves_no_hash():
     registry = Registry()
-    assert [registry.mode_of("A").mode for _ in range(2)] == [23, 24]
+    assert [registry.register_mode("A").mode for _ in range(2)] == [23, 24]
     assert registry.hashes[1] == 0
 
 
 def test_eight_modes_and_five_executors_fit():
     registry = Registry()
-    executors = [registry.mode_of(f"E{n}", executor=True).executor for n in range(5)]
+    executors = [registry.register_mode(f"E{n}", executor=True).executor for n in range(5)]
     assert executors == [1, 2, 3, 4, 5]
-    assert registry.mode_of("E5", executor=True) == FAILED
-    assert [registry.mode_of(f"M{n}").mode for n in range(3)] == [28, 29, 30]
-    assert registry.mode_of("M3") == FAILED
+    assert registry.register_mode("E5", executor=True) == FAILED
+    assert [registry.register_mode(f"M{n}").mode for n in range(3)] == [28, 29, 30]
+    assert registry.register_mode("M3") == FAILED
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_a_registration_of_nothing_succeeds():
 
 def test_a_mode_with_another_name_is_not_removed():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     assert not registry.unregister("B", 0, 23)
     assert registry.mode(23) is not None
 
@@ -105,14 +105,14 @@ def test_requests_come_every_312_ms_while_something_is_registered():
     registry = Registry()
     registry.run(1.0)
     assert registry.requests == []
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.run(REQUEST_EVERY_US * 10 / 1e6 - 0.01, answers())
     assert registry.requests == list(range(1, 11))
 
 
 def test_a_component_that_never_answers_is_unresponsive_after_eleven_requests():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.run(3.15)
     assert not registry.health().unresponsive
     registry.run(0.1)
@@ -121,7 +121,7 @@ def test_a_component_that_never_answers_is_unresponsive_after_eleven_requests():
 
 def test_a_component_that_stops_answering_is_unresponsive_after_four_requests():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.run(1.0, answers())
     registry.run(1.2)
     assert not registry.health().unresponsive
@@ -133,7 +133,7 @@ def test_a_component_that_stops_answering_is_unresponsive_after_four_requests():
 
 def test_a_component_that_failed_four_times_stays_unresponsive():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     for _ in range(3):
         registry.run(1.0, answers())
         registry.run(2.0)
@@ -146,7 +146,7 @@ def test_a_component_that_failed_four_times_stays_unresponsive():
 
 def test_an_answer_to_an_older_request_does_not_count():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.run(3.5, lambda request_id: Reply(request_id - 1, 0, True))
     assert registry.health().unresponsive
 
@@ -163,7 +163,7 @@ def test_a_check_without_a_mode_is_removed_when_it_is_silent():
 def test_only_the_last_four_simultaneous_answers_count():
     registry = Registry()
     for n in range(5):
-        registry.mode_of(f"M{n}")
+        registry.register_mode(f"M{n}")
     for n in range(5):
         registry.receive(Reply(0, n, True))
     registry.run(0.012)
@@ -172,7 +172,7 @@ def test_only_the_last_four_simultaneous_answers_count():
 
 def test_requirements_of_a_mode_apply_to_it_and_to_the_mode_it_replaces():
     registry = Registry()
-    registry.mode_of("A", replaces=RTL)
+    registry.register_mode("A", replaces=RTL)
     registry.run(0.1, answers(requires="local_position"))
     needs = registry.health().requirements
     assert needs.local_position == OWN.local_position | 1 << 23 | 1 << RTL
@@ -182,7 +182,7 @@ def test_requirements_of_a_mode_apply_to_it_and_to_the_mode_it_replaces():
 
 def test_a_mode_that_cannot_run_prevents_arming_in_it_only():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.run(0.1, answers(can_run=False))
     assert registry.health().not_armable == 1 << 23
     assert registry.health().requirements == OWN
@@ -190,7 +190,7 @@ def test_a_mode_that_cannot_run_prevents_arming_in_it_only():
 
 def test_an_unresponsive_mode_is_removed_unless_it_is_selected():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.run(3.5)
     registry.remove_unresponsive(23)
     assert registry.mode(23) is not None
@@ -200,8 +200,8 @@ def test_an_unresponsive_mode_is_removed_unless_it_is_selected():
 
 def test_a_replacement_is_flown_while_it_answers():
     registry = Registry()
-    registry.mode_of("My RTL", replaces=RTL)
-    assert registry.mode_of("Other RTL", replaces=RTL) == FAILED
+    registry.register_mode("My RTL", replaces=RTL)
+    assert registry.register_mode("Other RTL", replaces=RTL) == FAILED
     assert registry.replaced(RTL) == 23
     assert registry.replaces(23) == RTL
     assert registry.settable(0xFF) == 0xFF & ~(1 << RTL) | 1 << 23
@@ -211,7 +211,7 @@ def test_a_replacement_is_flown_while_it_answers():
 
 def test_the_executor_of_the_selected_mode_is_in_charge():
     registry = Registry()
-    registry.mode_of("A", executor=True)
+    registry.register_mode("A", executor=True)
     registry.mode_chosen(23)
     assert registry.executor_in_charge == 1
     registry.commanded_by_executor = True
@@ -224,7 +224,7 @@ def test_the_executor_of_the_selected_mode_is_in_charge():
 
 def test_during_a_failsafe_no_executor_is_in_charge():
     registry = Registry()
-    registry.mode_of("A", executor=True)
+    registry.register_mode("A", executor=True)
     registry.mode_chosen(23)
     registry.update(0, failsafe_acts=True)
     assert registry.executor_in_charge == 0
@@ -234,7 +234,7 @@ def test_during_a_failsafe_no_executor_is_in_charge():
 
 def test_an_unregistered_executor_is_not_in_charge():
     registry = Registry()
-    registry.mode_of("A", executor=True)
+    registry.register_mode("A", executor=True)
     registry.mode_chosen(23)
     registry.unregister("A", 0, 23)
     assert registry.executor_in_charge == 0
@@ -242,7 +242,7 @@ def test_an_unregistered_executor_is_not_in_charge():
 
 def test_overrides_of_the_mode_and_of_the_executor_in_charge_apply():
     registry = Registry()
-    registry.mode_of("A", executor=True)
+    registry.register_mode("A", executor=True)
     registry.override(Overrides(disable_auto_disarm=True), mode=23)
     registry.override(Overrides(defer_failsafes=True, defer_timeout_s=4), executor=1)
     assert registry.overrides(23) == Overrides(disable_auto_disarm=True)
@@ -253,7 +253,7 @@ def test_overrides_of_the_mode_and_of_the_executor_in_charge_apply():
 
 def test_a_mode_without_configuration_has_no_controllers():
     registry = Registry()
-    registry.mode_of("A")
+    registry.register_mode("A")
     assert registry.controllers(23) == Controllers()
     registry.configure(23, Controllers(velocity=True))
     assert registry.controllers(23).trajectory
@@ -264,7 +264,7 @@ def test_registrations_and_published_changes_are_counted():
     received: list[int] = []
     registry.on_announced = lambda: received.append(registry.announced)
     registry.published(registry.settable(0))
-    registry.mode_of("A")
+    registry.register_mode("A")
     registry.published(registry.settable(0))
     registry.published(registry.settable(0))
     assert received == [1, 2]

@@ -39,7 +39,7 @@ def test_a_deferral_ends_after_its_timeout(timeout_s, ends_s):
     assert machine.deferral == 0, "while a failsafe acts"
 
 
-def test_a_withdrawn_deferral_lets_a_failsafe_act_whose_cause_is_gone():
+def test_after_a_withdrawn_deferral_a_failsafe_acts_although_its_cause_is_gone():
     machine = Failsafe()
     machine.defer(True, -1)
     decide(machine, 0.0, GCS)
@@ -54,7 +54,7 @@ def test_a_mode_that_cannot_run_is_not_deferred():
     assert decide(machine, 0.0, GCS, MODE) is Action.RTL
 
 
-EVERYTHING = Conditions(
+ALL_CONDITIONS = Conditions(
     mode=NavState.EXTERNAL1,
     manual_lost=True,
     manual_loss_action=2,
@@ -74,7 +74,7 @@ EVERYTHING = Conditions(
 
 
 def test_only_lost_links_and_a_low_battery_are_deferred():
-    found = {each.name: each.deferrable for each in demands(EVERYTHING) if each.action > Action.WARN}
+    found = {each.name: each.deferrable for each in demands(ALL_CONDITIONS) if each.action > Action.WARN}
     assert {name for name, deferrable in found.items() if deferrable} == {"manual", "gcs", "battery"}
     assert {name for name, deferrable in found.items() if not deferrable} == {
         "fence", "wind", "flight time", "attitude", "mode",

@@ -78,7 +78,7 @@ def test_a_symbolic_link_in_the_folder_is_listed_as_a_link(tmp_path):
     assert [files.is_link("/", name) for name in ("again", "log")] == [True, False]
 
 
-def test_a_folder_is_kept_and_a_temporary_one_is_not(tmp_path):
+def test_a_given_folder_is_kept_and_a_temporary_folder_is_removed(tmp_path):
     VehicleFiles(tmp_path / "kept").create("a")
     assert VehicleFiles(tmp_path / "kept").listing("/") == [("a", 0)]
     temporary = VehicleFiles()

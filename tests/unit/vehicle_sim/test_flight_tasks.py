@@ -75,7 +75,7 @@ def test_a_takeoff_ramp_begins_with_a_descent_and_climbs_with_the_ramps_accelera
     assert speeds[-1] == pytest.approx(-1.5, abs=0.01)
 
 
-def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current_one_is_kept():
+def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current_yaw_is_kept():
     view, row = View(), Row()
     path = Path(view, row)
     path.restart(in_air=True)
@@ -106,7 +106,7 @@ def test_a_heading_reset_also_resets_the_yaw_setpoint():
     assert row.yaw == pytest.approx(2.3 - math.radians(view.parameter("MPC_YAWRAUTO_MAX")) * TICK_S)
 
 
-def test_centred_sticks_hold_the_reset_position_height_and_heading():
+def test_centred_sticks_hold_position_height_and_heading_across_estimator_resets():
     view, row = View(), Row()
     sticks = SimpleNamespace(raw=Deflection(), shaped=Deflection, valid=True)
     manual = Manual(view, row, sticks, HOME)

@@ -73,7 +73,7 @@ def test_follow_climbs_to_its_height_before_it_moves_horizontally() -> None:
     s.command(176, 1, 4, 8)
     s.follow(0.4)
     s.run_until(lambda: s.height_m > 12.5, 20, lambda: s.follow(0.02))
-    assert abs(s.north_m) < 1.0, "it climbs first"
+    assert abs(s.north_m) < 1.0, "the vehicle climbs first"
     s.follow(12.0)
     assert s.north_m > 20.0
     assert s.height_m == pytest.approx(16.0, abs=1.0)
@@ -87,4 +87,4 @@ def test_with_a_height_below_the_ground_the_vehicle_stays_above_the_ground() -> 
     s.follow(12.0)
     for _ in range(20):
         s.follow(0.5)
-        assert 0.3 < s.height_m < 2.0, "it keeps a metre above the ground"
+        assert 0.3 < s.height_m < 2.0, "the vehicle stays a metre above the ground"

@@ -33,7 +33,7 @@ def test_euler_quaternion_matrix_agree(roll, pitch, yaw):
 
 @given(st.lists(st.floats(-5, 5), min_size=6, max_size=6), angle, tilt, angle)
 @settings(max_examples=50, deadline=None)
-def test_products(values, roll, pitch, yaw):
+def test_vector_and_quaternion_products_agree_with_numpy(values, roll, pitch, yaw):
     a, b = np.array([values[:3]]), np.array([values[3:]])
     assert frames.cross(a, b)[0] == pytest.approx(np.cross(a[0], b[0]), abs=1e-12)
     q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
@@ -53,7 +53,7 @@ def test_a_positive_yaw_rate_turns_the_nose_east():
     assert nose[1] > 0.4
 
 
-def test_wrap():
+def test_angles_are_wrapped_to_plus_or_minus_pi():
     assert frames.wrap_pi(np.array([3.5, -3.5, 0.1])) == pytest.approx(
         [3.5 - 2 * math.pi, 2 * math.pi - 3.5, 0.1]
     )

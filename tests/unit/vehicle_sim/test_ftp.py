@@ -53,7 +53,7 @@ def test_a_file_is_created_written_read_listed_renamed_and_removed(client):
         (ftp.CREATE, b"../../x", b"\x09"),
     ],
 )
-def test_refusals(client, opcode, data, error):
+def test_invalid_requests_are_refused_with_px4s_error(client, opcode, data, error):
     assert client.one(opcode, data) == (ftp.NAK, error)
 
 
@@ -75,7 +75,7 @@ def test_opening_a_file_returns_the_vehicles_session_number(client, requested):
     assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
 
 
-def test_bursts_and_writes_go_to_the_open_file_by_any_session_but_reads_and_ends_do_not(client):
+def test_bursts_and_writes_accept_any_session_number_but_reads_and_terminates_do_not(client):
     client.one(ftp.CREATE, b"a")
     assert client.one(ftp.WRITE, b"hello", session=9) == (ftp.ACK, b"\x05\0\0\0")
     assert client.one(ftp.READ, size=5, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))

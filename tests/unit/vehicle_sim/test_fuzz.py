@@ -100,8 +100,8 @@ def _odd(letter: str, chance: random.Random) -> float:
     )
 
 
-def works(sim: VehicleSim) -> bool:
-    """Whether its state is finite, and it still streams and answers."""
+def still_works(sim: VehicleSim) -> bool:
+    """Whether the vehicle's state is finite, and the simulator still streams and answers."""
     truth = sim.simulation.truth
     finite = all(
         np.isfinite(rows).all() for rows in (truth.position_ned_m, truth.q_ned_frd, truth.rates_frd_rad_s)
@@ -174,7 +174,7 @@ def test_the_simulator_works_after_extreme_values_in_every_message(seed: int) ->
             sim.feed(0, chance.choice(("gcs", "api")), frame_v2(layout, payload, n & 0xFF, *sender))
             if n % 10 == 0:
                 sim.step(0.02)
-    assert works(sim)
+    assert still_works(sim)
 
 
 SERVICES = (
@@ -200,7 +200,7 @@ def test_the_simulator_works_after_extreme_values_to_every_service_in_flight(see
         sim.feed(0, "gcs", frame_v2(layout, odd_payload(layout, chance), n & 0xFF, 255, 190))
         if n % 5 == 0:
             sim.step(0.02)
-    assert works(sim)
+    assert still_works(sim)
 
 
 @pytest.mark.story
@@ -214,4 +214,4 @@ def test_a_flood_takes_limited_memory_and_the_simulator_works_afterwards() -> No
         sim.step(0.02)
     link = sim.nodes[0].context.links[0]
     assert link._outbox_bytes < 4_100_000
-    assert works(sim)
+    assert still_works(sim)

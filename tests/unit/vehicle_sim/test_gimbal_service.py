@@ -21,15 +21,15 @@ def q_pitch(s: Station) -> float:
     return math.asin(2 * (w * y - z * x))
 
 
-def take(s: Station) -> None:
+def take_control(s: Station) -> None:
     s.command(1001, 255, 190, -1, -1)
     s.run(0.1)
 
 
-def test_the_sequence_of_a_gimbal_program() -> None:
+def test_a_gimbal_program_takes_control_moves_the_gimbal_and_releases_control() -> None:
     """Takes control, streams roll 90°, pitch 90° and zero with locked yaw, and releases control."""
     s = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
-    take(s)
+    take_control(s)
     assert s.acks(1001) == [0]
 
     def stream(roll_deg: float, pitch_deg: float) -> None:
@@ -65,7 +65,7 @@ def test_without_control_commands_are_denied_and_messages_ignored() -> None:
 
 def test_servo_angles_change_at_once_and_stop_at_half_their_range() -> None:
     s = ready()
-    take(s)
+    take_control(s)
     gimbal = s.sim.autopilots[0].gimbal
     s.command(1000, -30, 60, NAN, NAN)
     s.run(0.1)
@@ -84,7 +84,7 @@ def test_servo_angles_change_at_once_and_stop_at_half_their_range() -> None:
 
 def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> None:
     s = Station(parameters={"MNT_MODE_OUT": 2})
-    take(s)
+    take_control(s)
     s.command(1000, -60, 90, NAN, NAN, 16)
     s.run(0.3)
     gimbal = s.sim.autopilots[0].gimbal
@@ -99,7 +99,7 @@ def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> No
 
 def test_with_stabilization_the_yaw_of_servos_is_held_relative_to_north() -> None:
     s = Station(parameters={"MNT_DO_STAB": 2})
-    take(s)
+    take_control(s)
     s.command(1000, 0, 90, NAN, NAN, 16)
     s.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
     s.run(6)
@@ -110,7 +110,7 @@ def test_with_stabilization_the_yaw_of_servos_is_held_relative_to_north() -> Non
 
 def test_assigned_outputs_have_the_gimbals_angles_when_armed_or_prearmed() -> None:
     s = Station(parameters={"PWM_MAIN_FUNC5": 421, "PWM_MAIN_FUNC7": 422})
-    take(s)
+    take_control(s)
     s.command(1000, -22.5, 90, NAN, NAN)
     s.command(511, 36, 100000)
     s.run(1)
@@ -135,7 +135,7 @@ def test_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
 
 def test_with_yaw_lock_the_heading_is_kept_and_without_it_the_gimbal_turns_with_the_vehicle() -> None:
     s = ready()
-    take(s)
+    take_control(s)
     gimbal = s.sim.autopilots[0].gimbal
     s.command(1000, 0, 90, NAN, NAN, 16)
     s.run(2.5)
@@ -146,9 +146,9 @@ def test_with_yaw_lock_the_heading_is_kept_and_without_it_the_gimbal_turns_with_
     assert math.degrees(gimbal.actual.yaw_rad) == pytest.approx(30, abs=0.5)
 
 
-def test_rates_turn_until_angles_stop_them_and_angles_alone_with_nan_change_nothing() -> None:
+def test_rates_move_the_gimbal_until_nan_stops_it_and_an_incomplete_pair_of_angles_is_ignored() -> None:
     s = ready()
-    take(s)
+    take_control(s)
     s.command(1000, NAN, NAN, -10, 0)
     s.run(2)
     gimbal = s.sim.autopilots[0].gimbal
@@ -165,8 +165,8 @@ def test_rates_turn_until_angles_stop_them_and_angles_alone_with_nan_change_noth
 def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
     s = ready()
     s.run(4)
-    place = s.last["GLOBAL_POSITION_INT"]
-    s.command(195, 0, 0, 0, 0, place.lat / 1e7, place.lon / 1e7 + 50 / 75270, place.alt / 1000 - 50)
+    position = s.last["GLOBAL_POSITION_INT"]
+    s.command(195, 0, 0, 0, 0, position.lat / 1e7, position.lon / 1e7 + 50 / 75270, position.alt / 1000 - 50)
     s.run(3)
     gimbal = s.sim.autopilots[0].gimbal
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=3)
@@ -216,7 +216,7 @@ def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
 def test_neutral_points_ahead_of_the_vehicle_with_any_lock(output: int, locks: int) -> None:
     s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
     s.ready_to_arm()
-    take(s)
+    take_control(s)
     s.command(1000, -20, 90, NAN, NAN, 28)
     s.run(2)
     s.command(1000, NAN, NAN, NAN, NAN, 2)

@@ -39,7 +39,7 @@ def test_the_airframe_is_that_of_the_recordings():
     assert values == pytest.approx([MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S])
 
 
-def test_a_fall_loses_exactly_the_energy_of_the_drag():
+def test_the_energy_lost_in_a_fall_is_the_work_of_drag():
     sim = Simulation(start_ned_m=np.array([[0.0, 0.0, -300.0]]), sensor_noise=False)
     lost_j = 0.0
     for _ in range(1000):
@@ -127,7 +127,7 @@ def test_a_lasting_gps_offset_is_rejected_and_finally_accepted():
     assert sim.estimate.gps_rejected[0]
     assert sim.estimate.innovation_ratio_position[0] > 1.0
     assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
-    assert sim.estimate.valid_position[0], "its velocity is still used"
+    assert sim.estimate.valid_position[0], "the GPS velocity is still used"
     run(sim, 12.0)
     error = sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]
     assert error == pytest.approx(60.0, abs=4.0), "reset to the position of GPS"
@@ -145,7 +145,7 @@ def test_a_short_gps_glitch_has_no_lasting_effect():
 
 
 @pytest.mark.story
-def test_gusts_depend_on_the_seed_and_end():
+def test_gusts_depend_on_the_seed_and_can_be_stopped():
     first, again, other = (hovering(seed=seed) for seed in (4, 4, 5))
     for sim in (first, again, other):
         sim.set_gusts(3.0)

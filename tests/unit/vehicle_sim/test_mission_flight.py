@@ -13,7 +13,7 @@ from tests.unit.vehicle_sim.sim_station import RTL
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
-LATER = 0.06
+TIME_TOLERANCE = 0.06
 """Relative tolerance of the times: only the recorded vehicle drifts with GPS noise."""
 
 
@@ -53,12 +53,12 @@ def test_the_box_is_flown_as_recorded(shared: Path) -> None:
             ours.setdefault(message.seq, t_s - start_s)
     assert list(ours) == list(real) == [0, 1, 2, 3, 4]
     for seq, t_s in real.items():
-        assert ours[seq] == pytest.approx(t_s, rel=LATER), f"item {seq}"
+        assert ours[seq] == pytest.approx(t_s, rel=TIME_TOLERANCE), f"item {seq}"
     flown = np.array(track)
     x0, y0 = rows[0, columns["x"]], rows[0, columns["y"]]
     path = rows[rows[:, 0] < real[4]][:, [columns["x"], columns["y"]]] - (x0, y0)
-    off = [np.hypot(*(path - place).T).min() for place in flown[::25, 1:3]]
-    assert max(off) < 1.6, "distance to the recorded path"
+    deviations_m = [np.hypot(*(path - position).T).min() for position in flown[::25, 1:3]]
+    assert max(deviations_m) < 1.6, "distance to the recorded path"
     assert flown[:, 3].max() < 10.6
     speeds = np.hypot(np.diff(flown[:, 1]), np.diff(flown[:, 2])) / 0.02
     real_speeds = np.hypot(rows[:, columns["vx"]], rows[:, columns["vy"]])

@@ -26,7 +26,7 @@ def replay():
     return Replay(lambda each: issued.append((each.command, each.parameters[0]))), issued
 
 
-def test_speed_and_camera_mode_are_repeated_at_once_the_gimbal_after_the_climb_and_pictures_at_the_waypoint():
+def test_speed_is_repeated_at_once_gimbal_angles_after_the_climb_and_pictures_at_the_waypoint():
     repeated, issued = replay()
     assert repeated.begin(LINE, 10) == 10
     assert issued == [(SPEED, 1), (MODE, 0)]
@@ -52,7 +52,7 @@ def test_only_a_trigger_that_takes_pictures_is_repeated(last, repeats):
     assert (issued == [(last.command, last.parameters[0])]) is repeats
 
 
-def test_a_mission_left_while_pictures_are_taken_continues_at_the_position_before():
+def test_a_mission_left_while_pictures_are_taken_continues_at_the_previous_waypoint():
     repeated, issued = replay()
     repeated.left_at = 10
     assert repeated.begin(LINE, 10) == 9

@@ -43,14 +43,14 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
     s.command(176, 1, 4, 3)
     s.run(0.2)
     assert s.active_mode == HOLD
-    s.run(7.0)  # it was accelerating, so it overshoots and flies back
+    s.run(7.0)  # the vehicle was accelerating, so it overshoots and flies back
     held = s.place
     s.run(1.0)
-    assert math.dist(held, s.place) < 0.6, "it holds its position"
+    assert math.dist(held, s.place) < 0.6, "the vehicle holds its position"
     s.command(176, 1, 4, 4)
     s.run(0.1)
     assert s.texts()[-1] == "Executing Mission\t"
-    assert s.mission.current == 2, "it resumes at the same item"
+    assert s.mission.current == 2, "the mission resumes at the same item"
 
     s.run_until(lambda: s.mission.current == 3, 10)
     s.run_until(lambda: s.mission.current == 4, 12)

@@ -24,7 +24,7 @@ RECORDED_HEAD = (
 
 
 class Flight:
-    """A vehicle that was armed for a while: its log, and the states of the simulation at that time."""
+    """A vehicle that was armed for 3 s: its log, and the states of the simulation in that time."""
 
     def __init__(self, folder):
         files = VehicleFiles(folder)
@@ -34,11 +34,11 @@ class Flight:
         assert sim.loggers[0].running
         sim.simulation.parameters[0].set("MPC_XY_CRUISE", 7.0)
         self.station.command(400, 1)
-        self.seen = {}
+        self.states = {}
         for _ in range(750):
             sim.step(0.004)
             estimate = sim.simulation.estimate
-            self.seen[round(sim.time_s * 1e6)] = (
+            self.states[round(sim.time_s * 1e6)] = (
                 estimate.q_ned_frd[0].copy(), estimate.position_ned_m[0].copy(),
                 sim.simulation.sensors.gyro_frd_rad_s[0].copy(), float(estimate.lat_deg[0]),
                 sim.simulation.motors_us[0].copy(),
@@ -89,9 +89,9 @@ def test_logged_values_equal_those_of_the_simulation_at_the_same_time(flight, to
     data = flight.data[topic]
     compared = 0
     for k, time_us in enumerate(data["timestamp"]):
-        if int(time_us) in flight.seen:
+        if int(time_us) in flight.states:
             written = np.array([data[name][k] for name in columns])
-            known = np.atleast_1d(flight.seen[int(time_us)][index])
+            known = np.atleast_1d(flight.states[int(time_us)][index])
             assert written == pytest.approx(np.round(known) if topic.endswith("outputs") else known, rel=1e-6)
             compared += 1
     assert compared >= 29
@@ -203,7 +203,7 @@ def test_logs_of_the_same_second_get_different_names():
     assert paths[1] == paths[0].replace(".ulg", "_01.ulg")
 
 
-def test_the_default_profile_alone_writes_less():
+def test_the_default_log_profile_alone_has_lower_rates():
     sim = VehicleSim(log=True, parameters={"SDLOG_PROFILE": 1})
     sim.step(3.0)
     sim.close()

@@ -23,7 +23,7 @@ def in_time(moment_s: float, due_s: float, late_s: float = CHECK_S) -> bool:
     return due_s - STEP_S <= moment_s <= due_s + late_s
 
 
-def once(moments_s: list[float], due_s: float) -> bool:
+def once_in_time(moments_s: list[float], due_s: float) -> bool:
     return len(moments_s) == 1 and in_time(moments_s[0], due_s)
 
 
@@ -54,8 +54,8 @@ def validity_ended_in_time(course: Course, seconds: float) -> bool:
     if not valid_while_aided(course, seconds):
         return False
     if KINDS[course.kind].aided is False:
-        reckons = once(course.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
-        return reckons and once(course.invalid_at_s, due_s) and not course.valid_at_s
+        reckons = once_in_time(course.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
+        return reckons and once_in_time(course.invalid_at_s, due_s) and not course.valid_at_s
     if course.kind != GONE_FOR_A_WHILE:
         return True
     bad_s = max(at for at in course.fixes_s if at < course.back_s)
@@ -68,7 +68,7 @@ def validity_ended_in_time(course: Course, seconds: float) -> bool:
     # After 7 s without fusion the estimate is reset to a position outside the gate.
     reset_s = max(again_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
     back = course.valid_at_s[0] if course.valid_at_s else seconds
-    return once(course.invalid_at_s, due_s) and again_s - CHECK_S <= back <= reset_s + CHECK_S
+    return once_in_time(course.invalid_at_s, due_s) and again_s - CHECK_S <= back <= reset_s + CHECK_S
 
 
 LOST = {"dead_reckoning_at_s": [1.06], "invalid_at_s": [5.06]}

@@ -27,7 +27,7 @@ def flight(pitch_rad: float, seconds: float = 10.0) -> Replay:
     return Replay(t_s, columns)
 
 
-def test_a_constant_pitch_ends_at_the_terminal_speed():
+def test_a_constant_pitch_leads_to_the_terminal_speed():
     moved = recorded_motion.without_gps(AIRFRAME, flight(-0.1))
     terminal_m_s = AIRFRAME.mass_kg * GRAVITY_M_S2 * math.tan(0.1) / AIRFRAME.drag_n_per_m_s
     assert moved["vx"][-1] == pytest.approx(terminal_m_s, rel=1e-3)

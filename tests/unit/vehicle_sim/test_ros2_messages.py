@@ -23,19 +23,19 @@ def _samples(path: Path) -> list[dict[str, Any]]:
 def _flat(values: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Recorded fields by the names of `MessageType.flat`."""
     for key, value in values.items():
-        here = f"{name}.{key}" if name else key
+        path_name = f"{name}.{key}" if name else key
         if isinstance(value, dict):
-            yield from _flat(value, here)
+            yield from _flat(value, path_name)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             for n, each in enumerate(value):
-                yield from _flat(each, f"{here}[{n}]")
+                yield from _flat(each, f"{path_name}[{n}]")
         else:
-            yield here, value
+            yield path_name, value
 
 
-def _same(recorded: Any, ours: Any) -> bool:
+def _equal_or_both_nan(recorded: Any, ours: Any) -> bool:
     if isinstance(recorded, list):
-        return len(recorded) == len(ours) and all(map(_same, recorded, ours))
+        return len(recorded) == len(ours) and all(map(_equal_or_both_nan, recorded, ours))
     if recorded is None:
         return math.isnan(ours)
     if recorded in ("inf", "-inf") and isinstance(ours, float):
@@ -48,7 +48,7 @@ def _same(recorded: Any, ours: Any) -> bool:
 def _check(sample: dict[str, Any]) -> None:
     message, data = MESSAGES[sample["type"]], bytes.fromhex(sample["cdr_hex"])
     values = message.decode(data)
-    differ = {k: (v, values[k]) for k, v in _flat(sample["fields"]) if not _same(v, values[k])}
+    differ = {k: (v, values[k]) for k, v in _flat(sample["fields"]) if not _equal_or_both_nan(v, values[k])}
     assert not differ, (sample["topic"], differ)
     # PX4's padding contains old bytes of its buffer; our encoding and Cyclone's have zeros there.
     encoded = message.encode(values)
@@ -89,7 +89,7 @@ def test_the_hash_equals_px4s_answer(name, answer):
     assert MESSAGES[name].hash == answer
 
 
-def test_types_have_their_names_on_the_wire():
+def test_dds_type_names_are_those_of_px4_msgs():
     assert idl_type(MESSAGES["VehicleStatus"]).__idl__.idl_transformed_typename == (
         "px4_msgs::msg::dds_::VehicleStatus_"
     )

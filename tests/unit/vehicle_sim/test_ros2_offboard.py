@@ -97,7 +97,7 @@ def test_without_any_flag_the_signal_is_lost_at_once(air):
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_unusable_setpoints_leave_the_last_one_in_effect(air):
+def test_invalid_setpoints_leave_the_last_one_in_effect(air):
     level = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})
     enter(air, flags("attitude"), level)
     for broken in ([NAN, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]):
@@ -109,7 +109,7 @@ def test_unusable_setpoints_leave_the_last_one_in_effect(air):
 
 
 @pytest.mark.flight
-def test_goto_is_flown_in_hold_and_ends_with_its_messages(air):
+def test_a_goto_setpoint_is_flown_in_hold_until_its_messages_stop(air):
     goal = {"position": [0.0, 5.0, -2.5], "flag_set_max_horizontal_speed": True, "max_horizontal_speed": 4.0}
     air.stream(8.0, 30.0, (GOTO, goal))
     assert status(air) == (HOLD_MODE, False)
@@ -122,14 +122,14 @@ def test_goto_is_flown_in_hold_and_ends_with_its_messages(air):
 @pytest.mark.story
 @pytest.mark.flight
 def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(air):
-    pulled_m = []
-    for hz in (10.06, 50.3):  # no multiple of the mode's rate: what the mode overwrites changes all the time
+    moved_m = []
+    for hz in (10.06, 50.3):  # no multiples of the mode's rate, so that the overwritten setpoints vary
         air.stream(6.4, hz, trajectory((5.0, 0.0, -2.5)))
-        pulled_m.append(air.position_ned_m[0])
+        moved_m.append(air.position_ned_m[0])
         assert status(air) == (HOLD_MODE, False)
         air.run(4.0)
-    assert 0.1 < pulled_m[0] < 0.8
-    assert 1.0 < pulled_m[1] < 2.5  # PX4 overwrites two thirds of them before they are used
+    assert 0.1 < moved_m[0] < 0.8
+    assert 1.0 < moved_m[1] < 2.5  # PX4 overwrites two thirds of them before they are used
     assert abs(air.position_ned_m[0]) < 0.5
 
 

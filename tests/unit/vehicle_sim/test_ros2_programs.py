@@ -29,12 +29,12 @@ class Flight:
         self.sim.step(seconds)
         self.heights_m.append(-self.sim.autopilots[0].view.estimate.position_ned_m[2])
 
-    def first_s(self, height_m: float) -> float:
+    def first_above_s(self, height_m: float) -> float:
         """Time since the start of the program at which the vehicle was first above this height."""
         return 0.1 * next(n for n, each in enumerate(self.heights_m, start=1) if each > height_m)
 
     def lands(self) -> bool:
-        """Whether it is on the ground and disarmed within 25 s."""
+        """Whether the vehicle lands and disarms within 25 s."""
         for _ in range(25):
             self.sim.step(1.0)
             if not self.sim.autopilots[0].commander.armed:
@@ -54,8 +54,8 @@ def test_the_offboard_node_climbs_to_five_metres_and_lands(domain, capsys):
     ros2_offboard_node.main(DOMAIN, namespace, flight.sleep)
     assert "Switching to land mode" in capsys.readouterr().out
     # A recorded PX4 lifted off 4.3 s after the first message and passed 4.5 m at 7.4 to 7.6 s.
-    assert flight.first_s(0.1) - 0.4 == pytest.approx(4.3, abs=0.5)
-    assert flight.first_s(4.5) - 0.4 == pytest.approx(7.4, abs=0.7)
+    assert flight.first_above_s(0.1) - 0.4 == pytest.approx(4.3, abs=0.5)
+    assert flight.first_above_s(4.5) - 0.4 == pytest.approx(7.4, abs=0.7)
     assert flight.heights_m[-1] == pytest.approx(5.0, abs=0.1)
     assert flight.lands()
 

@@ -20,7 +20,7 @@ def idle() -> Ros2Vehicle:
     return Ros2Vehicle(boot_s=12.4, parameters={})
 
 
-def test_topics_types_and_qos_kinds_are_the_recorded_ones(shared):
+def test_topic_names_and_types_are_the_recorded_ones(shared):
     facts = json.loads((shared / "px4" / "dds" / "topics.json").read_text())
     recorded = {(t["name"], t["ros_type"].split("/")[-1], t["direction"]) for t in facts["topics"]}
     ours = {(t.name, t.type, "out") for t in OUTPUTS} | {(t.name, t.type, "in") for t in INPUTS}

@@ -18,7 +18,7 @@ def script(*events):
     )
 
 
-def test_gps_is_lost_and_returns_at_its_times():
+def test_gps_is_lost_and_restored_at_the_scripted_times():
     sim = VehicleSim(script=script("at_s: 2, gps: lost", "at_s: 3.5, gps: ok"))
     fixes = []
     for _ in range(50):
@@ -29,7 +29,7 @@ def test_gps_is_lost_and_returns_at_its_times():
 
 
 @pytest.mark.story
-def test_an_event_by_state_occurs_after_the_take_off():
+def test_an_event_when_airborne_occurs_after_the_take_off():
     station = Station(
         script=script("when: airborne, after_s: 2, battery_percent: 40, wind_ned_m_s: [0, 6, 0]")
     )
@@ -58,7 +58,7 @@ def test_a_link_that_is_down_carries_nothing_until_it_is_up_again():
     assert min(times) < 3
     assert max(times) > 6
     assert not [t for t in times if 3.1 < t < 6.0]
-    assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], "the other link goes on"
+    assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], "the other link continues"
 
 
 def test_the_state_landed_needs_a_previous_flight_and_parameters_are_set():
@@ -66,7 +66,7 @@ def test_the_state_landed_needs_a_previous_flight_and_parameters_are_set():
         script=script("when: landed, gps: lost", "at_s: 1, parameter: {name: MPC_XY_CRUISE, value: 3}")
     )
     sim.step(2.0)
-    assert sim.simulation.sensors.gps_fix_type[0] == 3, "it has not flown yet"
+    assert sim.simulation.sensors.gps_fix_type[0] == 3, "the vehicle has not flown yet"
     assert sim.simulation.parameters[0].get("MPC_XY_CRUISE") == 3.0
 
 
@@ -80,7 +80,7 @@ def test_a_gps_offset_moves_the_gps_position():
 
 
 @pytest.mark.parametrize(
-    ("event", "says"),
+    ("event", "expected"),
     [
         ("gps: lost", "events[0] needs one of at_s, when, above_m"),
         ("at_s: 1, when: armed, gps: lost", "needs one of"),
@@ -96,8 +96,8 @@ def test_a_gps_offset_moves_the_gps_position():
         ("at_s: 1, vehicles: [], gps: ok", "a list of system ids"),
     ],
 )
-def test_the_error_about_an_invalid_event_names_field_and_line(event, says):
+def test_the_error_about_an_invalid_event_names_field_and_line(event, expected):
     with pytest.raises(FileProblem) as problem:
         script(event)
-    assert says in str(problem.value)
+    assert expected in str(problem.value)
     assert "test.yaml line 3" in str(problem.value)

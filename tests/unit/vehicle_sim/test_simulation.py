@@ -50,7 +50,7 @@ def test_motors_idle_when_armed_without_a_setpoint():
     assert sim.truth.on_ground.all()
 
 
-def test_position_is_valid_half_a_second_after_boot_and_where_home_is():
+def test_position_is_valid_soon_after_boot_and_equals_home():
     sim = Simulation(home=SimulationOrigin(10.0, 20.0, 100.0), sensor_noise=False)
     run(sim, 0.3)
     assert not sim.estimate.valid_position[0]
@@ -139,7 +139,7 @@ def test_terminal_speed_of_a_fall_is_weight_over_drag():
 def test_a_position_is_held_in_wind():
     sim = hovering(wind_ned_m_s=np.array([0.0, 4.0, 0.0]))
     run(sim, 10.0)
-    assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), "it tilts into the wind"
+    assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), "the vehicle tilts into the wind"
     assert abs(sim.truth.velocity_ned_m_s[0, 1]) < 0.1
 
 
@@ -170,7 +170,7 @@ def test_the_same_seed_gives_the_same_flight(seed):
     assert not np.array_equal(first, other)
 
 
-def test_vehicles_of_a_fleet_fly_like_single_ones():
+def test_vehicles_of_a_fleet_fly_like_single_vehicles():
     targets = np.array([[3.0, 0.0, -8.0], [0.0, -6.0, -4.0], [20.0, 20.0, -12.0]])
     together = Simulation(3, sensor_noise=False, start_ned_m=np.zeros((3, 3)))
     alone = [Simulation(sensor_noise=False) for _ in range(3)]
@@ -265,7 +265,9 @@ def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_effect_of
     sensors = switched(SIM_GPS_USED=3)
     assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
     assert sensors.gps_satellites[0] == 3
-    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "it still reports its position"
+    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), (
+        "the receiver still reports its position"
+    )
 
 
 @pytest.mark.story

@@ -27,12 +27,7 @@ Script = Mapping[float, Callable[[VehicleSim], object]]
 
 def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: float) -> dict[str, Any]:
     home = VehicleSim(links=()).simulation.home
-    lat, lon = to_global(
-        *(
-            np.array(for_each_autopilot)
-            for for_each_autopilot in (north_m, east_m, home.lat_deg, home.lon_deg)
-        )
-    )
+    lat, lon = to_global(*(np.array(value) for value in (north_m, east_m, home.lat_deg, home.lon_deg)))
     given = (*parameters, *[0.0] * 4)[:4]
     return {
         "frame": RELATIVE, "command": command, "autocontinue": True, "current": False,
@@ -143,7 +138,7 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
 def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_steady_ticks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Full ticks: before arming, after the disarming, and while the landing brakes."""
+    """Ticks are full before arming, after disarming, and while the vehicle brakes for the landing."""
 
     def set_quick(sim: VehicleSim) -> None:
         for name, value in {"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5}.items():

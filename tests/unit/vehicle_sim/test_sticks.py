@@ -54,9 +54,9 @@ class JoystickStation(Station):
             z=home.alt_amsl_m + 10.0,
         )
         self.fly(1.0)
-        self.run_until(lambda: self.is_still_at(north, east), 60, lambda: self.fly(0.02))
+        self.run_until(lambda: self.hovers_at(north, east), 60, lambda: self.fly(0.02))
 
-    def is_still_at(self, north, east):
+    def hovers_at(self, north, east):
         off = np.abs(self.place - (north, east, -10.0)).max()
         return off < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
 
@@ -104,9 +104,9 @@ def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_it_is_c
     assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL minus the effect of drag"
     assert abs(pilot.velocity[1]) < 0.3
     pilot.fly(10.0, x=0)
-    stood = pilot.place
+    stopped_at = pilot.place
     pilot.fly(3.0)
-    assert np.abs(pilot.place - stood).max() < 0.5
+    assert np.abs(pilot.place - stopped_at).max() < 0.5
     assert pilot.height_m == pytest.approx(10.0, abs=0.7)
 
 
@@ -133,7 +133,7 @@ def test_in_altitude_the_stick_sets_the_tilt_and_the_position_is_not_held(pilot)
     assert pilot.velocity[1] > 3.0
     pilot.fly(1.0, y=0)
     assert abs(math.degrees(pilot.euler[0])) < 3.0
-    assert pilot.velocity[1] > 0.5, "it is not stopped"
+    assert pilot.velocity[1] > 0.5, "the vehicle is not stopped"
 
 
 def test_the_yaw_stick_sets_the_rate_and_centred_it_holds_the_heading(pilot):
@@ -164,7 +164,7 @@ def test_in_acro_sticks_set_body_rates(pilot):
 
 
 @pytest.mark.story
-def test_take_off_and_landing_by_throttle():
+def test_the_throttle_stick_takes_off_and_lands():
     pilot = JoystickStation()
     pilot.run_until(lambda: pilot.ready, 15)
     pilot.fly(0.5, z=0)
@@ -172,7 +172,7 @@ def test_take_off_and_landing_by_throttle():
     pilot.command(400, 1)
     pilot.fly(2.0)
     assert pilot.armed
-    assert pilot.height_m < 0.05, "with low throttle it stays on the ground"
+    assert pilot.height_m < 0.05, "with low throttle the vehicle stays on the ground"
     pilot.fly(6.0, z=900)
     assert pilot.height_m > 2.0
     pilot.fly(2.0, z=500)
@@ -196,7 +196,7 @@ def test_with_gaps_in_the_sticks_the_vehicle_holds_its_height_and_then_continues
         at_rest_m = pilot.height_m
         pilot.run(0.2)
         heights_m.append(pilot.height_m)
-        assert heights_m[-1] >= at_rest_m - 0.05, "in a gap it holds its height"
+        assert heights_m[-1] >= at_rest_m - 0.05, "in a gap the vehicle holds its height"
     assert heights_m[-1] > 6.0
     assert heights_m[-1] - heights_m[-2] > 1.0
 
@@ -209,7 +209,7 @@ def test_lost_sticks_trigger_the_failsafe(pilot):
     assert any("Failsafe" in text for text in pilot.texts(began_s))
 
 
-def test_in_hold_a_moved_stick_takes_over_and_centred_ones_do_not(pilot):
+def test_in_hold_a_moved_stick_takes_over_and_centred_sticks_do_not(pilot):
     pilot.fly(2.0)
     assert pilot.active_mode != POSITION
     pilot.fly(0.5, x=600)
@@ -217,7 +217,7 @@ def test_in_hold_a_moved_stick_takes_over_and_centred_ones_do_not(pilot):
     assert any("took over" in text for text in pilot.texts())
 
 
-def test_sticks_for_other_vehicles_and_disabled_ones_are_ignored(pilot):
+def test_sticks_for_other_vehicles_and_disabled_sticks_are_ignored(pilot):
     before_s = pilot.sim.autopilots[0].sticks.received_at_s
     pilot.send("MANUAL_CONTROL", target=99, x=0, y=0, z=500, r=0)
     pilot.sim.autopilots[0].view.parameters.set("COM_RC_IN_MODE", 4)

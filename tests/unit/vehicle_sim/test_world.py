@@ -77,13 +77,13 @@ def test_a_rectangular_prism_is_measured_like_a_box(origin, direction):
 
 def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
     contact = Contact(PRISM, 3)
-    place = np.array([[18.0, 0.0, -3.0], [9.8, -2.0, -1.0], [12.0, 2.5, -1.0]])
+    positions = np.array([[18.0, 0.0, -3.0], [9.8, -2.0, -1.0], [12.0, 2.5, -1.0]])
     velocity = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    assert contact.support_down_m(place).tolist() == [-3.0, 0.0, 0.0]
-    assert [(each.row, each.what) for each in contact.collide(place, velocity)] == [(1, "l")]
-    assert place[1] == pytest.approx([9.7, -2.0, -1.0])
+    assert contact.support_down_m(positions).tolist() == [-3.0, 0.0, 0.0]
+    assert [(each.row, each.what) for each in contact.collide(positions, velocity)] == [(1, "l")]
+    assert positions[1] == pytest.approx([9.7, -2.0, -1.0])
     assert velocity[1, 0] < 0.0
-    assert contact.collide(place, velocity) == [], "a crashed vehicle has no second collision"
+    assert contact.collide(positions, velocity) == [], "a crashed vehicle has no second collision"
 
 
 @settings(max_examples=60, deadline=None)
@@ -150,7 +150,7 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     assert "Collision with the obstacle box: motors stopped" in station.texts(began_s)
     station.run(4.0)
     at = station.sim.simulation.truth.position_ned_m[0]
-    assert station.height_m < 0.1, "it fell"
+    assert station.height_m < 0.1, "the vehicle fell"
     assert at[0] < 5 - 0.75, "in front of the box"
 
 

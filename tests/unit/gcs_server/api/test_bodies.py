@@ -69,7 +69,7 @@ def test_bodies_beyond_a_limit_are_refused_before_parsing(text, word):
     assert word in json_fault(text)
 
 
-def test_a_hundred_thousand_unknown_keys_make_one_error(client):
+def test_a_body_with_fifty_thousand_unknown_keys_causes_one_error(client):
     body = {f"k{n}": 1 for n in range(50_000)}
     answer = client.post("/api/v1/vehicles/1/takeoff", json=body, headers={"X-Client": "hostile"})
     assert answer.status_code == 422
@@ -89,7 +89,7 @@ def test_a_hundred_thousand_unknown_keys_make_one_error(client):
         {"members": [{f"k{n}": 1 for n in range(90)}] * 10},
     ],
 )
-def test_errors_of_the_worst_valid_size_are_few_and_short(client, body):
+def test_the_errors_of_the_largest_bodies_are_few_and_short(client, body):
     for path in ("vehicles/1/takeoff", "vehicles/1/offboard/setpoint", "groups"):
         answer = client.post(f"/api/v1/{path}", json=body)
         assert answer.status_code == 422
@@ -99,7 +99,7 @@ def test_errors_of_the_worst_valid_size_are_few_and_short(client, body):
         assert len(client.get("/api/v1/journal?limit=1").content) < 30_000
 
 
-def test_a_path_of_a_thousand_invalid_points_makes_one_error(client):
+def test_a_path_of_a_thousand_invalid_points_causes_errors_of_one_point_only(client):
     body = {"setpoint": {"type": "path", "points": [{"t": n, "p": 1} for n in range(1000)]}}
     answer = client.post("/api/v1/vehicles/1/offboard/setpoint", json=body)
     assert answer.status_code == 422
@@ -107,7 +107,7 @@ def test_a_path_of_a_thousand_invalid_points_makes_one_error(client):
     assert fields == {f"setpoint.points.0.{name}" for name in ("t", "p", "t_s", "position_ned_m")}
 
 
-def test_a_body_that_is_too_large_is_413_with_and_without_content_length(client):
+def test_a_body_that_is_too_large_gets_status_413_with_and_without_content_length(client):
     large = b" " * (MAX_BODY_BYTES + 1)
     declared = client.post("/api/v1/vehicles/1/arm", content=large)
     pieces = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
@@ -125,11 +125,11 @@ def test_the_longest_allowed_path_is_accepted(client):
     assert client.post("/api/v1/vehicles/1/offboard/setpoint", json=body).status_code == 404
 
 
-def test_an_incomplete_body_is_408_at_the_deadline():
+def test_an_incomplete_body_gets_status_408_at_the_deadline():
     sent = []
 
     async def app(scope, receive, send):
-        raise AssertionError("the application is not asked")
+        raise AssertionError("the application must not be called")
 
     async def never():
         await asyncio.Event().wait()

@@ -55,7 +55,7 @@ def test_an_address_with_a_hundred_clients_does_not_delay_another_address():
     assert names.index("innocent") <= 2
 
 
-def test_a_client_in_control_goes_first():
+def test_a_client_in_control_is_served_first():
     names, _ = served(
         [client(f"hostile {n}", f"6.6.6.{n}") for n in range(50)] + [client("pilot")], ["pilot"]
     )

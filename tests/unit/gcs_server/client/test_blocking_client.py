@@ -44,12 +44,12 @@ def public(kind):
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_call_exists_in_both_clients_with_the_same_arguments(name):
     kind = getattr(MODULES.get(name, offboard), name)
-    twin = getattr(client, f"Sync{name}")
+    blocking_class = getattr(client, f"Sync{name}")
     for called, method in public(kind).items():
         if called not in LEFT_OUT:
-            of_twin = inspect.signature(getattr(twin, called)).parameters
-            assert list(of_twin) == list(inspect.signature(method).parameters), called
-            assert not inspect.iscoroutinefunction(getattr(twin, called))
+            of_blocking = inspect.signature(getattr(blocking_class, called)).parameters
+            assert list(of_blocking) == list(inspect.signature(method).parameters), called
+            assert not inspect.iscoroutinefunction(getattr(blocking_class, called))
 
 
 async def leave():

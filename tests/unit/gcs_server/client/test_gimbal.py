@@ -9,10 +9,10 @@ LIMITED = {"pitch_deg": -45.0, "asked_pitch_deg": -90.0, "text": "The gimbal sto
 
 class Vehicle:
     def __init__(self, limited):
-        self.limited, self.asked = limited, []
+        self.limited, self.requests = limited, []
 
     async def request(self, method, path="", body=None):
-        self.asked.append((method, path, body))
+        self.requests.append((method, path, body))
         return {"command": "gimbal/angles", "limited": self.limited}
 
 
@@ -20,6 +20,6 @@ def test_angles_returns_the_limit_at_which_the_gimbal_stopped():
     for limited in (None, LIMITED):
         vehicle = Vehicle(limited)
         assert asyncio.run(Gimbal(vehicle).angles(-90, 0)) == limited
-        assert vehicle.asked == [
+        assert vehicle.requests == [
             ("POST", "/gimbal/angles", {"pitch_deg": -90, "yaw_deg": 0, "yaw_lock": False})
         ]

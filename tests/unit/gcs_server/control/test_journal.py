@@ -21,7 +21,7 @@ def refuse(journal, detail="alt_home_m: no number", client="me"):
 
 
 class Time:
-    """A clock that the test moves."""
+    """A clock that the test advances."""
 
     def __init__(self):
         self.now_s = 1000.0
@@ -33,12 +33,12 @@ class Time:
         return self.now_s
 
 
-def written(path):
-    """Number of whole lines, also while another one is being written."""
+def count_whole_lines(path):
+    """Number of whole lines, also while another one is being count_whole_lines."""
     return path.read_bytes().count(b"\n") if path.exists() else 0
 
 
-def of_disk(path):
+def lines_of(path):
     text = path.read_text() if path.exists() else ""
     return [json.loads(line) for line in text.splitlines()]
 
@@ -91,13 +91,13 @@ def test_refusals_do_not_displace_commands(tmp_path):
         if number % 500 == 0:
             journal.flush()
     journal.flush()
-    assert len(of_disk(tmp_path / "journal.jsonl")) == 50
+    assert len(lines_of(tmp_path / "journal.jsonl")) == 50
     assert [entry.command for entry in journal.tail(1050)[-50:]] == [
         f"command-{n}" for n in range(49, -1, -1)
     ]
     refused = [path for path in tmp_path.iterdir() if "refused" in path.name]
     assert sum(path.stat().st_size for path in refused) < 2 * MAX_REFUSED_BYTES + 1_500_000
-    assert max(len(line["detail"]) for line in of_disk(refused[0])) < MAX_TEXT_LENGTH + 50
+    assert max(len(line["detail"]) for line in lines_of(refused[0])) < MAX_TEXT_LENGTH + 50
 
 
 def test_large_arguments_are_cut(tmp_path):
@@ -107,7 +107,7 @@ def test_large_arguments_are_cut(tmp_path):
     assert (tmp_path / "journal.jsonl").stat().st_size < 3000
 
 
-def test_equal_refusals_of_one_client_become_one_line_and_one_with_their_number(tmp_path):
+def test_equal_refusals_of_one_client_are_written_once_and_then_counted_in_one_line(tmp_path):
     clock = Time()
     journal = Journal(clock, tmp_path / "journal.jsonl")
     for number in range(1000):
@@ -122,7 +122,7 @@ def test_equal_refusals_of_one_client_become_one_line_and_one_with_their_number(
         ("me", 999),
     ]
     journal.flush()
-    assert len(of_disk(tmp_path / "journal-refused.jsonl")) == 3
+    assert len(lines_of(tmp_path / "journal-refused.jsonl")) == 3
 
 
 def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_one(tmp_path):
@@ -145,7 +145,7 @@ def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_one(tmp_path):
     assert [entry.command for entry in again.tail(10)] == ["takeoff", "takeoff", "arm"]
     add(again, "land")
     again.flush()
-    assert [line["command"] for line in of_disk(path)] == ["arm", "takeoff", "land"]
+    assert [line["command"] for line in lines_of(path)] == ["arm", "takeoff", "land"]
 
 
 @pytest.mark.parametrize("line", [b"[" * 100_000, b"null", b'{"unix_s": "x"}', b"\xff\xfe", b'{"a": 1}', b""])
@@ -173,7 +173,7 @@ def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
     assert "No space left" in journal.warning
     monkeypatch.setattr(os, "write", real)
     journal.flush()
-    assert [line["command"] for line in of_disk(path)] == ["arm", "land"]
+    assert [line["command"] for line in lines_of(path)] == ["arm", "land"]
     assert journal.warning is None
 
 
@@ -193,9 +193,9 @@ def test_the_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
         assert len(journal.tail(1000)) == 1000
         assert not blocked.is_set()
         blocked.set()
-        while written(tmp_path / "journal.jsonl") < 2000:  # noqa: ASYNC110 a file tells nobody
+        while count_whole_lines(tmp_path / "journal.jsonl") < 2000:  # noqa: ASYNC110 a file has no notification
             await asyncio.sleep(0.01)
         await supervisor.close()
         return journal
 
-    asyncio.run(asyncio.wait_for(run(), 10))  # noqa: TID251 a test's own bound
+    asyncio.run(asyncio.wait_for(run(), 10))  # noqa: TID251 time limit of a test

@@ -260,7 +260,7 @@ def test_the_key_distinguishes_clients_of_the_same_name(setup):
     assert setup.lease.holder.key == second.key
 
 
-def test_the_holder_is_informed_of_open_commands_of_others(setup):
+def test_the_holder_is_informed_when_others_command_hold_or_land_now(setup):
     setup.lease.report_intervention(BOB, "Hold")
     setup.lease.command(ANNA)
     setup.lease.report_intervention(ANNA, "Hold")

@@ -1,4 +1,4 @@
-"""Limits of HTTP connections, without sockets: a request beyond them is refused once and closed."""
+"""Limits of HTTP connections, without sockets: a request beyond them gets one refusal and is closed."""
 
 import asyncio
 import json
@@ -34,7 +34,7 @@ TOO_MUCH = {
     "headers without end": (GET, b"x: y\r\n", 431),
     "the name of a header without end": (GET, b"a", 431),
     "an address without end": (b"GET /", b"a", 414),
-    "a body that says its size": (POST + b"Content-Length: 10000000\r\n\r\n", b"a", 413),
+    "a body with its length": (POST + b"Content-Length: 10000000\r\n\r\n", b"a", 413),
     "a body in chunks": (
         POST + b"Transfer-Encoding: chunked\r\n\r\n",
         b"10000\r\n" + b"a" * 65536 + b"\r\n",
@@ -89,7 +89,7 @@ def test_requests_within_the_limits_are_served_in_any_pieces():
     on_a_wire(scenario)
 
 
-def test_incomplete_headers_are_408_and_silent_connections_are_closed():
+def test_incomplete_headers_get_status_408_and_silent_connections_are_closed():
     async def scenario(wire):
         silent, slow, drip, blank = (wire.connect() for _ in range(4))
         await wire.sends(slow, GET)
@@ -108,7 +108,7 @@ def test_incomplete_headers_are_408_and_silent_connections_are_closed():
     on_a_wire(scenario)
 
 
-def test_an_incomplete_body_is_408_and_the_application_gets_a_disconnect():
+def test_an_incomplete_body_gets_status_408_and_the_application_gets_a_disconnect():
     received = []
 
     async def listening(scope, receive, send):
@@ -169,7 +169,7 @@ def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
             slow.unread = slow.unread[1:]
             await wire.passes(1)
         assert stuck.aborted
-        assert not slow.closed, "it reads slowly, but it reads"
+        assert not slow.closed, "the client reads slowly, but it reads"
 
     on_a_wire(scenario)
 

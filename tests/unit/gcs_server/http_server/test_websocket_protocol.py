@@ -35,7 +35,7 @@ def closing(transport):
 
 
 @pytest.mark.parametrize("opcode", [1, 2, 9, 10])
-def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_then_closed(opcode):
+def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(opcode):
     async def scenario(wire):
         transport = await opened(wire)
         longest_s, over = 0.0, False
@@ -95,7 +95,7 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
     on_a_wire(scenario, busy)
 
 
-def test_a_message_of_too_many_frames_is_closed():
+def test_a_message_of_too_many_frames_closes_the_connection():
     async def scenario(wire):
         transport = await opened(wire)
         parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
@@ -105,7 +105,7 @@ def test_a_message_of_too_many_frames_is_closed():
     on_a_wire(scenario)
 
 
-def test_a_too_large_message_is_closed_before_it_is_complete():
+def test_a_too_large_message_closes_the_connection_before_it_is_complete():
     async def scenario(wire):
         transport = await opened(wire)
         taken = await wire.sends(transport, frame(b"x" * 3_000_000))
@@ -127,7 +127,7 @@ def test_unread_pongs_are_limited():
     on_a_wire(scenario)
 
 
-def test_a_client_that_reads_nothing_is_closed_with_a_reason_and_then_ended():
+def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected():
     async def talking(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
@@ -167,8 +167,8 @@ def test_a_silent_open_websocket_stays_open():
 
 
 @pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
-@pytest.mark.parametrize("goes", [False, True])
-def test_data_before_the_accept_waits_without_traceback(early, goes, caplog):
+@pytest.mark.parametrize("disconnects", [False, True])
+def test_data_before_the_accept_waits_and_logs_no_error(early, disconnects, caplog):
     got = []
 
     async def slow(scope, receive, send):
@@ -181,13 +181,13 @@ def test_data_before_the_accept_waits_without_traceback(early, goes, caplog):
         transport = wire.connect()
         await wire.sends(transport, UPGRADE)
         await wire.sends(transport, early)
-        if goes:
+        if disconnects:
             transport.abort()
         await asyncio.sleep(2)
-        assert goes or b" 101 " in transport.written
+        assert disconnects or b" 101 " in transport.written
         assert len(wire.connections) == 0
 
     on_a_wire(scenario, slow)
     assert caplog.records == []
-    if not goes:
+    if not disconnects:
         assert got[0].get("text") == "early" or got[0]["type"] == "websocket.disconnect"

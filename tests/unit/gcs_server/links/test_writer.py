@@ -278,18 +278,18 @@ def test_a_closed_writer_accepts_and_writes_nothing():
     assert link.info().frames_sent == count
 
 
-def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
+def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop_motors_command():
     async def scenario():
         ours, theirs = pty.openpty()
         tty.setraw(ours)
         recorder = LinkRecorder(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
         (peer,) = recorder.link.peers()
         sender = FrameSender(recorder.link, 255, 190, lambda _: None)
-        came, parser = [], FrameParser()
+        received, parser = [], FrameParser()
 
         def read():
-            while len([f for f in came if f.msg_id == COMMAND]) < 40:
-                came.extend(parser.feed(os.read(ours, 4096), time.monotonic()))
+            while len([f for f in received if f.msg_id == COMMAND]) < 40:
+                received.extend(parser.feed(os.read(ours, 4096), time.monotonic()))
 
         def send(thread):
             for number in range(100):
@@ -305,7 +305,7 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
         for thread in threads:
             thread.start()
         await recorder.until(lambda: not any(thread.is_alive() for thread in threads))
-        stops = {frame.payload[30] for frame in came if frame.msg_id == COMMAND}
+        stops = {frame.payload[30] for frame in received if frame.msg_id == COMMAND}
         assert stops == set(range(40))
         assert sum(parser.lost.values()) == parser.crc_errors == 0
         await recorder.link.close()
@@ -315,7 +315,7 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
     run(scenario)
 
 
-def test_a_writer_counts_in_its_links_counters():
+def test_a_writer_updates_the_counters_of_its_link():
     counts = SendCounts()
     writer = LinkWriter(None, lambda data, _: len(data), counts, FaultLog("x"), lambda: 0.0)
     assert writer.submit(Packet(PEER, 3, lambda: b"abc"))

@@ -66,7 +66,7 @@ def test_frames_of_pymavlink_are_read_and_packed_identically(message, seq):
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(messages(), min_size=1, max_size=6), st.data())
-def test_frames_are_found_in_any_pieces_and_garbage(batch, data):
+def test_frames_are_found_in_data_in_pieces_and_between_garbage(batch, data):
     raws, stream, garbage_bytes = [], b"", 0
     for number, message in enumerate(batch):
         garbage = data.draw(
@@ -102,8 +102,8 @@ def test_garbage_never_raises_and_the_next_frame_is_found(garbage):
 @given(messages(), st.data())
 def test_a_damaged_frame_is_dropped_and_the_next_one_kept(message, data):
     raw = bytearray(packed(message, 1))
-    where = data.draw(st.integers(1, len(raw) - 1))
-    raw[where] ^= data.draw(st.integers(1, 255))
+    index = data.draw(st.integers(1, len(raw) - 1))
+    raw[index] ^= data.draw(st.integers(1, 255))
     good = [packed(sim.MAVLink_ping_message(n, n, 0, 0), 2 + n) for n in range(14)]
     frames = codec.FrameParser().feed(bytes(raw) + b"".join(good), 0.0)
     assert good[-1] in [f.raw for f in frames]
@@ -133,7 +133,7 @@ def test_an_unknown_message_is_kept_as_bytes():
     assert parser.frames_unknown == 1
 
 
-def test_lost_frames_are_counted_by_sender_across_the_wrap():
+def test_lost_frames_are_counted_by_sender_also_when_the_sequence_number_wraps():
     parser = codec.FrameParser()
     ping = sim.MAVLink_ping_message(1, 2, 0, 0)
     for seq in (250, 251, 254, 0, 3, 2):

@@ -10,11 +10,11 @@ from gcs_server.mavlink.priority import SETPOINT_LIFETIME_S, Priority, classify,
 from gcs_server.vehicle.services.transaction import RESEND_S
 
 
-def long(command, p1=0.0, p2=0.0, *, system=1, confirmation=0):
+def command_long(command, p1=0.0, p2=0.0, *, system=1, confirmation=0):
     return d.MAVLink_command_long_message(system, 1, command, confirmation, p1, p2, 0, 0, 0, 0, 0)
 
 
-def urgency(message):
+def classified(message):
     """Classifies a message; the zeros that MAVLink 2 cuts off must not change the priority."""
     payload = encode_payload(message)
     whole, cut = classify(message.get_msgId(), payload), classify(message.get_msgId(), payload.rstrip(b"\0"))
@@ -25,18 +25,18 @@ def urgency(message):
 @pytest.mark.parametrize(
     ("message", "priority"),
     [
-        (long(400, 0, 21196), Priority.STOP),
-        (long(185, 1), Priority.STOP),
+        (command_long(400, 0, 21196), Priority.STOP),
+        (command_long(185, 1), Priority.STOP),
         (d.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, 0, 21196, 0, 0, 0, 0, 0), Priority.STOP),
-        (long(400, 1, 21196), Priority.COMMAND),  # arms, with force
-        (long(400, 0, 0), Priority.MODE),
-        (long(176, 1, 4), Priority.MODE),
-        (long(20), Priority.MODE),
-        (long(21), Priority.MODE),
+        (command_long(400, 1, 21196), Priority.COMMAND),  # arms, with force
+        (command_long(400, 0, 0), Priority.MODE),
+        (command_long(176, 1, 4), Priority.MODE),
+        (command_long(20), Priority.MODE),
+        (command_long(21), Priority.MODE),
         (d.MAVLink_set_mode_message(1, 1, 0), Priority.MODE),
-        (long(400, 1), Priority.COMMAND),
-        (long(400, math.nan, 21196), Priority.COMMAND),
-        (long(512, 30), Priority.COMMAND),
+        (command_long(400, 1), Priority.COMMAND),
+        (command_long(400, math.nan, 21196), Priority.COMMAND),
+        (command_long(512, 30), Priority.COMMAND),
         (d.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), Priority.COMMAND),
         (
             d.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
@@ -48,29 +48,29 @@ def urgency(message):
     ],
 )
 def test_each_message_has_its_priority(message, priority):
-    assert urgency(message).priority is priority
+    assert classified(message).priority is priority
 
 
 def test_a_setpoint_replaces_only_setpoints_of_its_vehicle():
     local = d.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     attitude = d.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0)
     other = d.MAVLink_set_attitude_target_message(0, 2, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0)
-    assert urgency(local).key == urgency(attitude).key != urgency(other).key
-    assert urgency(local).lifetime_s == SETPOINT_LIFETIME_S == 0.1
+    assert classified(local).key == classified(attitude).key != classified(other).key
+    assert classified(local).lifetime_s == SETPOINT_LIFETIME_S == 0.1
 
 
 def test_a_repeated_command_replaces_only_itself():
-    assert urgency(long(530, 1)).key == urgency(long(530, 1, confirmation=3)).key
-    assert urgency(long(511, 30)).key != urgency(long(511, 31)).key
-    assert urgency(long(512)).flight is None
-    hold, arm, stop = long(176, 1, 4), long(400, 1), long(400, 0, 21196)
-    assert urgency(hold).flight == urgency(arm).flight == urgency(stop).flight
-    assert urgency(arm).flight != urgency(long(400, 1, system=2)).flight
+    assert classified(command_long(530, 1)).key == classified(command_long(530, 1, confirmation=3)).key
+    assert classified(command_long(511, 30)).key != classified(command_long(511, 31)).key
+    assert classified(command_long(512)).flight is None
+    hold, arm, stop = command_long(176, 1, 4), command_long(400, 1), command_long(400, 0, 21196)
+    assert classified(hold).flight == classified(arm).flight == classified(stop).flight
+    assert classified(arm).flight != classified(command_long(400, 1, system=2)).flight
 
 
 def test_commands_expire_before_their_repetition():
-    assert urgency(long(176)).lifetime_s <= RESEND_S
-    assert urgency(long(400, 1)).lifetime_s <= RESEND_S
+    assert classified(command_long(176)).lifetime_s <= RESEND_S
+    assert classified(command_long(400, 1)).lifetime_s <= RESEND_S
 
 
 def test_forwarded_commands_keep_their_order_except_stop_motors():
@@ -79,9 +79,9 @@ def test_forwarded_commands_keep_their_order_except_stop_motors():
         (frame,) = FrameParser().feed(raw, 0.0)
         return classify_forwarded(frame)
 
-    assert forwarded(long(400, 0, 21196)).priority is Priority.STOP
-    arm, disarm = forwarded(long(400, 1)), forwarded(long(400, 0))
+    assert forwarded(command_long(400, 0, 21196)).priority is Priority.STOP
+    arm, disarm = forwarded(command_long(400, 1)), forwarded(command_long(400, 0))
     assert arm.priority is disarm.priority is Priority.COMMAND
     assert arm.key is arm.flight is disarm.flight is None
-    stop = long(400, 0, 21196)
+    stop = command_long(400, 0, 21196)
     assert forwarded(stop, 254).key != forwarded(stop, 253).key

@@ -181,7 +181,7 @@ def test_two_peers_that_adopt_each_others_time_do_not_drift():
 # --- links ------------------------------------------------------------------------------------------
 
 
-class Later(SystemClock):
+class SettableClock(SystemClock):
     def __init__(self):
         self.unix, self.monotonic = NOW_S, 0.0
 
@@ -206,8 +206,8 @@ def frame(raw):
 
 def test_refused_frames_are_counted_by_reason_and_reported_as_text(tmp_path, caplog):
     caplog.set_level(logging.WARNING)
-    later = Later()
-    link = Signing(later, store(tmp_path)).open("radio", SigningOptions("field", required=True))
+    clock = SettableClock()
+    link = Signing(clock, store(tmp_path)).open("radio", SigningOptions("field", required=True))
     unsigned, radio = encode_frame(0, bytes(9), 0, 4, 1), encode_frame(109, bytes(9), 0, 51, 68)
     for _ in range(50):
         assert not link.accepts(frame(unsigned))
@@ -227,7 +227,7 @@ def test_refused_frames_are_counted_by_reason_and_reported_as_text(tmp_path, cap
     assert any("wrong signature" in t for t in texts)
     assert any(t.startswith("System 9 signs with a time more than a minute behind") for t in texts)
     assert len(caplog.records) == 4
-    later.monotonic += WARNED_FOR_S + 1
+    clock.monotonic += WARNED_FOR_S + 1
     assert link.warnings() == []
 
 
@@ -238,7 +238,7 @@ def crc_v1():
 
 
 def test_signing_allowed_accepts_unsigned_but_not_wrongly_signed_frames(tmp_path):
-    link = Signing(Later(), store(tmp_path)).open("radio", SigningOptions("field", required=False))
+    link = Signing(SettableClock(), store(tmp_path)).open("radio", SigningOptions("field", required=False))
     assert link.accepts(frame(encode_frame(0, bytes(9), 0, 1, 1)))
     assert link.accepts(frame(signed()))
     assert not link.accepts(frame(signed()))
@@ -246,7 +246,7 @@ def test_signing_allowed_accepts_unsigned_but_not_wrongly_signed_frames(tmp_path
 
 
 def test_a_frame_of_one_link_is_a_replay_on_other_links_with_the_key(tmp_path):
-    signing = Signing(Later(), store(tmp_path, again=KEY, other=bytes(32)))
+    signing = Signing(SettableClock(), store(tmp_path, again=KEY, other=bytes(32)))
     one, two, three = (signing.open(n, SigningOptions(n, required=True)) for n in ("field", "again", "other"))
     assert [link.signer.link_id for link in (one, two, three)] == [0, 1, 2]
     assert one.accepts(frame(signed()))
@@ -260,19 +260,19 @@ def test_a_frame_of_one_link_is_a_replay_on_other_links_with_the_key(tmp_path):
 
 
 def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
-    kept, later = store(tmp_path), Later()
-    first = Signing(later, kept)
+    kept, clock = store(tmp_path), SettableClock()
+    first = Signing(clock, kept)
     first.open("one", SigningOptions("field", required=True))
     used = first.clock.next()
     first.store_timestamp()
-    later.unix += 9.9  # not saved, as if the server was killed
+    clock.unix += 9.9  # not saved, as if the server was killed
     used = max(used, first.clock.next())
-    later.unix -= 86_400
-    assert Signing(later, kept).clock.next() > used
-    later.unix += 2 * 86_400
-    assert Signing(later, kept).clock.ahead_ticks == 0
+    clock.unix -= 86_400
+    assert Signing(clock, kept).clock.next() > used
+    clock.unix += 2 * 86_400
+    assert Signing(clock, kept).clock.ahead_ticks == 0
     (tmp_path / "signing" / "timestamp").write_text("what?")
-    assert Signing(later, kept).clock.ahead_ticks == 0
+    assert Signing(clock, kept).clock.ahead_ticks == 0
 
 
 # --- keys -------------------------------------------------------------------------------------------
@@ -280,7 +280,7 @@ def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
 
 def test_a_key_is_never_printed(tmp_path):
     key = random_key()
-    link = Signing(Later(), store(tmp_path, mine=key.reveal())).open(
+    link = Signing(SettableClock(), store(tmp_path, mine=key.reveal())).open(
         "one", SigningOptions("mine", required=True)
     )
     hexadecimal = key.reveal().hex()

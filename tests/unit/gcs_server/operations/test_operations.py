@@ -36,12 +36,12 @@ def run_test(work):
     in_jumps(run)
 
 
-async def for_ever(report):
+async def work_forever(report):
     report("Reading", 0.25)
     await asyncio.sleep(1e6)
 
 
-def start(at, work=for_ever, kind="parameters/read", **more):
+def start(at, work=work_forever, kind="parameters/read", **more):
     return at.operations.start(kind, work, text="Beginning", **more)
 
 
@@ -136,7 +136,7 @@ def test_an_operation_cancelled_before_its_first_step_has_ended():
 @pytest.mark.parametrize(
     ("error", "code"), [(NoReply("No answer.", deadline_s=5), "no_reply"), (KeyError("x"), "error")]
 )
-def test_a_raised_exception_is_the_operations_error(error, code):
+def test_a_raised_exception_becomes_the_operations_error(error, code):
     async def test(at):
         async def work(report):
             raise error
@@ -150,7 +150,7 @@ def test_a_raised_exception_is_the_operations_error(error, code):
     run_test(test)
 
 
-def test_a_too_large_result_is_a_failure():
+def test_a_too_large_result_fails_the_operation():
     async def test(at):
         async def work(report):
             return {"all": "x" * MAX_RESULT}

@@ -1,4 +1,4 @@
-"""Each fix of the page: its finding is gone afterwards, and no new error has come.
+"""After each fix by the page its finding is gone, and there is no new error.
 
 The plans and their findings are made here; `web/src/features/plan/editor/fixes.test.ts` fixes them. Both
 files in `tests/data/plan_fixes` are compared with what the two sides make. After a change:

@@ -31,7 +31,7 @@ def plan(speed_m_s=5.0, count=1):
     return Plan.model_validate_json(text)
 
 
-def story(tmp_path, work):
+def run_with_store(tmp_path, work):
     async def run():
         published = []
         store = PlanStore(tmp_path / "plans", Clock(), published.append)
@@ -59,7 +59,7 @@ def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
         assert (head, plan_document.read(document)) == (first, plan(count=3))
         again.close()
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_a_save_on_an_older_version_is_refused_with_the_other_client(tmp_path):
@@ -76,7 +76,7 @@ def test_a_save_on_an_older_version_is_refused_with_the_other_client(tmp_path):
             assert (details["version"], details["changed_unix_s"]) == (2, second.changed_unix_s)
         assert plan_document.read((await at.store.get(first.id))[1]) == plan(6.0)
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_of_two_concurrent_saves_one_is_refused(tmp_path):
@@ -89,7 +89,7 @@ def test_of_two_concurrent_saves_one_is_refused(tmp_path):
         assert sorted(type(result).__name__ for result in results) == ["PlanConflict", "PlanVersion"]
         assert len(await at.store.versions(first.id)) == 2
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
@@ -104,7 +104,7 @@ def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
         await at.store.all()
         assert [change.action for change in at.published] == ["created", "saved"][: head.version]
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_every_change_is_published_with_its_client(tmp_path):
@@ -123,7 +123,7 @@ def test_every_change_is_published_with_its_client(tmp_path):
         with pytest.raises(UnknownPlan):
             await at.store.get(first.id)
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_only_the_newest_versions_are_kept(tmp_path, monkeypatch):
@@ -137,7 +137,7 @@ def test_only_the_newest_versions_are_kept(tmp_path, monkeypatch):
         with pytest.raises(UnknownPlan, match="has no version 3"):
             await at.store.get(head.id, 3)
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_number_and_size_of_plans_are_limited_and_deleting_makes_room(tmp_path, monkeypatch):
@@ -154,10 +154,10 @@ def test_number_and_size_of_plans_are_limited_and_deleting_makes_room(tmp_path, 
         with pytest.raises(Refused, match="MB, which is the limit"):
             await at.store.save(third.id, "c", plan(count=50), base_version=1, by=ANNA)
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
-def test_a_damaged_file_is_a_warning_and_other_plans_stay_usable(tmp_path):
+def test_a_damaged_file_causes_a_warning_and_other_plans_stay_usable(tmp_path):
     async def work(at):
         good = await at.store.create("good", plan(), by=ANNA)
         bad = await at.store.create("bad", plan(), by=ANNA)
@@ -169,17 +169,17 @@ def test_a_damaged_file_is_a_warning_and_other_plans_stay_usable(tmp_path):
             await again.save(bad.id, "bad", plan(), base_version=1, by=BOB)
         again.close()
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
-def test_a_folder_that_cannot_be_created_is_an_error_with_text(tmp_path):
+def test_a_folder_that_cannot_be_created_causes_an_error_with_a_text(tmp_path):
     (tmp_path / "plans").write_text("a file")
 
     async def work(at):
         with pytest.raises(StorageError, match="cannot be used"):
             await at.store.create("Tower", plan(), by=ANNA)
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)
 
 
 def test_a_version_without_a_kind_is_a_waypoint_plan(tmp_path):
@@ -194,4 +194,4 @@ def test_a_version_without_a_kind_is_a_waypoint_plan(tmp_path):
         assert [head.kind for head in await again.all()] == ["waypoint_plan"]
         again.close()
 
-    story(tmp_path, work)
+    run_with_store(tmp_path, work)

@@ -70,7 +70,7 @@ def state_of(vehicle):
     return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, texts
 
 
-def everything(file):
+def all_records(file):
     batch, records = Batch([], Cursor(), at_end=False, bytes_skipped=0), []
     while not batch.at_end:
         batch = read_batch(file, batch.after)
@@ -82,20 +82,20 @@ def compare(path, share):
     with open_log(path) as file:
         index = make_index(file)
         until_us = index.begin_us + int((index.end_us - index.begin_us) * share)
-        records = everything(file)
+        records = all_records(file)
         before = [r for r in records if r.time_us <= until_us]
-        there = state_at(file, index, until_us)
-        jumped = fleet_after(there.records, until_us, index.begin_us, ticks=False)
+        state = state_at(file, index, until_us)
+        jumped = fleet_after(state.records, until_us, index.begin_us, ticks=False)
         played = fleet_after(before, until_us, index.begin_us, ticks=True)
         assert jumped == played
         # playing continues with the next record
-        rest = list(there.following)
-        batch = Batch([], there.after, at_end=there.at_end, bytes_skipped=0)
+        rest = list(state.following)
+        batch = Batch([], state.after, at_end=state.at_end, bytes_skipped=0)
         while not batch.at_end:
             batch = read_batch(file, batch.after)
             rest += batch.records
         assert rest == records[len(before) :]
-        return jumped, len(before), len(there.records)
+        return jumped, len(before), len(state.records)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -137,14 +137,14 @@ def test_condensed_playing_restores_the_same_state(tmp_path):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(9, seconds=20)))
     with open_log(path) as file:
-        records = everything(file)
-    thinned = []
+        records = all_records(file)
+    condensed = []
     for i in range(0, len(records), 400):
-        thinned += condense(records[i : i + 400])
-    assert len(thinned) < len(records) / 3
+        condensed += condense(records[i : i + 400])
+    assert len(condensed) < len(records) / 3
     end_us = records[-1].time_us
     whole = fleet_after(records, end_us, records[0].time_us, ticks=False)
-    assert fleet_after(thinned, end_us, records[0].time_us, ticks=False) == whole
+    assert fleet_after(condensed, end_us, records[0].time_us, ticks=False) == whole
 
 
 def test_indexed_acknowledgements_are_those_of_mode_commands():

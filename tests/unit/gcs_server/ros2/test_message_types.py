@@ -40,7 +40,7 @@ def test_every_recorded_sample_decodes_to_its_fields(shared: Path) -> None:
 
 
 @pytest.mark.parametrize("topic", recorded())
-def test_a_message_encodes_to_the_bytes_it_was_decoded_from(topic: str) -> None:
+def test_a_decoded_message_is_encoded_with_the_same_fields_and_its_full_size(topic: str) -> None:
     types = {"vehicle_status_v1": "VehicleStatus", "vehicle_gps_position": "SensorGps"}
     name = topic.rsplit("/", 1)[1]
     message = MESSAGES.get(types.get(name, name.title().replace("_", "")))

@@ -17,8 +17,8 @@ from gcs_server.ros2.mode_executor import (
     ModeExecutor,
 )
 
-SET_NAV_STATE, TAKE_OFF, LAND, ONLY = 100_001, 17, 18, (math.nan,) * 6
-GO = ExecutorCommand(1, SET_NAV_STATE, (18.0, *ONLY))
+SET_NAV_STATE, TAKE_OFF, LAND, UNUSED = 100_001, 17, 18, (math.nan,) * 6
+LAND_COMMAND = ExecutorCommand(1, SET_NAV_STATE, (18.0, *UNUSED))
 
 
 def status(nav_state: int = 23, *, in_charge: int = 1, armed: bool = True) -> dict[str, int]:
@@ -43,7 +43,7 @@ def fields(messages: list[Message]) -> dict[str, Any]:
 
 
 def test_a_command_has_the_executors_component_as_its_source() -> None:
-    sent = fields(ModeExecutor(3).execute(GO, 0.0) or executor().execute(GO, 0.0))
+    sent = fields(ModeExecutor(3).execute(LAND_COMMAND, 0.0) or executor().execute(LAND_COMMAND, 0.0))
     assert (sent["command"], sent["param1"], sent["source_component"]) == (SET_NAV_STATE, 18.0, 1001)
     assert math.isnan(sent["param7"])
     assert not sent["from_external"]
@@ -52,7 +52,7 @@ def test_a_command_has_the_executors_component_as_its_source() -> None:
 @pytest.mark.parametrize(("result", "outcome"), [(0, "accepted"), (1, "rejected"), (4, "rejected")])
 def test_the_answer_of_px4_ends_the_command(result: int, outcome: str) -> None:
     made = executor()
-    made.execute(GO, 0.0)
+    made.execute(LAND_COMMAND, 0.0)
     made.on_ack(ack(result))
     assert (made.state.command, made.state.outcome) == (1, outcome)
     assert made.step(10.0) == []
@@ -61,14 +61,14 @@ def test_the_answer_of_px4_ends_the_command(result: int, outcome: str) -> None:
 @pytest.mark.parametrize("other", [ack(0, command=22), ack(0, component=1002), ack(5)])
 def test_an_answer_to_another_command_or_executor_and_progress_are_no_answer(other: dict[str, int]) -> None:
     made = executor()
-    made.execute(GO, 0.0)
+    made.execute(LAND_COMMAND, 0.0)
     made.on_ack(other)
     assert made.state.outcome == "pending"
 
 
 def test_a_command_without_an_answer_is_sent_three_times() -> None:
     made, now_s = executor(), 0.0
-    sent = len(made.execute(GO, now_s))
+    sent = len(made.execute(LAND_COMMAND, now_s))
     while made.state.outcome == "pending" and now_s < 5.0:
         now_s += 0.02
         sent += len(made.step(now_s))
@@ -84,10 +84,10 @@ def test_the_executor_sends_nothing_while_it_is_not_in_charge_or_the_vehicle_is_
     not_allowed: dict[str, Any],
 ) -> None:
     made = executor(**not_allowed)
-    assert made.execute(GO, 0.0) == []
+    assert made.execute(LAND_COMMAND, 0.0) == []
     assert made.state.outcome == "rejected"
     pending = executor()
-    pending.execute(GO, 0.0)
+    pending.execute(LAND_COMMAND, 0.0)
     pending.on_status(status(**not_allowed))
     assert pending.step(ATTEMPT_EVERY_S + 0.01) == []
     assert pending.state.outcome == "rejected"
@@ -95,8 +95,8 @@ def test_the_executor_sends_nothing_while_it_is_not_in_charge_or_the_vehicle_is_
 
 def test_a_new_command_replaces_one_without_an_answer() -> None:
     made = executor()
-    made.execute(GO, 0.0)
-    made.execute(ExecutorCommand(2, 22, (*ONLY, 500.0)), 0.1)
+    made.execute(LAND_COMMAND, 0.0)
+    made.execute(ExecutorCommand(2, 22, (*UNUSED, 500.0)), 0.1)
     made.on_ack(ack(0))
     assert (made.state.command, made.state.outcome) == (2, "pending")
     made.on_ack(ack(0, command=22))

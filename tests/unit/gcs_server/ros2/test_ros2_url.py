@@ -102,12 +102,12 @@ def test_a_topic_that_the_server_reads_is_found_by_its_name(
     assert (None if read is None else (read[0], read[1].type)) == found
 
 
-def test_a_topic_has_its_namespace_on_the_wire() -> None:
+def test_the_dds_name_of_a_topic_contains_its_namespace() -> None:
     assert wire_name("/fmu/out/home_position", "px4_1") == "rt/px4_1/fmu/out/home_position"
     assert wire_name("/fmu/out/home_position", "") == "rt/fmu/out/home_position"
 
 
-def test_time_since_boot_follows_timesync_and_needs_none_for_times_since_boot() -> None:
+def test_unix_times_are_converted_by_timesync_and_times_since_boot_need_no_conversion() -> None:
     boot = BootTime()
     assert boot.ms(5_000_000, 0.0) == 5000
     assert boot.ms(1_795_229_929_358_197, 0.0) is None
@@ -115,7 +115,7 @@ def test_time_since_boot_follows_timesync_and_needs_none_for_times_since_boot() 
     assert boot.ms(1_795_229_929_358_197, 0.1) == 6056
 
 
-def test_without_timesync_time_counts_from_the_first_message() -> None:
+def test_without_timesync_unix_times_count_from_the_first_message() -> None:
     boot = BootTime()
     assert boot.ms(1_795_000_000_000_000, 10.0) is None
     assert boot.ms(1_795_000_003_000_000, 13.0) == 3000

@@ -53,6 +53,7 @@ class FakeVehicle:
     asked: int = 0
     """Number of requests for the history."""
     looked_at: int = 0
+    """Number of reads of a topic."""
 
     def topic(self, name: str) -> Sample | None:
         self.looked_at += 1

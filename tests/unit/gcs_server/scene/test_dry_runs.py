@@ -15,7 +15,7 @@ from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flyin
 HALF = math.sqrt(0.5)
 EAST = (HALF, 0.0, 0.0, HALF)
 """Attitude with heading east."""
-FOUND = {
+RESULT = {
     "nominal": {
         "origin": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0},
         "path": {
@@ -34,12 +34,12 @@ FOUND = {
     },
     "together": None,
 }
-NOT_FLOWN = {"nominal": {**FOUND["nominal"], "path": None}, "monte_carlo": None, "together": None}
+NOT_FLOWN = {"nominal": {**RESULT["nominal"], "path": None}, "monte_carlo": None, "together": None}
 START = (100.0, 200.0, 5.0)
 
 
 def path():
-    (found,) = paths_of(FOUND)
+    (found,) = paths_of(RESULT)
     return found
 
 
@@ -75,11 +75,11 @@ def test_the_corridor_is_as_wide_and_high_as_the_flights_were():
 
 
 def test_each_role_has_its_own_corridor():
-    narrow = FOUND["monte_carlo"]
+    narrow = RESULT["monte_carlo"]
     wide = {"corridor": {**narrow["corridor"], "horizontal_m": {"p95": [4.0, 4.0, 9.0]}}}
-    flights = {"lead": FOUND["nominal"], "left": FOUND["nominal"]}
+    flights = {"lead": RESULT["nominal"], "left": RESULT["nominal"]}
     together = {"roles": flights, "monte_carlo": {"roles": {"lead": narrow, "left": wide}}}
-    lead, left = paths_of({**FOUND, "together": together})
+    lead, left = paths_of({**RESULT, "together": together})
     assert (lead.role, left.role) == ("lead", "left")
     assert lead.corridor_enu_m is not None
     assert left.corridor_enu_m is not None
@@ -88,16 +88,16 @@ def test_each_role_has_its_own_corridor():
 
 
 def test_a_single_flight_has_no_corridor_and_a_flight_without_samples_has_no_path():
-    (alone,) = paths_of({**FOUND, "monte_carlo": None})
+    (alone,) = paths_of({**RESULT, "monte_carlo": None})
     assert corridor_mesh(alone) is None
     assert corridor_edges(alone) is None
     assert paths_of(NOT_FLOWN) == ()
 
 
-def test_of_several_vehicles_each_has_a_path_and_its_role_as_label():
-    flights = {"lead": FOUND["nominal"], "left": NOT_FLOWN["nominal"], "right": FOUND["nominal"]}
+def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
+    flights = {"lead": RESULT["nominal"], "left": NOT_FLOWN["nominal"], "right": RESULT["nominal"]}
     together = {"roles": flights, "monte_carlo": None}
-    found = paths_of({"nominal": FOUND["nominal"], "monte_carlo": None, "together": together})
+    found = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
     assert [each.role for each in found] == ["lead", "right"]
     assert pose_at(found[1], 15.0, START).label == "right · 10.0 m"
 
@@ -113,7 +113,7 @@ def test_a_view_keeps_the_shown_time_until_a_new_request():
         asked.append(dry_run)
         if dry_run not in ("1", "2"):
             raise UnknownDryRun(f"There is no result of a dry run {dry_run!r}.")
-        return paths_of(FOUND if dry_run == "1" else NOT_FLOWN)
+        return paths_of(RESULT if dry_run == "1" else NOT_FLOWN)
 
     scene = Scene(FakeFleet([flying("1")]), StillClock(), dry_runs=results)
     first = shown(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})

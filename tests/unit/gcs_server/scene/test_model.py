@@ -28,7 +28,7 @@ HEADING_RAD = math.pi / 2
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_solids_face_outwards(name):
+def test_the_faces_of_solids_point_outwards(name):
     mesh = SOLIDS[name]
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(float) for i in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
@@ -41,7 +41,7 @@ def test_rotors_have_px4s_numbering():
     assert front_right[0] > 0 > front_right[1]
     assert rear_left[0] < 0 < rear_left[1]
     assert min(front_left[:2]) > 0 > max(rear_right[:2])
-    # Diagonal ones turn alike, neighbours do not; motor 1 anticlockwise.
+    # Diagonal rotors turn in the same direction, neighbours in opposite ones; motor 1 turns anticlockwise.
     assert model.ROTOR_SPINS == (1, 1, -1, -1)
 
 
@@ -58,7 +58,7 @@ def test_a_line_is_turned_along_its_direction(direction):
     assert along == pytest.approx(tuple(c / length for c in direction), abs=1e-9)
 
 
-def test_a_line_without_direction_is_not_turned():
+def test_a_line_of_zero_length_is_not_turned():
     assert model.q_along((0.0, 0.0, 0.0)) == IDENTITY
 
 
@@ -158,7 +158,7 @@ def test_the_chase_heading_follows_smoothly_by_the_shorter_rotation():
 
 
 @pytest.mark.parametrize("mode", ["chase", "top"])
-def test_chase_and_top_keep_the_vehicle_in_the_middle(mode):
+def test_chase_and_top_views_keep_the_vehicle_in_the_middle(mode):
     measured = pose()
     world = world_pose(mode, measured, HEADING_RAD)
     assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured.position_enu_m, abs=1e-9)
@@ -172,7 +172,7 @@ def test_the_chase_view_points_along_the_heading():
     assert behind[1] < 0
 
 
-def test_the_gimbals_view_is_the_cameras_axis():
+def test_the_gimbal_view_points_along_the_camera_axis():
     measured = pose()  # camera 0.5 rad down
     world = world_pose("gimbal", measured, 0.0)
     eye, ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
@@ -196,6 +196,6 @@ def test_identity_colours_are_those_of_the_page(shared):
     assert PALETTES["dark"].identity(4) == PALETTES["dark"].identity(0)
 
 
-def test_light_colours_are_shown_as_they_are():
+def test_colours_of_the_light_theme_are_shown_unchanged():
     assert tone_corrected("#00788a", PALETTES["light"]) == (0, 0x78, 0x8A)
     assert max(tone_corrected("#35d6e6", PALETTES["dark"])) > 150

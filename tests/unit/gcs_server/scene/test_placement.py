@@ -60,7 +60,7 @@ def test_without_a_position_the_vehicle_is_drawn_with_a_note():
     assert not place.known
 
 
-def test_noise_between_the_two_positions_does_not_move_the_frame():
+def test_a_difference_between_local_and_global_position_does_not_move_the_frame():
     placement, vehicle = Placement(), flying()
     first = placement.place(vehicle).local_origin_enu_m
     vehicle.values["global_position"] = glob(LAT + 1e-5, LON, 498.5)  # a metre off
@@ -90,7 +90,7 @@ def test_after_the_last_vehicle_the_next_one_sets_the_origin():
 
 
 def test_height_above_home_is_the_vehicles_own_after_its_estimate_has_drifted():
-    """Values of a real PX4 after landing: its own figure was -0.618 m."""
+    """Values of a real PX4 after landing: PX4's own value was -0.618 m."""
     vehicle = flying()
     placement = Placement()
     placement.place(vehicle)

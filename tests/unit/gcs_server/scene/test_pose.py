@@ -24,7 +24,7 @@ from tests.unit.gcs_server.scene.scene_fakes import (
 )
 
 
-def look(vehicle, offboard=None, now_s=0.0):
+def drawn_pose(vehicle, offboard=None, now_s=0.0):
     return pose_of(vehicle, Placement().place(vehicle), offboard, now_s)
 
 
@@ -58,7 +58,7 @@ def test_a_stabilized_camera_stays_level_while_the_vehicle_tilts():
     q_vehicle = q_from_euler(0.3, -0.2, 0.7)
     q = gimbal_in_body(gimbal(q_from_euler(0, 0, 0), earth=False), q_vehicle, 0.7)
     vehicle = FakeVehicle(values={"attitude": attitude(0.3, -0.2, 0.7)})
-    forward = rotate(look(vehicle).q_enu_flu, rotate(q, (1, 0, 0)))
+    forward = rotate(drawn_pose(vehicle).q_enu_flu, rotate(q, (1, 0, 0)))
     assert forward == pytest.approx((math.sin(0.7), math.cos(0.7), 0.0), abs=1e-9)
 
 
@@ -77,14 +77,14 @@ def test_motor_speeds_follow_the_outputs_and_are_zero_when_disarmed():
 
 def test_the_target_of_a_stream_is_drawn_in_the_vehicles_frame():
     vehicle = flying()
-    target = look(vehicle, OffboardTarget((1.0, 2.0, -12.0), yaw_ned_rad=0.0)).target
+    target = drawn_pose(vehicle, OffboardTarget((1.0, 2.0, -12.0), yaw_ned_rad=0.0)).target
     assert target.position_enu_m == pytest.approx((2.0, 1.0, 12.0), abs=1e-6)
     assert target.yaw_enu_rad == pytest.approx(math.pi / 2)
     assert not target.is_velocity
 
 
-def test_a_velocity_setpoint_is_drawn_as_its_target():
-    target = look(flying(), OffboardTarget(velocity_ned_m_s=(2.0, 0.0, 0.0))).target
+def test_a_velocity_setpoint_is_drawn_as_a_velocity_target():
+    target = drawn_pose(flying(), OffboardTarget(velocity_ned_m_s=(2.0, 0.0, 0.0))).target
     assert target.position_enu_m == pytest.approx((0.0, 2.0, 10.0), abs=1e-6)
     assert target.is_velocity
 
@@ -92,56 +92,56 @@ def test_a_velocity_setpoint_is_drawn_as_its_target():
 def test_the_vehicles_own_target_is_drawn_while_fresh_and_armed():
     vehicle = flying()
     vehicle.values["target_local"] = target_local()
-    assert look(vehicle, now_s=1.0).target.position_enu_m == pytest.approx((2.0, 1.0, 3.0), abs=1e-6)
-    assert look(vehicle, now_s=2.0).target is None
+    assert drawn_pose(vehicle, now_s=1.0).target.position_enu_m == pytest.approx((2.0, 1.0, 3.0), abs=1e-6)
+    assert drawn_pose(vehicle, now_s=2.0).target is None
     vehicle.values["status"] = status(armed=False)
-    assert look(vehicle, now_s=1.0).target is None
+    assert drawn_pose(vehicle, now_s=1.0).target is None
 
 
 @pytest.mark.parametrize("position", [(None, None, -3.0), (math.nan, 0.0, 0.0)])
 def test_an_incomplete_target_is_not_drawn(position):
     vehicle = flying()
     vehicle.values["target_local"] = target_local(position=position)
-    assert look(vehicle).target is None
+    assert drawn_pose(vehicle).target is None
 
 
 def test_labels_show_height_and_notes():
     vehicle = flying()
-    pose = look(vehicle)
+    pose = drawn_pose(vehicle)
     assert (pose.label, pose.note) == ("1 · 10.0 m", "simulated")
     vehicle.values["local_position"] = local(0.0, 0.0, 0.04)
     vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.96)
-    assert look(vehicle).label == "1 · 0.0 m"
+    assert drawn_pose(vehicle).label == "1 · 0.0 m"
     vehicle.values["local_position"] = local(0.0, 0.0, 0.3)
     vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.7)
-    assert look(vehicle).label == "1 · \N{MINUS SIGN}0.3 m"
+    assert drawn_pose(vehicle).label == "1 · \N{MINUS SIGN}0.3 m"
 
 
 def test_a_lost_vehicle_is_labelled_and_has_no_target():
     vehicle = flying()
     vehicle.values["status"] = status(lost=True)
-    pose = look(vehicle, OffboardTarget((0.0, 0.0, -5.0)))
+    pose = drawn_pose(vehicle, OffboardTarget((0.0, 0.0, -5.0)))
     assert pose.lost
     assert pose.target is None
     assert pose.note == "lost, simulated"
 
 
-def test_a_silent_vehicle_has_a_label_without_height():
-    pose = look(FakeVehicle("7", FakeIdentity(replayed=True)))
+def test_a_vehicle_without_telemetry_has_a_label_without_height():
+    pose = drawn_pose(FakeVehicle("7", FakeIdentity(replayed=True)))
     assert (pose.label, pose.note) == ("7", "no position, replayed")
 
 
 def test_measured_points_are_drawn_for_a_limited_time():
     vehicle = flying()
     vehicle.values["attitude"] = attitude(yaw=math.pi / 2)
-    assert look(vehicle).measured_points_enu_m == ()
+    assert drawn_pose(vehicle).measured_points_enu_m == ()
     ahead = DistanceSensor(1, (1.0, 0.0, 0.0), 4.0, 0.1, 20.0, None, 0.0)
     down = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
     vehicle.values["distance_sensors"] = DistanceSensors((ahead, down))
     vehicle.values["obstacle_distance"] = ObstacleDistance("north", 0.0, 5.0, (3.0, 20.01, None), 0.1, 20.0)
-    seen = look(vehicle)
+    seen = drawn_pose(vehicle)
     x, y, z = seen.position_enu_m
     assert seen.measured_points_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
     assert upright_lines(seen.measured_points_enu_m).shape == (2, 2, 3)
     assert upright_lines(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
-    assert look(vehicle, now_s=SHOWN_S + 0.1).measured_points_enu_m == ()
+    assert drawn_pose(vehicle, now_s=SHOWN_S + 0.1).measured_points_enu_m == ()

@@ -16,7 +16,7 @@ def points(track: Track) -> list[tuple[float, float, float]]:
     return [*track.trail.sealed, *track.trail.recent[1 if track.trail.sealed else 0 :]]
 
 
-def flew_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> None:
+def add_flight_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> None:
     """Adds a history: 1 m/s to the north, ending at the origin now, 10 m high."""
     for ago_s in range(seconds, 0, -1):
         unix_s, at = clock.unix_s() - ago_s, local(-float(ago_s), 0.0, -10.0)
@@ -36,7 +36,7 @@ def test_the_trail_is_complete_when_a_view_opens():
     clock = StillClock()
     vehicle = flying()
     vehicle.clock = clock
-    flew_north(vehicle, clock, 100)
+    add_flight_north(vehicle, clock, 100)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     assert points(track) == [pytest.approx((0.0, -float(ago), 10.0)) for ago in range(100, 0, -1)]
@@ -55,7 +55,7 @@ def test_a_gap_is_filled_without_duplicates():
     for _ in range(2):
         (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     clock.now_s += 30.0
-    flew_north(vehicle, clock, 29)
+    add_flight_north(vehicle, clock, 29)
     vehicle.values["local_position"] = local(0.0, 0.0, -10.0)
     for _ in range(2):
         (again,) = tracks.update(clock.monotonic_s(), 0.03).values()
@@ -87,7 +87,7 @@ def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
     assert [v.asked for v in vehicles] == [1, 1, 1, 1, 1]
 
 
-def test_vehicles_without_a_follower_are_updated_a_third_as_often():
+def test_vehicles_that_no_view_follows_are_updated_every_third_time():
     vehicles = [flying(str(i)) for i in range(1, 8)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.update(0.0, 0.03, {"4"})  # the first update covers all vehicles
@@ -132,7 +132,7 @@ def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first
     assert track.smoother.pose.position_enu_m == pytest.approx((0.0, 0.0, 0.0))
 
 
-def test_global_positions_make_a_trail_where_there_are_no_local_ones():
+def test_global_positions_make_the_trail_if_there_are_no_local_positions():
     clock = StillClock()
     vehicle = FakeVehicle(clock=clock, values={"global_position": glob(47.0, 8.0, 500.0)})
     vehicle.past = [
@@ -146,7 +146,7 @@ def test_global_positions_make_a_trail_where_there_are_no_local_ones():
 def test_a_replayed_vehicles_trail_uses_the_recordings_time():
     long_ago, vehicle = StillClock(5.0), flying()
     vehicle.clock = long_ago
-    flew_north(vehicle, long_ago, 4)
+    add_flight_north(vehicle, long_ago, 4)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(9e5, 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])

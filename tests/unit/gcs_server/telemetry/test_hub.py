@@ -170,7 +170,7 @@ def test_nan_is_null_on_the_wire():
     run_test(scenario)
 
 
-def test_events_are_never_conflated_and_too_many_close_the_client():
+def test_events_are_never_conflated_and_too_many_unread_events_disconnect_the_client():
     async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         for n in range(10):
@@ -287,14 +287,14 @@ def test_a_too_long_request_is_explained_briefly(message):
 
 def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
     async def scenario(fleet, socket, hub):
-        looks = []
-        hub.watch_ros2_topics(lambda vehicle: looks.append(vehicle.id) or {"topics": len(looks)})
+        inspections = []
+        hub.watch_ros2_topics(lambda vehicle: inspections.append(vehicle.id) or {"topics": len(inspections)})
         await socket.messages.put(json.dumps({"type": "subscribe", "rate_hz": 10}))
         await asyncio.sleep(5)
-        assert looks == []
+        assert inspections == []
         await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["ros2_topics"], "rate_hz": 10}))
         await asyncio.sleep(5)
-        assert 9 <= len(looks) <= 11, "twice a second, whatever rate the client wants"
-        assert socket.values("ros2_topics")[-1] == {"topics": len(looks)}
+        assert 9 <= len(inspections) <= 11, "twice a second, regardless of the client's rate"
+        assert socket.values("ros2_topics")[-1] == {"topics": len(inspections)}
 
     run_test(scenario)

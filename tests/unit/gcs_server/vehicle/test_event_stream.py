@@ -57,7 +57,7 @@ def test_a_recovered_event_releases_the_later_ones():
     assert stream.wanted(10.0) is None
 
 
-def test_the_current_number_shows_a_gap_at_the_end():
+def test_the_current_sequence_number_reveals_missing_events_at_the_end():
     stream = EventStream()
     stream.current(14, 0)
     assert stream.expected == 15  # earlier events are not requested
@@ -78,7 +78,7 @@ def test_events_that_the_vehicle_no_longer_has_are_skipped():
     assert stream.take(19, 19) == [19, 20]
 
 
-def test_a_large_jump_or_a_reset_starts_over():
+def test_a_large_jump_or_a_reset_restarts_the_sequence():
     stream = started(1000)
     assert stream.take(1000 + MAX_GAP + 2, "far") == ["far"]
     assert stream.take(3, "restarted") == ["restarted"]

@@ -48,16 +48,16 @@ def test_every_error_code_has_a_text():
 @given(st.integers(0, 1000), st.lists(st.tuples(st.integers(-5, 1100), st.integers(0, 300)), max_size=30))
 def test_pieces_in_any_order_are_joined_to_the_file(size, cuts):
     content = bytes(i * 7 % 251 for i in range(size))
-    pieces, there = Pieces(size), set()
+    pieces, covered = Pieces(size), set()
     for offset, length in cuts:
         data = content[max(offset, 0) : max(offset, 0) + length] if offset >= 0 else bytes(length)
         fits = bool(data) and offset >= 0 and offset + len(data) <= size
-        new = fits and not set(range(offset, offset + len(data))) <= there
+        new = fits and not set(range(offset, offset + len(data))) <= covered
         assert pieces.put(offset, data) == new
-        there |= set(range(offset, offset + len(data))) if fits else set()
-        assert pieces.received == len(there)
+        covered |= set(range(offset, offset + len(data))) if fits else set()
+        assert pieces.received == len(covered)
     while (hole := pieces.first_hole) is not None:
-        assert not there & set(range(*hole))
+        assert not covered & set(range(*hole))
         pieces.put(hole[0], content[hole[0] : hole[1]])
     assert pieces.complete
     assert pieces.content == content
@@ -101,19 +101,19 @@ def test_a_path_that_does_not_fit_into_a_packet_is_refused(path):
         codec.request(codec.Opcode.OPEN_FILE_RO, 0, path=path)
 
 
-def every_second_byte(pieces):
+def put_every_second_byte(pieces):
     for offset in range(0, pieces.size, 2):
         pieces.put(offset, b"x")
 
 
 def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
-    few, many = (count_lines_run(lambda n=n: every_second_byte(Pieces(n))) for n in (1_000, 4_000))
+    few, many = (count_lines_run(lambda n=n: put_every_second_byte(Pieces(n))) for n in (1_000, 4_000))
     assert many < 5 * few
 
 
 def test_the_number_of_missing_parts_is_limited():
     pieces = Pieces(100_000)
-    every_second_byte(pieces)
+    put_every_second_byte(pieces)
     assert pieces.holes <= MAX_HOLES
     assert pieces.received == MAX_HOLES
     while (hole := pieces.first_hole) is not None:

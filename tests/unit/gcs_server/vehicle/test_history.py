@@ -22,11 +22,11 @@ def test_a_frame_is_stored_once_and_returned_unchanged():
     one = frame(ATTITUDE, 1.0)
     history.keep({ATTITUDE: one, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
     history.keep({ATTITUDE: one}, 1.35)
-    ((kept_s, (back,)),) = history.frames((ATTITUDE,))
+    ((kept_s, (stored,)),) = history.frames((ATTITUDE,))
     assert kept_s == 1.1
-    assert back is not None
-    assert (back.raw, back.payload, back.received_monotonic_s) == (one.raw, one.payload, 1.0)
-    assert (back.system_id, back.component_id, back.seq) == (1, 2, 7)
+    assert stored is not None
+    assert (stored.raw, stored.payload, stored.received_monotonic_s) == (one.raw, one.payload, 1.0)
+    assert (stored.system_id, stored.component_id, stored.seq) == (1, 2, 7)
 
 
 def test_a_slower_message_is_repeated_until_its_next_one():

@@ -87,18 +87,20 @@ def test_the_work_for_an_event_text_is_limited(text):
 def test_the_text_of_an_event_has_a_limited_length():
     labels = {str(1 << bit): {"name": "x" * 500} for bit in range(64)}
     enums = {"e": {"type": "uint64_t", "is_bitfield": True, "entries": labels}}
-    words = event_document.parse(events(enums, message="{1}" * 150, arguments=[{"name": "a", "type": "e"}]))
-    definition = words[1 << 24 | 7]
+    definitions = event_document.parse(
+        events(enums, message="{1}" * 150, arguments=[{"name": "a", "type": "e"}])
+    )
+    definition = definitions[1 << 24 | 7]
     text = definition.text(b"\xff" * 40)
     assert len(text) == MAX_TEXT_LENGTH
     assert count_lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
 
 
 def test_a_too_large_precision_shows_few_decimals():
-    words = event_document.parse(
+    definitions = event_document.parse(
         events(message="{1:.999} {1:.2}", arguments=[{"name": "a", "type": "float"}])
     )
-    assert words[1 << 24 | 7].text(struct.pack("<f", 0.5)) == "0.500000000 0.50"
+    assert definitions[1 << 24 | 7].text(struct.pack("<f", 0.5)) == "0.500000000 0.50"
 
 
 @pytest.mark.parametrize(
@@ -147,7 +149,7 @@ def test_an_invalid_enum_is_omitted_with_the_reason(bad):
         max_leaves=20,
     )
 )
-def test_any_json_gives_a_document_or_an_error_with_text(value):
+def test_any_json_is_parsed_or_refused_with_a_text(value):
     problems = []
     for content in (json.dumps(value).encode(), json.dumps({"version": 1, "parameters": value}).encode()):
         for kind in (PARAMETERS, EVENTS):

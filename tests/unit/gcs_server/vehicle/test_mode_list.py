@@ -72,7 +72,7 @@ def test_a_changed_list_is_requested_until_all_external_modes_have_arrived() -> 
     assert vehicle.mode_names.announced == {"external_8": "Inspect"}
 
 
-def test_a_vehicle_that_sends_no_list_is_asked_a_few_times() -> None:
+def test_the_list_is_requested_only_a_few_times_if_the_vehicle_does_not_send_it() -> None:
     vehicle = Vehicle()
     vehicle.list.entered(state("hold"), state("external_3"))
     vehicle.wait(60.0)

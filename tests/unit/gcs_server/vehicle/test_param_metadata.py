@@ -44,11 +44,11 @@ def test_every_parameter_of_the_recorded_vehicle_is_decoded_and_has_metadata(fac
         assert report.param == Param(
             name, one["value"] if is_integer else struct.unpack("<f", bits)[0], is_integer
         )
-        of = facts[name]
-        assert of.is_integer == is_integer, name
-        assert of.group, name
-        assert of.title, name
-        default = param_metadata.is_default(of, of.default)
+        metadata = facts[name]
+        assert metadata.is_integer == is_integer, name
+        assert metadata.group, name
+        assert metadata.title, name
+        default = param_metadata.is_default(metadata, metadata.default)
         assert default is True, name
     assert table.complete
     assert table.missing(5) == []
@@ -139,7 +139,7 @@ def test_a_parameter_of_a_list_with_another_length_is_not_stored_by_index():
     assert not table.put(ParamReport(Param("C", 1, True), 1, 4))
 
 
-def test_the_cache_keeps_the_newest_and_never_fails(tmp_path):
+def test_the_cache_keeps_the_newest_files_and_never_fails(tmp_path):
     cache = Cache(tmp_path / "cache")
     assert cache.read("a.json") is None
     for n in range(MAX_FILES + 5):

@@ -26,7 +26,7 @@ def test_an_airspeed_that_is_not_a_number_is_unknown() -> None:
     assert "NaN" not in json.dumps(asdict(sample))
 
 
-def test_two_encodings_of_no_mission_are_both_zero_items() -> None:
+def test_both_encodings_of_no_mission_are_decoded_as_zero_items() -> None:
     for state, mode in ((0, 0), (1, 2)):
         message = d.MAVLink_mission_current_message(0, 65535, state, mode, 0, 0, 0)
         decoded = decoders.mission({d.MAVLINK_MSG_ID_MISSION_CURRENT: encode_payload(message)})
@@ -43,7 +43,7 @@ def test_altitude_cruise_is_a_manual_mode_and_cannot_be_requested() -> None:
     assert not mode.settable, "v1.16 would accept it and stay in its mode"
 
 
-def test_the_version_is_read() -> None:
+def test_the_firmware_version_is_decoded() -> None:
     message = d.MAVLink_autopilot_version_message(0, 0x011100FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
     assert read_version(encode_payload(message)).firmware == "1.17.0"
 

@@ -32,12 +32,12 @@ SIGNAL = "no offboard setpoints arrive"
 GROUND = "this mode cannot take off from the ground"
 
 
-def join(payloads, definitions=None):
+def last_report(payloads, definitions=None):
     """The last report in a sequence of EVENT payloads."""
-    return [None, *joins(payloads, definitions)][-1]
+    return [None, *all_reports(payloads, definitions)][-1]
 
 
-def joins(payloads, definitions=None):
+def all_reports(payloads, definitions=None):
     """All reports in a sequence of EVENT payloads."""
     joiner, reports = ReportJoiner(), []
     for payload in payloads:
@@ -80,7 +80,7 @@ def recorded(shared, group):
 
 
 @pytest.fixture(scope="module")
-def px4_words(shared):
+def px4_definitions(shared):
     return event_document.parse(lzma.decompress((shared / "px4/events.json.xz").read_bytes()))
 
 
@@ -120,17 +120,17 @@ def test_the_recorded_refusals_have_the_right_cause_for_each_mode(shared, expect
     for name, by_mode in expected.items():
         found = [
             {m: {f.cause for f in report.causes(BY_NAME[m].nav_state, running=running)} for m in by_mode}
-            for report in joins(dialogues[name])
+            for report in all_reports(dialogues[name])
         ]
         assert by_mode in found, name
 
 
-def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_words):
+def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_definitions):
     reports = 0
     for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
         for name, payloads in recorded(shared, file.stem):
-            for words in (None, px4_words):
-                report = join(payloads, words)
+            for definitions in (None, px4_definitions):
+                report = last_report(payloads, definitions)
                 if report is None:
                     continue
                 reports += 1
@@ -150,14 +150,14 @@ def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_words
     assert reports > 40
 
 
-def test_the_vehicles_texts_are_preferred_and_filled_with_values(shared, px4_words):
+def test_the_vehicles_texts_are_preferred_and_filled_with_values(shared, px4_definitions):
     name = "param_arm_two_mags_required"
     by_name = {}
     for dialogue, payloads in recorded(shared, "command"):
         by_name[dialogue] = payloads
     for file in ("arming_denied", "param", "arming"):
         by_name |= dict(recorded(shared, file))
-    found = join(by_name[name], px4_words).findings
+    found = last_report(by_name[name], px4_definitions).findings
     compass = next(f for f in found if f.name == "check_mag_sys_has_mag_missing")
     assert compass.cause == "Found 1 compass (required: 2)"
     assert "SYS_HAS_MAG" in compass.remedy
@@ -165,9 +165,9 @@ def test_the_vehicles_texts_are_preferred_and_filled_with_values(shared, px4_wor
     assert sticks.cause == "No manual control input"
 
 
-def test_check_names_match_px4(px4_words):
-    assert {i: words.name for i, words in CHECKS.items()} == {i: px4_words[i].name for i in CHECKS}
-    named = {i for i, e in px4_words.items() if e.is_check and e.name.startswith("check_modes_")}
+def test_check_names_match_px4(px4_definitions):
+    assert {i: words.name for i, words in CHECKS.items()} == {i: px4_definitions[i].name for i in CHECKS}
+    named = {i for i, e in px4_definitions.items() if e.is_check and e.name.startswith("check_modes_")}
     assert named - set(MODE_NEEDS) == {18648929}  # take-off is denied, but the mode can be flown
 
 
@@ -192,9 +192,9 @@ def test_event_texts_are_filled_in_by_their_format():
     }  # fmt: skip
     words = event_document.parse(json.dumps(document))
     arguments = struct.pack("<fhBB", 12.345, -3, 5, 1).ljust(40, b"\0")
-    it = words[1 << 24 | 7]
-    assert it.text(arguments) == "At 12.3 m of -3 m/s, {x} Left, r: Land now! –"
-    assert it.remedy(arguments) == "See A_B. Or this."
+    check = words[1 << 24 | 7]
+    assert check.text(arguments) == "At 12.3 m of -3 m/s, {x} Left, r: Land now! –"
+    assert check.remedy(arguments) == "See A_B. Or this."
     assert words[1 << 24 | 8].text(arguments) == "– –"
     for bad in ('{"version": 1}', "[]", "no json"):
         with pytest.raises(ValueError, match=r"."):
@@ -212,22 +212,22 @@ def test_restrictions_of_chunks_add_up_and_a_missing_chunk_drops_the_report():
     mission = payload(17154777, 0x66, struct.pack("<IB", 8, 20))
     unknown = payload(1 << 24 | 5, 0x33, struct.pack("<IB", 0xFFFFFFFF, 29))
     first, second = chunk(0, 0b11000, 1, mission), chunk(1, 0b10100, 2, unknown)
-    report = join(first + second)
+    report = last_report(first + second)
     assert (report.can_arm, report.errors, len(report.findings)) == (0b10000, 3, 2)
     assert [f.cause for f in report.causes(3)] == [
         "unknown event 16777221 from component 1 (autopilot)",
         MISSION,
     ]
     assert readiness.readiness_of(report, 0, "own").findings[0].name == "event_16777221"
-    assert join(second) is None
-    assert join(first[1:]) is None
+    assert last_report(second) is None
+    assert last_report(first[1:]) is None
     joiner = ReportJoiner()
     joiner.begin(struct.pack("<BIIII", 0, 0, 0, 1, 1))
     joiner.discard()
     assert joiner.end(struct.pack("<BIII", 0, 0, 0, 0)) is None
 
 
-def test_every_event_of_recorded_flights_has_a_text(shared, px4_words):
+def test_every_event_of_recorded_flights_has_a_text(shared, px4_definitions):
     """Every event of every telemetry log has a text, and every report explains the unavailable modes."""
     events = reports = 0
     for path in sorted((shared / "px4/tlogs").glob("*.tlog*")):
@@ -241,8 +241,8 @@ def test_every_event_of_recorded_flights_has_a_text(shared, px4_words):
         assert stream.lost == 0, path.name
         for event in in_order:
             events += 1
-            assert not decode_event(event, px4_words).name.startswith("event_"), path.name
-        for report in joins(in_order, px4_words):
+            assert not decode_event(event, px4_definitions).name.startswith("event_"), path.name
+        for report in all_reports(in_order, px4_definitions):
             reports += 1
             for mode in readiness.readiness_of(report, 0.0, "own").modes:
                 assert bool(mode.arming) != mode.can_arm, (path.name, mode.mode)

@@ -17,7 +17,7 @@ def test_old_measurements_are_not_used():
     assert fresh((AHEAD,), 11.1, 1.0) == ()
 
 
-def test_a_sensor_measures_in_its_direction_and_a_downward_sensor_finds_no_way():
+def test_a_sensor_measures_only_in_its_direction():
     assert range_at_m((AHEAD, DOWN), math.radians(10)) == 20.0
     assert range_at_m((AHEAD, DOWN), math.radians(20)) is None
     assert range_at_m((AHEAD,), math.radians(90), turned_rad=math.radians(90)) == 20.0
@@ -36,7 +36,7 @@ def test_a_sensor_measures_in_its_direction_and_a_downward_sensor_finds_no_way()
         Scan(1.0, ((1.0, 0.0, 0.0),), (), 20.0),
     ],
 )
-def test_impossible_values_are_not_measurements(scan):
+def test_a_scan_with_impossible_values_is_implausible(scan):
     assert not scan.plausible
     assert AHEAD.plausible
 
@@ -49,7 +49,7 @@ def test_a_measured_point_keeps_its_position_for_a_limited_time():
     assert not len(memory.above(2.0, 10.0 + KEPT_S + 0.1))
 
 
-def test_of_one_cell_only_the_highest_point_counts_and_low_points_are_ignored():
+def test_only_the_highest_point_of_a_cell_is_used_and_low_points_are_ignored():
     memory = ObstacleMemory()
     for height_m in (1.0, 3.0, 2.0):
         memory.add(AHEAD, (0.0, 0.0, -height_m), 0.5)
@@ -66,7 +66,7 @@ def test_memory_is_limited_and_the_oldest_points_are_dropped():
     assert kept[:, 1].min() == 10.0
 
 
-def test_a_line_meets_columns_along_it_and_beside_it():
+def test_columns_have_positions_along_and_beside_a_line():
     memory = ObstacleMemory()
     memory.add(AHEAD, (0.0, 1.0, -1.0), 0.0)
     seen = along(memory.above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
@@ -77,7 +77,7 @@ def test_a_line_meets_columns_along_it_and_beside_it():
 
 
 @pytest.mark.parametrize(
-    ("there", "first_m"),
+    ("end", "first_m"),
     [
         ((9.0, 0.0, -2.0), 5.0),
         ((4.0, 0.0, -2.0), None),  # it ends before the obstacle
@@ -86,6 +86,6 @@ def test_a_line_meets_columns_along_it_and_beside_it():
         ((-9.0, 0.0, -2.0), None),
     ],
 )
-def test_a_measured_obstacle_on_a_straight_line_is_found(there, first_m):
-    assert first_on_line((AHEAD, DOWN), (0.0, 0.0, -2.0), there) == first_m
-    assert first_on_line((DOWN,), (0.0, 0.0, -2.0), there) is None
+def test_a_measured_obstacle_on_a_straight_line_is_found(end, first_m):
+    assert first_on_line((AHEAD, DOWN), (0.0, 0.0, -2.0), end) == first_m
+    assert first_on_line((DOWN,), (0.0, 0.0, -2.0), end) is None

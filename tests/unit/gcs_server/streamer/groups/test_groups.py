@@ -104,7 +104,7 @@ def test_a_vehicle_without_reported_accuracy_gets_a_default_margin():
     assert motion_of(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
 
 
-def test_vehicles_with_low_tilt_or_attitude_setpoints_are_stopped_earlier():
+def test_vehicles_with_a_low_tilt_limit_or_attitude_setpoints_are_stopped_earlier():
     def brakes(tilt_deg, setpoint):
         bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
         return motion_of(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
@@ -179,7 +179,7 @@ def test_body_velocities_and_global_positions_are_predicted():
     )
 
 
-def test_a_follower_is_where_its_leader_will_be():
+def test_a_followers_position_is_predicted_from_its_leaders():
     leader = planned("1", Position((30.0, 0.0, -10.0)))
     beside = planned("2", Follow("1", offset_ned_m=(0.0, 6.0, 0.0)), east_m=6.0)
     assert conflict(leader, beside) is None
@@ -223,10 +223,10 @@ def far(index, north_m_s):
             *(planned(str(i), Position((40.0, 0.0, -10.0)), east_m=12.0 * i) for i in range(1, 10)),
         ],
     ],
-    ids=["ten_paths", "a_path_and_nine_places"],
+    ids=["ten_paths", "a_path_and_nine_positions"],
 )
 def test_a_long_prediction_yields_after_each_small_piece(monkeypatch, members):
-    piece, most, total = Counter(), Counter(), Counter()
+    piece, largest_piece, total = Counter(), Counter(), Counter()
 
     def counted(name, work, size=lambda *_: 1):
         def run(*arguments):
@@ -239,25 +239,25 @@ def test_a_long_prediction_yields_after_each_small_piece(monkeypatch, members):
         fastest_m_s = max(np.max(np.linalg.norm(v, axis=-1)) for v in (velocity_a, velocity_b))
         return len(place_a) * (0.8 + fastest_m_s / min(brakes_a, brakes_b)) / 0.1
 
-    course = prediction._PredictedTrack
-    monkeypatch.setattr(course, "__init__", counted("courses", course.__init__))
-    monkeypatch.setattr(course, "step", counted("steps", course.step))
+    track = prediction._PredictedTrack
+    monkeypatch.setattr(track, "__init__", counted("tracks", track.__init__))
+    monkeypatch.setattr(track, "step", counted("steps", track.step))
     monkeypatch.setattr(prediction, "margin_m", counted("pairs", prediction.margin_m))
     monkeypatch.setattr(prediction, "closest_m", counted("samples", prediction.closest_m, braking_samples))
     search = first_conflict(members, 100.0, 3.0)
     ended = False
     while not ended:
         ended = next(search, "ended") == "ended"
-        most |= piece
+        largest_piece |= piece
         total += piece
         piece.clear()
-    assert total["courses"] == 10
+    assert total["tracks"] == 10
     assert total["steps"] >= 24_000
     assert total["pairs"] == 45
     assert total["samples"] > 12_000
-    assert most["courses"] == most["pairs"] == 1
-    assert most["steps"] <= 100
-    assert most["samples"] <= 12_000
+    assert largest_piece["tracks"] == largest_piece["pairs"] == 1
+    assert largest_piece["steps"] <= 100
+    assert largest_piece["samples"] <= 12_000
 
 
 def test_concurrent_predictions_take_turns_with_the_event_loop():
@@ -305,18 +305,18 @@ def guard(**more):
     return GroupGuard("7", dict.fromkeys(both, WAIT), dict.fromkeys(both, GO), **options)
 
 
-def seen(second=None, request=WAIT, phase="streaming", **more):
+def views(second=None, request=WAIT, phase="streaming", **more):
     first = MemberView("streaming", request, snapshot(**more), None)
     return {"1": first, "2": MemberView(phase, request, second or snapshot(20.0), None)}
 
 
 def test_all_members_start_once_at_the_common_start():
     watch = guard()
-    assert not watch.check(100.5, seen()).new_requests
+    assert not watch.check(100.5, views()).new_requests
     assert watch.due_s <= 101.0
-    assert set(watch.check(101.0, seen()).new_requests) == {"1", "2"}
+    assert set(watch.check(101.0, views()).new_requests) == {"1", "2"}
     assert watch.phase == "flying"
-    assert not watch.check(101.1, seen(request=GO)).new_requests
+    assert not watch.check(101.1, views(request=GO)).new_requests
 
 
 def test_a_missed_common_start_starts_no_member():
@@ -332,8 +332,8 @@ def test_a_missed_common_start_starts_no_member():
 
 def test_two_members_that_come_too_close_hold_and_the_finding_has_their_distance():
     watch = guard()
-    watch.check(101.0, seen())
-    near = seen(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))
+    watch.check(101.0, views())
+    near = views(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))
     actions = watch.check(101.1, near)
     assert set(actions.hold) == {"1", "2"}
     assert actions.code == "separation"
@@ -353,7 +353,7 @@ def test_an_accelerating_member_is_stopped_in_time():
         start_s=101.0,
         duration_s=60.0,
     )
-    watch.check(101.0, seen(snapshot(60.0)))
+    watch.check(101.0, views(snapshot(60.0)))
     for step in range(1, 100):
         now_s, speed_m_s = 101.0 + 0.05 * step, gains_m_s2 * 0.05 * step
         apart_m = 60.0 - 0.5 * gains_m_s2 * (0.05 * step) ** 2
@@ -362,7 +362,7 @@ def test_an_accelerating_member_is_stopped_in_time():
         if watch.check(now_s, {"1": standing, "2": MemberView("streaming", drift, coming, None)}).hold:
             break
     else:
-        pytest.fail("it was not stopped")
+        pytest.fail("the accelerating member was not stopped")
     fastest_m_s = speed_m_s + gains_m_s2 * go_on_s
     needs_m = speed_m_s * go_on_s + 0.5 * gains_m_s2 * go_on_s**2 + fastest_m_s**2 / (2.0 * brakes_m_s2)
     assert apart_m - needs_m >= 3.0, (apart_m, speed_m_s)
@@ -370,9 +370,9 @@ def test_an_accelerating_member_is_stopped_in_time():
 
 def test_a_common_expiry_is_not_a_finding():
     watch = guard()
-    watch.check(101.0, seen())
+    watch.check(101.0, views())
     watch._next_check_s = 0.0
-    assert not watch.check(130.99, seen(request=GO, phase="holding")).hold
+    assert not watch.check(130.99, views(request=GO, phase="holding")).hold
     assert not watch.findings
     over = {v: MemberView("idle", None, snapshot(), "done") for v in "12"}
     watch.check(140.0, over)
@@ -381,16 +381,16 @@ def test_a_common_expiry_is_not_a_finding():
 
 def test_a_member_without_position_holds_all():
     watch = guard()
-    watch.check(101.0, seen())
+    watch.check(101.0, views())
     blind = Snapshot(101.0, "offboard", None, None, 0.0, bounds=Bounds(origin=origin(20.0)))
-    actions = watch.check(101.1, seen(blind, GO))
+    actions = watch.check(101.1, views(blind, GO))
     assert set(actions.hold) == {"1", "2"}
     assert watch.findings[0].code == "place_unknown"
 
 
-def test_others_continue_with_others_go_on():
+def test_with_others_go_on_the_other_members_continue():
     watch = guard(others_go_on=True)
-    watch.check(101.0, seen())
-    actions = watch.check(101.1, seen(request=GO, phase="holding"))
+    watch.check(101.0, views())
+    actions = watch.check(101.1, views(request=GO, phase="holding"))
     assert set(actions.hold) == {"2"}
     assert watch.held == {"2"}

@@ -65,7 +65,7 @@ inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).f
 well_inside = inside.filter(
     lambda p: all(FENCED.breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1)))
 )
-heres = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
+vehicle_motions = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
 unit = st.builds(q_from_euler, angle, st.floats(-1.5, 1.5), angle)
 orders = st.one_of(
     st.builds(lambda p, y: Position(p, **y), vector, yaws),
@@ -86,29 +86,29 @@ orders = st.one_of(
 )
 
 
-def near(value, most):
-    return value <= most * (1 + 1e-9) + 1e-6
+def at_most(value, maximum):
+    return value <= maximum * (1 + 1e-9) + 1e-6
 
 
-NEXT_TO = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
+ROUNDING_STEPS = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
 
 
-def ground_ok(place, limits):
+def inside_fence(place, limits):
     """Whether a position is inside, or on the edge within rounding errors."""
     n, e = place
-    return any(limits.region.breach((n + dn, e + de)) is None for dn, de in NEXT_TO)
+    return any(limits.region.breach((n + dn, e + de)) is None for dn, de in ROUNDING_STEPS)
 
 
-def speeds_ok(velocity, limits):
+def assert_speeds_within(velocity, limits):
     n, e, d = velocity
     if n is not None:
-        assert near(math.hypot(n, e), limits.speed_m_s)
+        assert at_most(math.hypot(n, e), limits.speed_m_s)
     if d is not None:
-        assert near(d, limits.descent_m_s)
-        assert near(-d, limits.climb_m_s)
+        assert at_most(d, limits.descent_m_s)
+        assert at_most(-d, limits.climb_m_s)
 
 
-def stoppable(velocity, here, limits):
+def assert_stops_inside(velocity, here, limits):
     """Checks that a vehicle with this velocity, braked after the delay, stops inside."""
     n, e, d = (axis or 0.0 for axis in velocity)
     at, speed = here.position_ned_m, math.hypot(n, e)
@@ -121,42 +121,42 @@ def stoppable(velocity, here, limits):
 
 
 @settings(max_examples=400)
-@given(orders, bounds(), heres, st.none() | orders, st.floats(0.005, 1.0))
+@given(orders, bounds(), vehicle_motions, st.none() | orders, st.floats(0.005, 1.0))
 def test_any_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt_s):
     result = apply_limits(wanted, limits, here, before, dt_s)
     sent = result.setpoint
     assert sent is not None
     assert is_finite(sent)
     rate = getattr(sent, "yaw_rate_ned_rad_s", None)
-    assert rate is None or near(abs(rate), limits.rates_rad_s[2])
+    assert rate is None or at_most(abs(rate), limits.rates_rad_s[2])
     if isinstance(sent, Position | Trajectory):
         n, e, d = sent.position_ned_m
         if n is not None:
-            assert ground_ok((n, e), limits)
+            assert inside_fence((n, e), limits)
         if d is not None:
             assert limits.region.down_min_m - 1e-9 <= d <= limits.region.down_max_m + 1e-9
     if isinstance(sent, Velocity | Trajectory):
-        speeds_ok(sent.velocity_ned_m_s, limits)
-        stoppable(sent.velocity_ned_m_s, here, limits)
+        assert_speeds_within(sent.velocity_ned_m_s, limits)
+        assert_stops_inside(sent.velocity_ned_m_s, here, limits)
     if isinstance(sent, VelocityBody):
         ned = ned_from_heading(sent.velocity_frd_m_s, here.yaw_ned_rad)
-        speeds_ok(ned, limits)
-        stoppable(ned, here, limits)
+        assert_speeds_within(ned, limits)
+        assert_stops_inside(ned, here, limits)
     if isinstance(sent, Acceleration):
         n, e, d = sent.acceleration_ned_m_s2
-        assert near(math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad)))
-        assert near(-d, limits.acceleration_up_m_s2)
-        assert near(d, limits.acceleration_down_m_s2)
+        assert at_most(math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad)))
+        assert at_most(-d, limits.acceleration_up_m_s2)
+        assert at_most(d, limits.acceleration_down_m_s2)
     if isinstance(sent, Attitude):
         assert math.hypot(*sent.q_ned_frd) == pytest.approx(1, abs=1e-6)
-        assert near(tilt_from_q(sent.q_ned_frd), limits.tilt_rad + 1e-6)
+        assert at_most(tilt_from_q(sent.q_ned_frd), limits.tilt_rad + 1e-6)
         assert 0 <= sent.thrust <= 1
     if isinstance(sent, Rates):
-        for value, most in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
-            assert near(abs(value), most)
+        for value, maximum in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
+            assert at_most(abs(value), maximum)
     if isinstance(sent, PositionGlobal):
         place = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
-        assert ground_ok(place[:2], limits)
+        assert inside_fence(place[:2], limits)
         assert limits.region.clamp_down_m(place[2]) == place[2]
     unchanged = sent == wanted
     assert unchanged or result.notes or result.stop, "each change is reported"
@@ -195,8 +195,8 @@ def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
         before = apply_limits(wanted, limits, now, before, dt_s).setpoint
         asked = before.velocity_ned_m_s
         for axis in range(3):
-            push = max(-5.0, min(5.0, (asked[axis] - velocity[axis]) / tau_s))
-            velocity[axis] += push * dt_s
+            acceleration = max(-5.0, min(5.0, (asked[axis] - velocity[axis]) / tau_s))
+            velocity[axis] += acceleration * dt_s
             position[axis] += velocity[axis] * dt_s
         yield now
 
@@ -252,7 +252,7 @@ def test_from_outside_a_target_beyond_the_fence_is_moved_inside():
     "wanted",
     [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
 )
-def test_setpoints_without_position_control_are_taken_over_in_time(wanted):
+def test_setpoints_without_position_control_are_stopped_before_the_fence(wanted):
     limits = Bounds(region=FENCED)
     assert apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
     assert "leave" in apply_limits(wanted, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop

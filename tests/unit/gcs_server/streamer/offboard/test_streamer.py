@@ -39,7 +39,7 @@ class Vehicle:
         self.offboard = None
         self.located = True
         self.refuses = None
-        self.ours = None
+        self.own_command = None
         self.hangs = False
         self.sent = []
         self.asked = []
@@ -62,7 +62,7 @@ class Vehicle:
         self.status.mode = name
 
     def recent_command(self, mode):
-        return self.ours if self.ours is not None and self.ours.mode == mode else None
+        return self.own_command if self.own_command is not None and self.own_command.mode == mode else None
 
     def known(self, name):
         return None
@@ -86,18 +86,18 @@ class Vehicle:
 
 def streaming(clock, stalls=()):
     """A streamer whose scheduler runs in the loop, except from `stalls[n][0]` to `stalls[n][1]` [s]."""
-    supervisor, rounds = Supervisor(clock), LoopStreams(clock)
+    supervisor, streams = Supervisor(clock), LoopStreams(clock)
     began_s = clock.monotonic_s()
 
     async def run():
         while True:
             since_s = clock.monotonic_s() - began_s
             if not any(from_s <= since_s < to_s for from_s, to_s in stalls):
-                rounds.step()
+                streams.step()
             await clock.sleep(0.004)
 
-    supervisor.start("rounds", run)
-    return supervisor, Streamer(clock, rounds)
+    supervisor.start("streams", run)
+    return supervisor, Streamer(clock, streams)
 
 
 def run_test(scenario, stalls=()):
@@ -116,7 +116,7 @@ def run_test(scenario, stalls=()):
     in_jumps(run)
 
 
-def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
+def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is_reported():
     async def scenario(vehicle):
         status = await vehicle.offboard.start(StreamRequest(UP, 60.0, client="me"))
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
@@ -166,7 +166,7 @@ def test_a_refusal_stops_the_stream_and_is_raised():
     run_test(scenario)
 
 
-def test_prerequisites_are_explained():
+def test_a_refused_start_explains_the_missing_prerequisite():
     async def scenario(vehicle):
         vehicle.located = False
         with pytest.raises(Refused, match="estimate"):
@@ -196,12 +196,12 @@ def test_leaving_offboard_ends_the_stream_with_an_event():
 def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
     async def scenario(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
-        vehicle.ours = ModeCommand("Land", "land", "page", 0.0)
+        vehicle.own_command = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
         await asyncio.sleep(0.35)
-        (run_test,) = vehicle.events.since()
-        assert (run_test.kind, run_test.severity, run_test.data["code"]) == ("command", 6, "commanded")
-        assert "page commanded 'Land'" in run_test.text
+        (event,) = vehicle.events.since()
+        assert (event.kind, event.severity, event.data["code"]) == ("command", 6, "commanded")
+        assert "page commanded 'Land'" in event.text
         assert "page" in vehicle.offboard.status().ended
 
     run_test(scenario)

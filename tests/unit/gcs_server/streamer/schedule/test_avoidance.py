@@ -10,7 +10,7 @@ from missions.fence import Region
 from missions.geodesy import LocalOrigin
 from missions.runner.script import Script
 from missions.setpoints import Path, PathPoint, Position, PositionGlobal, Trajectory, Velocity
-from tests.support.offboard_missions import flown, timeline
+from tests.support.offboard_missions import flight_of, timeline
 
 GOAL = Position((10.0, 0.0, -2.0), 0.0)
 ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
@@ -158,7 +158,7 @@ def test_the_fence_limits_a_detour_like_any_other_setpoint(stream):
 
 def script(step):
     """A mission that flies 10 m north through the position of the box."""
-    return Script("Test", timeline(flown(step)).segments[1:-1])
+    return Script("Test", timeline(flight_of(step)).segments[1:-1])
 
 
 AVOIDING, NOT_AVOIDING, AROUND = (

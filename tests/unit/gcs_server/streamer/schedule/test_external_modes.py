@@ -144,7 +144,7 @@ def test_every_request_is_answered_within_a_tenth_of_a_second(bench: ModesSetup)
     assert bench.answers() == [True]
 
 
-def test_while_the_event_loop_is_silent_the_answers_report_that_the_mode_cannot_run(
+def test_while_the_event_loop_does_not_respond_the_answers_report_that_the_mode_cannot_run(
     bench: ModesSetup,
 ) -> None:
     bench.alive = False
@@ -224,7 +224,7 @@ def test_a_registration_waits_for_dds_and_is_refused_without_an_answer() -> None
     assert bench.states() == [("Line", "refused")]
 
 
-def test_the_end_of_the_mode_is_reported_by_its_name_in_the_status(bench: ModesSetup) -> None:
+def test_the_completion_of_a_mode_is_reported_by_the_name_of_its_slot(bench: ModesSetup) -> None:
     bench.modes.complete("1", "external_2", success=True)
     bench.modes.complete("2", "external_1", success=True)
     assert bench.px4.topics() == []
@@ -239,7 +239,7 @@ def test_a_malformed_message_is_skipped(bench: ModesSetup) -> None:
     assert bench.states() == [("Line", "registered")]
 
 
-def test_a_fault_of_one_vehicle_leaves_the_others(
+def test_a_fault_of_one_vehicle_does_not_affect_the_others(
     bench: ModesSetup, caplog: pytest.LogCaptureFixture
 ) -> None:
     class Broken(Px4):
@@ -255,13 +255,13 @@ def test_a_fault_of_one_vehicle_leaves_the_others(
     assert len(bench.answers()) >= 5
 
 
-def test_at_the_end_all_modes_are_unregistered(bench: ModesSetup) -> None:
+def test_closing_unregisters_all_modes(bench: ModesSetup) -> None:
     bench.modes.close()
     assert bench.px4.topics() == [UNREGISTER]
     assert bench.modes.states() == {}
 
 
-def test_a_forgotten_vehicles_modes_are_unregistered(bench: ModesSetup) -> None:
+def test_the_modes_of_a_forgotten_vehicle_are_unregistered(bench: ModesSetup) -> None:
     bench.modes.forget("1")
     bench.modes.forget("unknown")
     bench.run(0.5)

@@ -29,27 +29,27 @@ class Flight:
         self.velocity = (0.0, 0.0, 0.0)
         self.loop_alive = True
         self.loop_message_s = self.now_s
-        self.kept = None
+        self.last_snapshot = None
         self.sent = []
         self.sending = []
 
     def snapshot(self):
-        if self.loop_alive or self.kept is None:
-            self.kept = Snapshot(self.now_s, self.mode, self.position, self.velocity, 0.25)
-        return self.kept
+        if self.loop_alive or self.last_snapshot is None:
+            self.last_snapshot = Snapshot(self.now_s, self.mode, self.position, self.velocity, 0.25)
+        return self.last_snapshot
 
     def send_payload(self, msg_id, payload):
         self.sending.append((round(self.now_s, 3), msg_id, fields(msg_id, payload)))
         return True
 
-    def begin(self, setpoint, **lasting):
+    def begin(self, setpoint, **validity):
         self.core.begin(
-            self.now_s, StreamRequest(setpoint, client="test", **lasting), self.rate_hz, self.snapshot()
+            self.now_s, StreamRequest(setpoint, client="test", **validity), self.rate_hz, self.snapshot()
         )
 
-    def change(self, setpoint, **lasting):
+    def change(self, setpoint, **validity):
         return self.core.change(
-            self.now_s, StreamRequest(setpoint, client="test", **lasting), self.snapshot()
+            self.now_s, StreamRequest(setpoint, client="test", **validity), self.snapshot()
         )
 
     def engage(self):
@@ -91,9 +91,9 @@ def fields(msg_id, payload):
     }
 
 
-def started(setpoint, **lasting):
+def started(setpoint, **validity):
     flight = Flight()
-    flight.begin(setpoint, **lasting)
+    flight.begin(setpoint, **validity)
     flight.run(1.2)
     flight.engage()
     return flight
@@ -131,7 +131,7 @@ def test_without_yaw_the_first_heading_is_kept():
     assert sent["yaw"] == pytest.approx(0.25)
 
 
-def test_a_killed_clients_velocity_stream_holds_and_then_requests_hold():
+def test_after_a_client_is_killed_its_velocity_stream_holds_the_position_and_then_requests_hold():
     flight = started(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
     flight.velocity = (3.0, 0.0, 0.0)
     assert all(sent["velocity"][0] == 3.0 for _, _, sent in flight.run(0.49))
@@ -141,8 +141,8 @@ def test_a_killed_clients_velocity_stream_holds_and_then_requests_hold():
     assert {sent["mask"] for _, _, sent in held} == {2552}
     assert held[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
     assert flight.report_codes() == ["expired"]
-    asked = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
-    assert [(a["command"], a["p1"], a["main"], a["sub"]) for a in asked] == [(176, 1.0, 4.0, 3.0)]
+    requests = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
+    assert [(a["command"], a["p1"], a["main"], a["sub"]) for a in requests] == [(176, 1.0, 4.0, 3.0)]
     assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, (
         "the stream continues until the vehicle is in Hold"
     )
@@ -153,7 +153,7 @@ def test_a_killed_clients_velocity_stream_holds_and_then_requests_hold():
     assert max(b - a for a, b in itertools.pairwise(times)) < 0.05
 
 
-def test_a_new_setpoint_while_holding_resumes():
+def test_a_new_setpoint_while_holding_resumes_the_stream():
     flight = started(NORTH, valid_for_s=0.5)
     flight.run(1.0)
     assert flight.core.phase == "holding"

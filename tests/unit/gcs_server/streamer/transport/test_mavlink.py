@@ -64,7 +64,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize(("setpoint", "msg_id", "frame", "mask"), ROWS)
-def test_message_frame_and_mask_are_px4s(setpoint, msg_id, frame, mask):
+def test_message_frame_and_mask_match_px4s_documentation(setpoint, msg_id, frame, mask):
     message = read(setpoint)
     assert message.get_msgId() == msg_id
     assert message.type_mask == mask
@@ -81,13 +81,13 @@ def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, ac
     assert ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
     assert ignored((m.afx, m.afy, m.afz), ACCELERATION, m.type_mask) == acceleration
     assert not m.type_mask & 512  # the force bit is never set
-    (turned, turning) = ignored((m.yaw, m.yaw_rate), (1024, 2048), m.type_mask)
-    assert (turned is None, turning is None) == (yaw is None, rate is None)
+    (received_yaw, received_rate) = ignored((m.yaw, m.yaw_rate), (1024, 2048), m.type_mask)
+    assert (received_yaw is None, received_rate is None) == (yaw is None, rate is None)
     if yaw is not None:
-        assert -math.pi - 1e-6 <= turned <= math.pi + 1e-6
-        assert math.remainder(turned - yaw, math.tau) == pytest.approx(0, abs=1e-4)
+        assert -math.pi - 1e-6 <= received_yaw <= math.pi + 1e-6
+        assert math.remainder(received_yaw - yaw, math.tau) == pytest.approx(0, abs=1e-4)
     if rate is not None:
-        assert turning == rate
+        assert received_rate == rate
 
 
 @given(vector, angle)
@@ -117,14 +117,14 @@ def test_attitude_and_thrust_arrive(q, rate, thrust):
 
 
 @given(vector, st.floats(0, 1, width=32))
-def test_rates_arrive_with_roll_and_pitch_counting(rates, thrust):
+def test_body_rates_and_thrust_arrive_and_none_is_ignored(rates, thrust):
     m = read(Rates(rates, thrust))
     assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate) == rates
     assert m.type_mask & (1 | 2 | 4 | 64) == 0
     assert tuple(m.q) == (1.0, 0.0, 0.0, 0.0)
 
 
-def test_only_the_time_changes_between_sendings():
+def test_only_the_time_changes_between_transmissions():
     _, payload = mavlink.encode(Position((1.0, 2.0, -3.0)), TARGET)
     early, late = mavlink.with_time(payload, 1.0), mavlink.with_time(payload, 5e6)
     assert early[4:] == late[4:] == payload[4:]
@@ -140,7 +140,7 @@ def test_types_without_a_mavlink_message_have_no_encoder():
 
 
 @pytest.mark.parametrize(("mode", "sub"), [("hold", 3), ("land", 6)])
-def test_mode_commands_are_set_mode_with_a_growing_confirmation(mode, sub):
+def test_mode_commands_are_do_set_mode_with_a_confirmation_of_at_most_255(mode, sub):
     payload = mavlink.mode_command(mode, TARGET, 300)
     raw = encode_frame(mavlink.MSG_COMMAND_LONG, payload, 0, 255, 190)
     (m,) = sim.MAVLink(None).parse_buffer(raw)

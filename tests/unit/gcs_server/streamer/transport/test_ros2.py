@@ -105,14 +105,14 @@ def _transport() -> Ros2Transport:
     return Ros2Transport((1, 1), (255, 191), lambda: NOW_US)
 
 
-def _same(ours: Any, expected: Any) -> bool:
+def _equal_or_both_nan(ours: Any, expected: Any) -> bool:
     if isinstance(expected, tuple):
-        return len(ours) == len(expected) and all(map(_same, ours, expected))
+        return len(ours) == len(expected) and all(map(_equal_or_both_nan, ours, expected))
     return ours == expected or (math.isnan(ours) and math.isnan(expected))
 
 
 @pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
-def test_each_kind_has_its_control_mode_and_its_topics(
+def test_each_setpoint_type_is_sent_with_its_control_mode_and_topics(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, dict[str, Any]]
 ) -> None:
     transport, topics = _transport(), Topics()
@@ -125,11 +125,11 @@ def test_each_kind_has_its_control_mode_and_its_topics(
     for topic, values in messages:
         assert values["timestamp"] == NOW_US
         for name, value in expected[topic].items():
-            assert _same(values[name], value), (topic, name, values[name])
+            assert _equal_or_both_nan(values[name], value), (topic, name, values[name])
 
 
 @pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
-def test_the_topics_of_a_kind_are_those_of_its_messages(
+def test_the_topics_of_a_setpoint_type_include_those_of_its_messages(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, Any]
 ) -> None:
     assert flag
@@ -157,7 +157,7 @@ def test_a_mode_is_requested_as_the_streams_component() -> None:
 
 
 @pytest.mark.parametrize("setpoint", [VelocityBody((1.0, 0.0, 0.0)), PositionGlobal(47.0, 8.0, 500.0)])
-def test_a_kind_of_another_frame_is_refused_by_the_transport(setpoint: DirectSetpoint) -> None:
+def test_a_setpoint_in_another_frame_is_refused_by_the_transport(setpoint: DirectSetpoint) -> None:
     with pytest.raises(ValueError, match=f"carries {setpoint.type}"):
         encode(setpoint)
 
@@ -190,7 +190,7 @@ def test_a_stream_continues_on_the_other_link_if_that_carries_the_setpoint() -> 
     assert mavlink.ids == [84]
 
 
-def test_what_cannot_be_sent_is_reported() -> None:
+def test_a_failed_transmission_is_reported() -> None:
     topics = Topics()
     transport = VehicleTransport(Mavlink(), (1, 1), lambda: topics, _transport())
     transport.load(Position((0.0, 0.0, -5.0)))
@@ -227,7 +227,9 @@ def test_a_global_position_is_sent_in_the_local_frame() -> None:
 
 
 @pytest.mark.parametrize("setpoint", [ThrustTorque((0.0, 0.0, -0.5), (0.0, 0.0, 0.0)), Actuators((0.5,))])
-def test_with_a_fence_and_without_a_position_thrust_and_motors_must_stop(setpoint: DirectSetpoint) -> None:
+def test_thrust_and_motor_setpoints_stop_if_a_fence_is_set_and_no_position_is_known(
+    setpoint: DirectSetpoint,
+) -> None:
     fenced = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     assert apply_limits(setpoint, Bounds(), None).stop is None
     assert "No valid position estimate" in (apply_limits(setpoint, fenced, None).stop or "")

@@ -12,7 +12,7 @@ from missions.fence import Polygon, Region
 from missions.setpoints import Path, PathPoint
 
 
-def the_longest():
+def longest_path():
     """5000 points in an hour, inside a fence of 200 corners."""
     turn = [2 * math.pi * k / 5000 for k in range(5000)]
     points = [PathPoint(k * 0.72, (40 * math.cos(a), 40 * math.sin(a), -10.0)) for k, a in enumerate(turn)]
@@ -22,7 +22,7 @@ def the_longest():
 
 
 def test_the_longest_path_inside_the_largest_fence_is_checked_in_milliseconds():
-    points, bounds = the_longest()
+    points, bounds = longest_path()
     took_s = []
     for _ in range(3):
         began_s = time.process_time()
@@ -32,7 +32,7 @@ def test_the_longest_path_inside_the_largest_fence_is_checked_in_milliseconds():
 
 
 def test_one_invalid_sample_of_a_path_is_found_and_named():
-    points, bounds = the_longest()
+    points, bounds = longest_path()
     points[4000] = PathPoint(points[4000].t_s, (0.0, 80.0, -10.0))
     with pytest.raises(Refused, match=r"After 287\d\.\d s the path"):
         check_path(Path(tuple(points)), points[0].position_ned_m, bounds)

@@ -1,4 +1,4 @@
-"""How far a plan was flown is kept in the data folder, and bad files end no start of the server."""
+"""The data folder keeps how far a plan was flown; invalid files do not prevent the server's start."""
 
 import asyncio
 import json
@@ -24,7 +24,7 @@ def store_in(folder):
     return store
 
 
-def test_progress_is_there_after_a_restart_for_the_same_vehicle_only(tmp_path):
+def test_progress_is_available_after_a_restart_for_the_same_vehicle_only(tmp_path):
     store = store_in(tmp_path / "flights")
     store.save(KEY, PROGRESS)
     store.close()
@@ -52,7 +52,7 @@ def test_progress_is_there_after_a_restart_for_the_same_vehicle_only(tmp_path):
     ],
     ids=str,
 )
-def test_an_unreadable_file_is_a_warning_and_the_next_flight_replaces_it(tmp_path, field, value):
+def test_an_unreadable_file_causes_a_warning_and_the_next_flight_replaces_it(tmp_path, field, value):
     store = store_in(tmp_path)
     store.save(KEY, PROGRESS)
     store.save(OTHER, PROGRESS)
@@ -68,7 +68,7 @@ def test_an_unreadable_file_is_a_warning_and_the_next_flight_replaces_it(tmp_pat
     assert again.warnings() == []
 
 
-def test_a_file_that_cannot_be_written_is_a_warning_and_the_progress_is_known_until_the_restart(tmp_path):
+def test_a_file_that_cannot_be_written_causes_a_warning_and_the_progress_is_known_until_the_restart(tmp_path):
     (tmp_path / "flights").write_text("a file in the place of the folder")
     store = ProgressStore(Records(tmp_path / "flights"))
     store.save(KEY, PROGRESS)
@@ -77,7 +77,7 @@ def test_a_file_that_cannot_be_written_is_a_warning_and_the_progress_is_known_un
     assert "cannot be written" in store.warnings()[0]
 
 
-def test_of_too_many_vehicles_the_oldest_is_forgotten(tmp_path, monkeypatch):
+def test_with_too_many_vehicles_the_oldest_record_is_removed(tmp_path, monkeypatch):
     monkeypatch.setattr(interrupted, "MAX_RECORDS", 2)
     monkeypatch.setattr(records, "MAX_RECORDS", 2)
     store = store_in(tmp_path)
