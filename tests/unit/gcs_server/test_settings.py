@@ -20,7 +20,7 @@ def test_links_from_the_environment():
 
 
 @pytest.mark.parametrize(
-    ("text", "field", "says"),
+    ("text", "field", "expected"),
     [
         ("port = 1\n", "schema_version", "schema_version = 1"),
         ("schema_version = 9\n", "schema_version", "9"),
@@ -29,21 +29,21 @@ def test_links_from_the_environment():
         ("schema_version = \n", "config", "TOML"),
     ],
 )
-def test_the_error_about_an_invalid_settings_file_names_it(tmp_path, text, field, says):
+def test_the_error_about_an_invalid_settings_file_names_it(tmp_path, text, field, expected):
     file = tmp_path / "gcs.toml"
     file.write_text(text)
     with pytest.raises(InvalidRequest) as caught:
         load({}, {}, file)
     assert caught.value.field == field
-    assert says in f"{caught.value.message} {caught.value.remedy}"
+    assert expected in f"{caught.value.message} {caught.value.remedy}"
 
 
 @pytest.mark.parametrize(
-    ("flags", "env", "says"),
+    ("flags", "env", "expected"),
     [({"port": 70000}, {}, "--port"), ({}, {"GCS_SIM": "many"}, "GCS_SIM")],
 )
-def test_the_error_about_an_invalid_setting_names_its_source(flags, env, says):
-    with pytest.raises(InvalidRequest, match=says):
+def test_the_error_about_an_invalid_setting_names_its_source(flags, env, expected):
+    with pytest.raises(InvalidRequest, match=expected):
         load(flags, env)
 
 
@@ -51,11 +51,11 @@ def test_the_error_about_an_invalid_setting_names_its_source(flags, env, says):
     ("host", "alone"),
     [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("example.org", False)],
 )
-def test_who_can_reach_the_server(host, alone):
+def test_only_a_loopback_host_limits_the_server_to_this_machine(host, alone):
     assert Settings(host=host).loopback_only is alone
 
 
-def test_the_simulators_arguments_are_split_as_a_shell_does(tmp_path):
+def test_the_simulators_arguments_are_split_as_in_a_shell(tmp_path):
     settings = load({}, {"GCS_SIM_ARGS": "--speed 3 --data-dir 'a b'"})
     assert settings.sim_args == ("--speed", "3", "--data-dir", "a b")
     file = tmp_path / "gcs.toml"

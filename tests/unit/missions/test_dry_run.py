@@ -136,7 +136,7 @@ def evaluated(*, fence_m: float | None = None, battery_end: float = 0.9, obstacl
     return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, Site(obstacles), 1.0)
 
 
-def test_a_flight_outside_the_fence_is_a_finding_with_step_position_and_depth():
+def test_a_flight_outside_the_fence_causes_a_finding_with_step_position_and_distance():
     (finding,) = evaluated(fence_m=30.0).findings
     assert (finding.code, finding.severity, finding.step) == ("fence_touched", "error", "item 2")
     assert "by up to 10.0 m" in finding.message
@@ -146,7 +146,7 @@ def test_a_flight_outside_the_fence_is_a_finding_with_step_position_and_depth():
 @pytest.mark.parametrize(
     ("battery_end", "code"), [(0.15, "battery_reserve"), (0.0, "battery_empty"), (0.25, None)]
 )
-def test_a_battery_below_its_reserve_is_a_finding(battery_end, code):
+def test_a_battery_below_its_reserve_causes_a_finding(battery_end, code):
     assert [finding.code for finding in evaluated(battery_end=battery_end).findings] == (
         [code] if code else []
     )
@@ -158,7 +158,7 @@ def test_the_battery_is_known_with_an_endurance_or_with_sim_bat_drain():
     assert replace(unknown, parameters={"SIM_BAT_DRAIN": 60.0}).battery_is_known
 
 
-def test_a_flight_near_an_obstacle_is_a_finding_with_its_name():
+def test_a_flight_near_an_obstacle_causes_a_finding_with_its_name():
     (finding,) = evaluated(obstacles=[replace(POST, east_m=2.0)]).findings
     assert finding.code == "obstacle_near"
     assert "within 1.5 m of post" in finding.message

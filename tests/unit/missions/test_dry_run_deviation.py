@@ -104,7 +104,7 @@ def test_each_pass_of_a_path_that_crosses_itself_has_its_own_deviation():
     assert across[second] == pytest.approx(6.0, abs=0.05)
 
 
-def test_the_climb_and_the_descent_at_one_place_are_not_mixed():
+def test_the_climb_and_the_descent_at_one_position_are_compared_separately():
     column = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [0.0, 0.0, 0.0]])
     blown = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [3.0, 0.0, -30.0], [3.0, 0.0, 0.0]])
     place, across, above = compared(fly(column), fly(blown, waits_s={15.0: 20.0, 33.0: 9.0}))

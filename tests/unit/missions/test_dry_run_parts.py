@@ -32,7 +32,7 @@ def test_parameters_of_the_vehicles_airframe_are_not_used():
 
 
 @pytest.mark.parametrize(
-    ("fields", "says"),
+    ("fields", "expected"),
     [
         ({"wind_ned_m_s": (math.nan, 0.0, 0.0)}, "wind_ned_m_s"),
         ({"wind_ned_m_s": (30.0, 30.0, 0.0)}, "between 0 and 40"),
@@ -40,8 +40,8 @@ def test_parameters_of_the_vehicles_airframe_are_not_used():
         ({"gusts_m_s": -1.0}, "gusts_m_s"),
     ],
 )
-def test_impossible_conditions_are_refused_by_name(fields, says):
-    with pytest.raises(PlanError, match=says):
+def test_impossible_conditions_are_refused_with_the_field(fields, expected):
+    with pytest.raises(PlanError, match=expected):
         Conditions(**fields)
 
 
@@ -70,23 +70,23 @@ def test_the_distance_to_the_fence_is_negative_outside_and_includes_the_vehicles
         FenceCircle(inclusion=True, center=centre, radius_m=50.0),
         FenceCircle(inclusion=False, center=centre, radius_m=10.0),
     )
-    places = np.array([[30.0, 0.0, -5.0], [60.0, 0.0, -5.0], [0.0, 5.0, -5.0]])
-    assert FenceDistance(zones, ORIGIN, 0.0, 0.0).of(places) == pytest.approx([20.0, -10.0, -5.0], abs=0.1)
+    positions = np.array([[30.0, 0.0, -5.0], [60.0, 0.0, -5.0], [0.0, 5.0, -5.0]])
+    assert FenceDistance(zones, ORIGIN, 0.0, 0.0).of(positions) == pytest.approx([20.0, -10.0, -5.0], abs=0.1)
     high = FenceDistance((), ORIGIN, 40.0, 8.0)
-    assert high.of(places) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
-    assert FenceDistance((), ORIGIN, 0.0, 0.0).of(places).tolist() == [math.inf] * 3
+    assert high.of(positions) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
+    assert FenceDistance((), ORIGIN, 0.0, 0.0).of(positions).tolist() == [math.inf] * 3
 
 
 def test_the_distance_to_an_obstacle_is_that_to_its_nearest_side_edge_or_roof():
-    places = np.array([[0.0, 0.0, -2.0], [10.0, 0.0, -8.0], [10.0, 0.0, -2.0], [14.0, 7.0, -5.0]])
-    distances, which = obstacle_distance_m([Obstacle("far", 500.0, 0.0, 1.0, 1.0, 1.0), WALL], places)
+    positions = np.array([[0.0, 0.0, -2.0], [10.0, 0.0, -8.0], [10.0, 0.0, -2.0], [14.0, 7.0, -5.0]])
+    distances, which = obstacle_distance_m([Obstacle("far", 500.0, 0.0, 1.0, 1.0, 1.0), WALL], positions)
     assert distances == pytest.approx([9.0, 3.0, 0.0, 5.0])
     assert which.tolist() == [1, 1, 1, 1]
     turned = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0, yaw_ned_rad=math.pi / 2)
-    assert obstacle_distance_m([turned], places)[0][0] == pytest.approx(7.0)
+    assert obstacle_distance_m([turned], positions)[0][0] == pytest.approx(7.0)
 
 
-def test_a_vehicle_whose_flight_has_ended_takes_no_more_time():
+def test_a_vehicle_whose_flight_has_ended_uses_no_more_computing_time():
     def decide() -> None:
         raise AssertionError("its autopilot is still running")
 

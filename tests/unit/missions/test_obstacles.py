@@ -157,7 +157,7 @@ def test_obstacles_without_a_global_position_are_an_error() -> None:
     assert codes(compiled(NORTH % -5, home=None)) == {"obstacles_unknown"}
 
 
-def test_an_obstacle_whose_sides_cross_is_an_error_of_both_kinds_of_plans() -> None:
+def test_an_obstacle_whose_sides_cross_is_an_error_in_plans_and_missions() -> None:
     a, b, c, d = BARN.polygon
     crossed = BARN.model_copy(update={"polygon": (a, c, b, d)})
     assert "obstacle_invalid" in codes(compiled(NORTH % -30, obstacles=(crossed,)))
@@ -177,7 +177,7 @@ def test_documents_keep_their_obstacles() -> None:
     assert read(write_yaml(converted)) == converted
 
 
-def test_a_qgroundcontrol_file_holds_the_obstacles_under_a_key_of_our_own() -> None:
+def test_a_qgroundcontrol_file_contains_the_obstacles_under_an_additional_key() -> None:
     written = qgc_plan.write(PLAN).data
     assert qgc_plan.read(written).plan.obstacles == (BARN,)
     assert qgc_plan.write(qgc_plan.read(written).plan).data == written

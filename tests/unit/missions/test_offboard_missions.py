@@ -188,7 +188,7 @@ def test_tables_from_csv_and_numpy_are_flown_at_their_own_times() -> None:
     assert found.findings == ()
 
 
-LYING_ARRAY = (
+OVERSIZED_ARRAY = (
     b"\x93NUMPY\x01\x00\x60\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"
     + b" " * 40
 )
@@ -205,17 +205,17 @@ LYING_ARRAY = (
         (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,x,0,0\n", "row 2"),
         (b"t_s,north_m,east_m,down_m\n0,0,0,0\n1,0,0\n", "row 2"),
         (b"\x93NUMPY\x01\x00", "not a NumPy array"),
-        (LYING_ARRAY, "ends before"),
+        (OVERSIZED_ARRAY, "ends before"),
         (b"\xff\xfe", "UTF-8"),
     ],
 )  # fmt: skip
-def test_an_invalid_table_is_a_finding_that_names_the_row(data: bytes, words: str) -> None:
+def test_an_invalid_table_causes_a_finding_that_names_the_row(data: bytes, words: str) -> None:
     found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": data})
     assert [finding.code for finding in found.findings] == ["step_invalid"]
     assert words in found.findings[0].message
 
 
-def test_a_table_faster_than_the_vehicles_limits_is_a_finding() -> None:
+def test_a_table_faster_than_the_vehicles_limits_causes_a_finding() -> None:
     fast = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n1,40,0,-10\n2,80,0,-30\n"
     found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": fast})
     assert {"speed_exceeded", "acceleration_exceeded"} <= codes(found)

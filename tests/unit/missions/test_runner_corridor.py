@@ -100,7 +100,7 @@ def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
     assert math.isfinite(by_px4.samples[0].t_s)
 
 
-def test_only_the_parts_that_count_are_timed_and_they_add_up():
+def test_a_stopwatch_adds_only_the_times_that_count():
     watch = Stopwatch()
     for now_s, counts in enumerate([False, True, None, True, False, None, False, True]):
         watch.update(float(now_s), counts)

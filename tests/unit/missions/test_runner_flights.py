@@ -22,7 +22,7 @@ from tests.support.mission_vehicle import STEP_S, FakeFlight
 from tests.support.offboard_missions import flight_of, mission, timeline
 
 
-def test_each_kind_of_step_of_the_document_has_its_story():
+def test_each_kind_of_step_of_the_document_has_a_test_flight():
     assert set[str]().union(*map(kinds_of, STEPS.values())) == kinds_of_document()
     assert len(kinds_of_document()) >= 18
 
@@ -190,6 +190,6 @@ def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
     fake.fly(4.0)
     fake.skip()
     fake.in_state("done")
-    places = [(t, s.position_ned_m) for t, s in fake.sent if isinstance(s, Trajectory | Position)]
-    for (t0, a), (t1, b) in itertools.pairwise(places):
+    positions = [(t, s.position_ned_m) for t, s in fake.sent if isinstance(s, Trajectory | Position)]
+    for (t0, a), (t1, b) in itertools.pairwise(positions):
         assert math.dist(a, b) <= STEP_S * 12.0 + 0.35, (t0, t1)

@@ -25,7 +25,7 @@ def saved(values: Any, **options: Any) -> bytes:
     return file.getvalue()
 
 
-def lying(header: str) -> bytes:
+def npy_of(header: str) -> bytes:
     text = header.encode().ljust(118) + b"\n"
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 
@@ -45,7 +45,7 @@ def test_a_numpy_array_becomes_csv_with_the_same_numbers(kind: str, order: Any) 
     assert read_rows(found.text.encode()) == ROWS
 
 
-def test_short_floats_keep_the_decimals_that_they_stand_for() -> None:
+def test_single_precision_values_are_written_with_their_shortest_decimals() -> None:
     found = import_file(saved(np.array([[0, 0, 0, 0], [0.1, 1.3, 0, 0]], dtype="<f4")), "a.npy")
     assert found.text.splitlines()[2] == "0.1,1.3,0,0"
 
@@ -57,8 +57,8 @@ def test_whole_numbers_without_yaw_are_possible() -> None:
 
 @given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), min_size=2, max_size=20))
 @settings(deadline=None, max_examples=15)
-def test_every_double_is_kept_exactly(places: list[list[float]]) -> None:
-    rows = [[float(t), *place] for t, place in enumerate(places)]
+def test_every_double_is_kept_exactly(positions: list[list[float]]) -> None:
+    rows = [[float(t), *place] for t, place in enumerate(positions)]
     assert read_rows(import_file(saved(np.array(rows)), "a.npy").text.encode()) == rows
 
 
@@ -94,13 +94,13 @@ def test_the_table_gets_a_valid_name(filename: str, name: str) -> None:
         (b"t_s,north_m", "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY", "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}", "version 1.0", "numpy.save"),
-        (lying("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
-        (lying("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
-        (lying("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
-        (lying("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
-        (lying("(" * 110), "not a NumPy array", "numpy.save"),
-        (lying("'''"), "not a NumPy array", "numpy.save"),
-        (lying("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"), "not a NumPy array", "numpy.save"),
+        (npy_of("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
+        (npy_of("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
+        (npy_of("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
+        (npy_of("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
+        (npy_of("(" * 110), "not a NumPy array", "numpy.save"),
+        (npy_of("'''"), "not a NumPy array", "numpy.save"),
+        (npy_of("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"), "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY" + bytes(5_000_000), "too large", "fewer rows"),
     ],
 )  # fmt: skip

@@ -49,8 +49,8 @@ def planned(items):
     return found
 
 
-class Flown:
-    """A monitored flight; `see` gives the monitor the vehicle's state."""
+class MonitoredFlight:
+    """A monitored flight; `observe` gives the monitor the vehicle's state."""
 
     def __init__(self, items=SQUARE, **more):
         options = {"planned": planned(items), "from_start": True, **more}
@@ -58,7 +58,7 @@ class Flown:
         self.now_s = 0.0
         self.codes = []
 
-    def see(self, item, here, seconds=1.0, *, mode="mission", source=None, reached=None, armed=True):
+    def observe(self, item, here, seconds=1.0, *, mode="mission", source=None, reached=None, armed=True):
         reading = Reading(
             mode=mode, mode_source=source, mode_text="The RC pilot", armed=armed, landed="in_air",
             position_ned_m=here,
@@ -83,7 +83,7 @@ def test_the_plan_gives_the_path_and_the_time_of_each_item():
     assert found.figures().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
 
 
-def test_each_execution_of_a_repeated_item_has_its_own_way():
+def test_each_execution_of_a_repeated_item_has_its_own_path():
     far = at("waypoint", 40, 80, 10)
     repeated = [UP, SQUARE[1], far, {"kind": "jump", "target_index": 1, "repeat": 1}, at("land", 40, 80, 0)]
     whole = plan_of(repeated).model_copy(update={"planned_home": HOME})
@@ -102,53 +102,53 @@ def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
 
 
 def test_the_deviation_is_split_into_horizontal_and_vertical_and_the_time_left_decreases():
-    flown = Flown()
-    before_s = flown.see(0, (0.0, 0.0, -5.0)).remaining_s
-    seen = flown.see(1, (10.0, 3.0, -11.0))
+    flown = MonitoredFlight()
+    before_s = flown.observe(0, (0.0, 0.0, -5.0)).remaining_s
+    seen = flown.observe(1, (10.0, 3.0, -11.0))
     assert (seen.horizontal_m, seen.vertical_m) == (pytest.approx(3.0), pytest.approx(1.0))
     assert (seen.place, seen.title, seen.not_compared) == ("item 2", "Waypoint", None)
     state = seen.planned_state(Reading(armed=True))
     assert (state.planned_ned_m, state.counts) == (pytest.approx((10.0, 0.0, -10.0), abs=0.01), True)
     assert seen.remaining_s < before_s
-    later = flown.see(1, (39.0, 0.0, -10.0)).remaining_s
+    later = flown.observe(1, (39.0, 0.0, -10.0)).remaining_s
     assert later < seen.planned_flight().duration_s - 8
 
 
 def test_a_late_report_of_the_next_item_is_no_deviation():
-    flown = Flown()
-    flown.see(1, (38.0, 0.0, -10.0))
-    assert flown.see(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    assert flown.see(1, (40.0, 30.0, -10.0)).horizontal_m > 15, "but only its first seconds"
-    assert flown.see(2, (40.0, 30.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    flown = MonitoredFlight()
+    flown.observe(1, (38.0, 0.0, -10.0))
+    assert flown.observe(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    assert flown.observe(1, (40.0, 30.0, -10.0)).horizontal_m > 15, "but only its first seconds"
+    assert flown.observe(2, (40.0, 30.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
 
 
 def test_waiting_at_a_waypoint_uses_up_its_time():
-    flown = Flown()
-    flown.see(1, (40.0, 0.0, -10.0))
-    arrived_s = flown.see(2, (40.0, 40.0, -10.0), 0.1).remaining_s
-    assert flown.see(2, (40.0, 40.0, -10.0), 4.0).remaining_s == pytest.approx(arrived_s - 4.0, abs=0.3)
+    flown = MonitoredFlight()
+    flown.observe(1, (40.0, 0.0, -10.0))
+    arrived_s = flown.observe(2, (40.0, 40.0, -10.0), 0.1).remaining_s
+    assert flown.observe(2, (40.0, 40.0, -10.0), 4.0).remaining_s == pytest.approx(arrived_s - 4.0, abs=0.3)
 
 
-def test_repeated_items_are_told_apart_by_their_order():
-    flown = Flown(LOOP)
-    first_s = flown.see(1, (20.0, 0.0, -10.0)).remaining_s
-    flown.see(2, (40.0, 20.0, -10.0))
-    second_s = flown.see(1, (40.0, 10.0, -10.0)).remaining_s
+def test_repeated_items_are_distinguished_by_their_order():
+    flown = MonitoredFlight(LOOP)
+    first_s = flown.observe(1, (20.0, 0.0, -10.0)).remaining_s
+    flown.observe(2, (40.0, 20.0, -10.0))
+    second_s = flown.observe(1, (40.0, 10.0, -10.0)).remaining_s
     assert second_s < first_s - 10
-    flown.see(2, (40.0, 20.0, -10.0))
-    assert flown.see(4, (40.0, 40.0, -8.0)).remaining_s < second_s - 10
+    flown.observe(2, (40.0, 20.0, -10.0))
+    assert flown.observe(4, (40.0, 40.0, -8.0)).remaining_s < second_s - 10
 
 
-def test_a_flight_whose_begin_was_not_seen_has_no_time_left_if_items_repeat():
-    assert Flown(LOOP, from_start=False).see(2, (40.0, 20.0, -10.0)).remaining_s is None
-    assert Flown(SQUARE, from_start=False).see(2, (40.0, 20.0, -10.0)).remaining_s is not None
+def test_a_flight_that_was_not_monitored_from_its_start_has_no_remaining_time_if_items_repeat():
+    assert MonitoredFlight(LOOP, from_start=False).observe(2, (40.0, 20.0, -10.0)).remaining_s is None
+    assert MonitoredFlight(SQUARE, from_start=False).observe(2, (40.0, 20.0, -10.0)).remaining_s is not None
 
 
-def test_a_start_at_a_later_item_is_compared_from_the_path_on_and_with_the_rest_of_the_plan():
-    flown = Flown()
-    seen = flown.see(2, (10.0, 10.0, -10.0))
+def test_a_start_at_a_later_item_is_compared_with_the_rest_of_the_plan_once_the_path_is_reached():
+    flown = MonitoredFlight()
+    seen = flown.observe(2, (10.0, 10.0, -10.0))
     assert (seen.horizontal_m, seen.not_compared) == (None, "The vehicle is flying to the planned path.")
-    assert flown.see(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    assert flown.observe(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
     rest, whole = seen.planned_flight(), planned(SQUARE).figures()
     assert [leg.place for leg in rest.legs] == ["item 3", "item 4"]
     assert (rest.length_m, whole.duration_s - rest.duration_s) == (
@@ -157,91 +157,93 @@ def test_a_start_at_a_later_item_is_compared_from_the_path_on_and_with_the_rest_
     )
 
 
-def test_an_item_that_the_operator_skips_is_compared_again_from_the_path_on():
-    flown = Flown()
-    flown.see(1, (5.0, 0.0, -10.0))
-    assert flown.see(2, (10.0, 2.0, -10.0)).horizontal_m is None
-    assert flown.see(2, (40.0, 30.0, -10.0)).horizontal_m is not None
+def test_after_a_skipped_item_the_flight_is_compared_again_once_the_path_is_reached():
+    flown = MonitoredFlight()
+    flown.observe(1, (5.0, 0.0, -10.0))
+    assert flown.observe(2, (10.0, 2.0, -10.0)).horizontal_m is None
+    assert flown.observe(2, (40.0, 30.0, -10.0)).horizontal_m is not None
 
 
 def test_hold_pauses_the_monitor_and_mission_resumes_it_on_the_path():
-    flown = Flown()
-    flown.see(1, (20.0, 0.0, -10.0))
-    held = flown.see(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
+    flown = MonitoredFlight()
+    flown.observe(1, (20.0, 0.0, -10.0))
+    held = flown.observe(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
     assert (held.state, held.horizontal_m, held.not_compared) == ("paused", None, None)
     assert held.reason == "The vehicle has left Mission mode: The RC pilot."
-    back = flown.see(1, (21.0, 8.0, -10.0))
+    back = flown.observe(1, (21.0, 8.0, -10.0))
     assert (back.state, back.reason, back.horizontal_m) == ("flying", None, None)
-    assert flown.see(1, (22.0, 1.0, -10.0)).horizontal_m == pytest.approx(1.0)
+    assert flown.observe(1, (22.0, 1.0, -10.0)).horizontal_m == pytest.approx(1.0)
     assert flown.codes == ["monitoring_paused", "monitoring_resumed"]
 
 
 CORRIDOR = Corridor(((0.0, 0.0, -10.0), (40.0, 0.0, -10.0)), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
 
 
-def test_leaving_the_corridor_is_reported_once_and_so_is_the_way_back():
-    flown = Flown(corridor=CORRIDOR)
-    assert flown.see(1, (5.0, 1.0, -10.0)).outside_corridor_m == 0.0
-    assert flown.see(1, (10.0, 4.5, -10.0), 3.0).outside_corridor_m == pytest.approx(3.0)
-    flown.see(1, (15.0, 0.0, -10.0))
+def test_leaving_the_corridor_and_returning_to_it_are_each_reported_once():
+    flown = MonitoredFlight(corridor=CORRIDOR)
+    assert flown.observe(1, (5.0, 1.0, -10.0)).outside_corridor_m == 0.0
+    assert flown.observe(1, (10.0, 4.5, -10.0), 3.0).outside_corridor_m == pytest.approx(3.0)
+    flown.observe(1, (15.0, 0.0, -10.0))
     assert flown.codes == ["corridor_left", "corridor_back"]
 
 
 def test_outside_the_path_no_corridor_is_monitored():
-    flown = Flown(corridor=CORRIDOR)
-    flown.see(1, (5.0, 0.0, -10.0))
-    assert flown.see(1, (5.0, 30.0, -10.0), 3.0, mode="position", source="pilot").outside_corridor_m is None
-    assert flown.see(1, (5.0, 30.0, -10.0), 3.0).outside_corridor_m is None
+    flown = MonitoredFlight(corridor=CORRIDOR)
+    flown.observe(1, (5.0, 0.0, -10.0))
+    assert (
+        flown.observe(1, (5.0, 30.0, -10.0), 3.0, mode="position", source="pilot").outside_corridor_m is None
+    )
+    assert flown.observe(1, (5.0, 30.0, -10.0), 3.0).outside_corridor_m is None
     assert "corridor_left" not in flown.codes
 
 
-def test_a_landed_and_disarmed_vehicle_is_done_only_after_the_last_item():
-    flown = Flown()
-    flown.see(1, (20.0, 0.0, -10.0))
-    flown.see(2, (40.0, 20.0, -10.0))
-    flown.see(3, (40.0, 40.0, 0.0))
-    assert flown.see(3, (40.0, 40.0, 0.0), armed=False).state == "done"
-    early = Flown()
-    early.see(1, (20.0, 0.0, -10.0))
-    ended = early.see(1, (20.0, 0.0, 0.0), armed=False)
+def test_a_flight_is_done_after_landing_and_disarming_at_the_last_item_only():
+    flown = MonitoredFlight()
+    flown.observe(1, (20.0, 0.0, -10.0))
+    flown.observe(2, (40.0, 20.0, -10.0))
+    flown.observe(3, (40.0, 40.0, 0.0))
+    assert flown.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
+    early = MonitoredFlight()
+    early.observe(1, (20.0, 0.0, -10.0))
+    ended = early.observe(1, (20.0, 0.0, 0.0), armed=False)
     assert (ended.state, ended.reason) == ("stopped", "The vehicle was disarmed at item 2.")
-    taken = Flown()
-    taken.see(3, (40.0, 40.0, -2.0))
-    taken.see(3, (40.0, 40.0, -2.0), mode="position", source="pilot")
-    assert taken.see(3, (40.0, 40.0, 0.0), armed=False, mode="position").state == "stopped"
+    taken = MonitoredFlight()
+    taken.observe(3, (40.0, 40.0, -2.0))
+    taken.observe(3, (40.0, 40.0, -2.0), mode="position", source="pilot")
+    assert taken.observe(3, (40.0, 40.0, 0.0), armed=False, mode="position").state == "stopped"
 
 
-def test_a_return_of_the_mission_is_a_part_of_it_but_a_failsafes_return_is_not():
+def test_a_return_item_is_a_part_of_the_mission_but_a_failsafes_return_is_not():
     items = [UP, at("waypoint", 40, 0, 10), {"kind": "return_home"}]
-    flown = Flown(items)
-    flown.see(1, (40.0, 0.0, -10.0))
-    seen = flown.see(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
+    flown = MonitoredFlight(items)
+    flown.observe(1, (40.0, 0.0, -10.0))
+    seen = flown.observe(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
     assert (seen.state, seen.not_compared) == ("flying", "PX4 chooses the path of this item itself.")
     assert seen.remaining_s > 0
-    assert flown.see(2, (20.0, 0.0, -30.0), mode="rtl", source="failsafe").state == "paused"
+    assert flown.observe(2, (20.0, 0.0, -30.0), mode="rtl", source="failsafe").state == "paused"
 
 
 def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
     items = [UP, at("waypoint", 40, 0, 10)]
-    flown = Flown(items)
-    flown.see(1, (39.0, 0.0, -10.0))
-    assert flown.see(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=0).state == "paused"
-    flown.see(1, (40.0, 0.0, -10.0))
-    assert flown.see(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
+    flown = MonitoredFlight(items)
+    flown.observe(1, (39.0, 0.0, -10.0))
+    assert flown.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=0).state == "paused"
+    flown.observe(1, (40.0, 0.0, -10.0))
+    assert flown.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
 
 
 def test_a_flight_without_a_planned_path_says_why_and_still_ends():
-    flown = Flown(planned=None, not_compared="It was already flying.", from_start=False)
-    seen = flown.see(3, (40.0, 40.0, -5.0))
+    flown = MonitoredFlight(planned=None, not_compared="It was already flying.", from_start=False)
+    seen = flown.observe(3, (40.0, 40.0, -5.0))
     assert (seen.not_compared, seen.remaining_s, seen.horizontal_m) == ("It was already flying.", None, None)
     assert seen.planned_flight().legs == ()
-    assert flown.see(3, (40.0, 40.0, 0.0), armed=False).state == "done"
+    assert flown.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
 
 
 def test_an_unknown_position_is_no_deviation():
-    flown = Flown()
-    flown.see(1, (20.0, 0.0, -10.0))
-    seen = flown.see(1, None)
+    flown = MonitoredFlight()
+    flown.observe(1, (20.0, 0.0, -10.0))
+    seen = flown.observe(1, None)
     assert (seen.horizontal_m, seen.not_compared) == (None, "The vehicle has no valid position estimate.")
 
 

@@ -38,7 +38,7 @@ def amsl(s: PlanStation, height_m: float) -> float:
     return s.sim.autopilots[0].home.alt_amsl_m + height_m
 
 
-def place(s: PlanStation) -> tuple[float, float]:
+def position_of(s: PlanStation) -> tuple[float, float]:
     north, east, _ = s.sim.simulation.truth.position_ned_m[0]
     return float(north), float(east)
 
@@ -62,14 +62,14 @@ def go_to_before_lift_off(ground, height_m):
 
 def test_a_go_to_before_lift_off_is_flown(ground):
     go_to_before_lift_off(ground, 10.0)
-    ground.run_until(lambda: place(ground)[0] > 39.0, 40)
+    ground.run_until(lambda: position_of(ground)[0] > 39.0, 40)
     assert ground.height_m == pytest.approx(10.0, abs=0.6)
 
 
 def test_a_go_to_before_lift_off_that_climbs_slower_than_0_3_m_s_stays_on_the_ground_as_px4_does(ground):
     go_to_before_lift_off(ground, 2.0)
     ground.run(4.0)
-    assert max(map(abs, place(ground))) < 0.1
+    assert max(map(abs, position_of(ground))) < 0.1
 
 
 def test_a_mode_change_takes_effect_before_the_command_sent_after_it(air):
@@ -95,11 +95,11 @@ def test_a_precision_landing_is_reported_as_landing(air):
 def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(air):
     go_north(air, 60.0)
     air.run(4.0)
-    left_at_m = place(air)[0]
+    left_at_m = position_of(air)[0]
     assert acks_of(air, CHANGE_ALTITUDE, amsl(air, 14.0)) == [ACCEPTED]
     air.run(12.0)
     assert air.height_m == pytest.approx(14.0, abs=0.5)
-    assert left_at_m < place(air)[0] < left_at_m + 12.0, "it stops instead of flying on"
+    assert left_at_m < position_of(air)[0] < left_at_m + 12.0, "the vehicle stops instead of flying on"
     assert air.active_mode == HOLD
 
 
@@ -116,10 +116,10 @@ def test_a_change_of_altitude_outside_the_fence_is_not_flown(air):
 def test_a_go_to_without_values_stops_the_vehicle(air):
     go_north(air, 60.0)
     air.run(4.0)
-    left_at_m = place(air)[0]
+    left_at_m = position_of(air)[0]
     assert acks_of(air, REPOSITION, -1, 1, 0, NAN, NAN, NAN, NAN) == [ACCEPTED]
     air.run(8.0)
-    assert left_at_m < place(air)[0] < left_at_m + 12.0
+    assert left_at_m < position_of(air)[0] < left_at_m + 12.0
     assert air.height_m == pytest.approx(8.0, abs=0.5)
 
 
@@ -129,7 +129,7 @@ def test_a_go_to_with_only_an_altitude_keeps_the_previous_target_position(air):
     air.run(1.0)
     assert acks_of(air, REPOSITION, -1, 1, 0, NAN, NAN, NAN, amsl(air, 12.0)) == [ACCEPTED]
     air.run(12.0)
-    assert place(air)[0] == pytest.approx(20.0, abs=1.0)
+    assert position_of(air)[0] == pytest.approx(20.0, abs=1.0)
     assert air.height_m == pytest.approx(12.0, abs=0.5)
 
 
@@ -145,7 +145,7 @@ def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(air):
     assert "navigator_reposition_outside_geofence" in air.events(requested_s)
     assert air.active_mode == HOLD
     air.run(8.0)
-    assert place(air)[0] < 45.0
+    assert position_of(air)[0] < 45.0
 
 
 def test_a_go_to_in_hold_keeps_a_changed_speed_and_one_from_another_mode_does_not(air):
@@ -215,11 +215,11 @@ def test_a_commanded_home_is_kept_when_the_vehicle_arms_and_takes_off(ground):
     ground.fly_to(4.0)
     home = ground.sim.autopilots[0].home
     assert (home.lat_deg, home.lon_deg) == pytest.approx(given, abs=5e-6), "with the precision of a float"
-    assert acks_of(ground, SET_HOME, 1) == [ACCEPTED], "a new command moves it"
+    assert acks_of(ground, SET_HOME, 1) == [ACCEPTED], "a new command moves home"
     assert home.lat_deg != pytest.approx(given[0], abs=1e-4)
 
 
-def test_with_com_home_en_off_home_is_not_set_by_itself(ground):
+def test_with_com_home_en_off_home_is_not_set_automatically(ground):
     home = ground.sim.autopilots[0].home
     before = home.set_at_us
     ground.sim.set_parameter(0, "COM_HOME_EN", 0)
@@ -255,7 +255,9 @@ def test_an_orbit_without_a_position_is_refused(air):
 
 
 @pytest.mark.story
-def test_a_take_off_below_the_vehicle_stays_on_the_ground_and_is_disarmed(ground: PlanStation) -> None:
+def test_a_take_off_to_an_altitude_below_the_vehicle_stays_on_the_ground_and_is_disarmed(
+    ground: PlanStation,
+) -> None:
     """The result of a height above ground in place of an altitude above sea level."""
     ground.command(400, 1)
     ground.run(0.1)
@@ -280,7 +282,9 @@ def test_a_take_off_climbs_to_an_altitude_below_its_default(ground: PlanStation)
     assert ground.height_m == pytest.approx(1.2, abs=0.3)
 
 
-def test_return_directly_after_hold_is_flown_and_each_is_acknowledged_twice(air: PlanStation) -> None:
+def test_return_directly_after_hold_is_flown_and_both_commands_are_acknowledged_twice(
+    air: PlanStation,
+) -> None:
     requested_s = air.now_s
     air.command(SET_MODE, 1, 4, 3)
     air.command(SET_MODE, 1, 4, 5)

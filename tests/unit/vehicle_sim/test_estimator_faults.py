@@ -44,7 +44,7 @@ def set_parameter(sim, row, name, value):
     sim.reload_parameters(row)
 
 
-LOST, FEW, SILENT, FINE = range(4)
+LOST, FEW, SILENT, HEALTHY = range(4)
 
 
 def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_seconds():
@@ -102,7 +102,7 @@ def test_gates_accept_small_steps_and_reject_large_ones():
     assert turned.max() < math.radians(15.0), "a compass that is not used does not turn the vehicle"
 
 
-def test_offset_gps_is_rejected_for_14_s_offset_accelerometer_resets_height_stuck_compass_is_not_used():
+def test_a_gps_offset_an_accelerometer_offset_and_a_stuck_compass_have_the_effects_of_px4():
     sim = hovering(3)
     sim.set_gps_offset(0, np.array([30.0, 0.0, 0.0]))
     sim.sensor_faults.set_imu_offset(1, np.zeros(3), np.array([0.0, 0.0, 4.0]))
@@ -123,7 +123,7 @@ def test_offset_gps_is_rejected_for_14_s_offset_accelerometer_resets_height_stuc
     assert sim.fusion.xy_reset_counter[0] == before[2, 0] + 1
 
 
-def test_a_reset_moves_the_outputs_by_its_step_and_leaves_what_they_lag_behind():
+def test_a_reset_shifts_the_outputs_by_its_step_and_keeps_their_lag():
     """PX4's outputs were 0.9 to 1.5 m/s off just after the recorded resets of a shifted accelerometer."""
     sim = hovering(3)
     sim.sensor_faults.imu_offset[:, 5] = 2.0
@@ -162,7 +162,7 @@ def test_a_refused_compass_stops_and_starts_again_inside_the_gate_of_reset_varia
     assert (sim.fusion.mag_aligned_in_flight == starts).all()
     assert (sim.fusion.heading_reset_counter - headings == turns).all()
     run(sim, 15.0)
-    assert (sim.fusion.mag == starts).all(), "for good"
+    assert (sim.fusion.mag == starts).all(), "the state does not change any more"
 
 
 def test_a_barometer_is_fused_as_the_mean_of_its_samples():
@@ -192,7 +192,7 @@ def test_a_stale_sensor_is_reported_once_and_again_after_it_has_recovered(name):
         view.time_s += 1.0
         getattr(sensors, f"{name}_fresh")[0], getattr(sensors, f"{name}_stale")[0] = not stale, stale
         watch.update(armed=True)
-        assert not watch.silent(name), "it sends, although always the same value"
+        assert not watch.silent(name), "the sensor sends, although always the same value"
     assert texts == [f"{name.upper()} #0 failed:  STALE!\t"] * 2
 
 

@@ -33,7 +33,7 @@ def test_flights_stay_within_their_limits(comparisons, name):
 @pytest.mark.story
 def test_both_controllers_are_active_after_a_change_of_the_setpoint_type(comparisons):
     flown = comparisons["att_roll_10"]
-    assert flown.real.rise_s > 0.4, "in PX4 it takes three times as long as the step alone"
+    assert flown.real.rise_s > 0.4, "in PX4 the rise takes three times as long as without the change"
     assert flown.sim.rise_s == pytest.approx(flown.real.rise_s, abs=0.15)
 
 
@@ -48,7 +48,7 @@ def test_every_recorded_flight_has_its_manoeuvre(shared):
     assert set(flight_recordings.names()) == set(flight_comparison.MANOEUVRES)
 
 
-def test_streams_are_expanded_at_their_rate(shared):
+def test_recorded_streams_are_expanded_to_single_messages(shared):
     sends = list(flight_recordings.load("vel_x_1").sends())
     assert len(sends) == 30 * 6 + 30 * 6
     assert sends[1][0] - sends[0][0] == pytest.approx(1.0 / 30.0)

@@ -22,7 +22,7 @@ FLYING = Motion(
     down_by_position_m_s=0.0, vertical_known=True, rates_frd_rad_s=(0.0, 0.0, 0.0), height_above_ground_m=0.5,
     climb_rate_controlled=True, setpoint_down_m_s=0.7,
 )  # fmt: skip
-PRESSED = FLYING._replace(thrust=0.12)
+LANDED = FLYING._replace(thrust=0.12)
 TICK_S = 0.02
 
 
@@ -33,7 +33,7 @@ class DetectorRun:
         self.detector = LandDetector()
         self.now_s = 0.0
 
-    def see(self, motion: Motion, for_s: float = TICK_S) -> LandDetector:
+    def feed(self, motion: Motion, for_s: float = TICK_S) -> LandDetector:
         for _ in range(round(for_s / TICK_S)):
             self.now_s += TICK_S
             self.detector.update(self.now_s, motion, LIMITS)
@@ -41,24 +41,24 @@ class DetectorRun:
 
     def until_landed(self, motion: Motion, at_most_s: float = 10.0) -> float:
         start_s = self.now_s
-        while not self.see(motion).landed and self.now_s - start_s < at_most_s:
+        while not self.feed(motion).landed and self.now_s - start_s < at_most_s:
             pass
         return self.now_s - start_s
 
 
 def flying() -> DetectorRun:
     detector_run = DetectorRun()
-    detector = detector_run.see(FLYING)
+    detector = detector_run.feed(FLYING)
     assert [detector.ground_contact, detector.maybe_landed, detector.landed] == [False] * 3
     return detector_run
 
 
 def test_a_landing_takes_three_equal_stages_and_three_times_as_long_without_a_range() -> None:
-    assert flying().until_landed(PRESSED) == pytest.approx(1.0, abs=0.1)
-    unseen = PRESSED._replace(height_above_ground_m=NAN)
+    assert flying().until_landed(LANDED) == pytest.approx(1.0, abs=0.1)
+    unseen = LANDED._replace(height_above_ground_m=NAN)
     assert flying().until_landed(unseen) == pytest.approx(3.0, abs=0.1)
     never_seen = DetectorRun()
-    never_seen.see(FLYING._replace(height_above_ground_m=NAN))
+    never_seen.feed(FLYING._replace(height_above_ground_m=NAN))
     assert never_seen.until_landed(unseen) == pytest.approx(1.0, abs=0.1)
 
 
@@ -76,30 +76,30 @@ def test_a_landing_takes_three_equal_stages_and_three_times_as_long_without_a_ra
 )
 def test_each_condition_alone_prevents_a_landing(change: dict[str, object]) -> None:
     detector_run = flying()
-    assert detector_run.until_landed(PRESSED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
+    assert detector_run.until_landed(LANDED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
     assert not detector_run.detector.landed
 
 
 def test_the_low_thrust_limit_is_higher_with_an_estimated_hover_thrust() -> None:
     light = FLYING._replace(thrust=0.3)
-    assert flying().see(light, 1.0).ground_contact
-    assert not flying().see(light._replace(hover_thrust_known=False), 1.0).ground_contact
+    assert flying().feed(light, 1.0).ground_contact
+    assert not flying().feed(light._replace(hover_thrust_known=False), 1.0).ground_contact
 
 
 def test_without_climb_rate_control_a_landing_needs_no_descent_setpoint() -> None:
     by_hand = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
     assert flying().until_landed(by_hand) == pytest.approx(1.0, abs=0.1)
-    assert not flying().see(by_hand._replace(thrust=0.12), 5.0).landed
+    assert not flying().feed(by_hand._replace(thrust=0.12), 5.0).landed
 
 
 def test_without_a_height_a_landing_is_eight_seconds_of_low_thrust() -> None:
-    assert flying().until_landed(PRESSED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
+    assert flying().until_landed(LANDED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
 
 
 def test_thrust_ends_the_landed_state_at_once_and_disarming_starts_it_after_one_stage() -> None:
     detector_run = flying()
-    detector_run.until_landed(PRESSED)
-    assert not detector_run.see(FLYING).landed
+    detector_run.until_landed(LANDED)
+    assert not detector_run.feed(FLYING).landed
     assert detector_run.until_landed(FLYING._replace(armed=False)) == pytest.approx(0.36, abs=0.05)
 
 
@@ -113,7 +113,7 @@ class Ranger:
         self.terrain = Terrain(1, 0.04)
         self.terrain.configure(0, Parameters())
 
-    def see(self, range_m: float, *, in_air: bool = True, down_m: float = 0.0, for_s: float = 0.04) -> float:
+    def feed(self, range_m: float, *, in_air: bool = True, down_m: float = 0.0, for_s: float = 0.04) -> float:
         height = NAN
         for _ in range(round(for_s / 0.04)):
             height = float(
@@ -125,31 +125,31 @@ class Ranger:
 
 
 def test_on_the_ground_the_height_is_the_shortest_range() -> None:
-    assert Ranger().see(0.0, in_air=False) == pytest.approx(0.1)
+    assert Ranger().feed(0.0, in_air=False) == pytest.approx(0.1)
 
 
 def test_the_height_is_unknown_just_above_the_ground_and_known_again_higher_up() -> None:
     ranger = Ranger()
-    ranger.see(0.0, in_air=False)
-    assert ranger.see(0.02, down_m=-0.05) == pytest.approx(0.15)
-    assert math.isnan(ranger.see(0.03, down_m=-0.05, for_s=VALID_FROM_GROUND_S))
-    assert ranger.see(0.3, down_m=-0.3) == pytest.approx(0.3)
-    assert ranger.see(0.05, down_m=-0.05) == pytest.approx(0.05)
-    assert math.isnan(ranger.see(0.0, for_s=VALID_FOR_S + 0.04))
+    ranger.feed(0.0, in_air=False)
+    assert ranger.feed(0.02, down_m=-0.05) == pytest.approx(0.15)
+    assert math.isnan(ranger.feed(0.03, down_m=-0.05, for_s=VALID_FROM_GROUND_S))
+    assert ranger.feed(0.3, down_m=-0.3) == pytest.approx(0.3)
+    assert ranger.feed(0.05, down_m=-0.05) == pytest.approx(0.05)
+    assert math.isnan(ranger.feed(0.0, for_s=VALID_FOR_S + 0.04))
 
 
 def test_the_height_follows_the_range_with_a_short_delay() -> None:
     ranger = Ranger()
-    height = ranger.see(5.0)
+    height = ranger.feed(5.0)
     for k in range(100):
-        height = ranger.see(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
+        height = ranger.feed(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
     assert height - 2.2 == pytest.approx(0.7 * 0.13, abs=0.03)
 
 
 def test_unused_ranges_have_no_effect() -> None:
     ranger = Ranger()
     ranger.terrain.configure(0, Parameters({"EKF2_RNG_CTRL": 0}))
-    assert math.isnan(ranger.see(3.0, for_s=1.0))
+    assert math.isnan(ranger.feed(3.0, for_s=1.0))
 
 
 # --- flights -------------------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ def hover(height_m: float) -> Station:
     return s
 
 
-def set_points(s: Station, mask: int, **fields: Any):
+def setpoint_sender(s: Station, mask: int, **fields: Any):
     return lambda: s.send(
         "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
         coordinate_frame=1, type_mask=mask, **fields,
@@ -174,7 +174,7 @@ def set_points(s: Station, mask: int, **fields: Any):
 
 
 def offboard(s: Station, mask: int, **fields: float) -> None:
-    stream = set_points(s, mask, **fields)
+    stream = setpoint_sender(s, mask, **fields)
     s.run(0.5, stream)
     s.command(176, 1, 6)
     s.run(0.2, stream)
@@ -204,17 +204,17 @@ def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
 def test_a_descent_setpoint_ends_in_a_landing_and_a_position_below_the_ground_does_not() -> None:
     """PX4 needs a controlled descent; with a position setpoint below the ground it stays armed."""
     s = hover(3.0)
-    into_ground = set_points(s, 0b110111111000, z=2.0)
+    into_ground = setpoint_sender(s, 0b110111111000, z=2.0)
     offboard(s, 0b110111111000, z=2.0)
     s.run(15, into_ground)
     assert s.sim.simulation.truth.position_ned_m[0, 2] == pytest.approx(0.0, abs=0.01)
     assert s.armed
     assert "Landing detected\t" not in s.texts()
-    s.run_until(lambda: "Landing detected\t" in s.texts(), 10, set_points(s, 0b110111000111, vz=0.5))
+    s.run_until(lambda: "Landing detected\t" in s.texts(), 10, setpoint_sender(s, 0b110111000111, vz=0.5))
     assert "Landing detected\t" in s.texts()
 
 
-HALF_SET_POINTS = (
+PARTIAL_SETPOINTS = (
     (0b110111100111, {"vx": 1.0}),  # no vertical axis
     (0b110111111011, {"z": -5.0}),  # no horizontal axes
     (0b110111111010, {"x": 4.0, "z": -3.0}),  # north without east
@@ -228,8 +228,8 @@ def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
     s = hover(3.0)
     before = s.sim.simulation.truth.position_ned_m[0].copy()
     offboard(s, 0b110111000111)
-    for mask, fields in HALF_SET_POINTS:
-        s.run(3, set_points(s, mask, **fields))
+    for mask, fields in PARTIAL_SETPOINTS:
+        s.run(3, setpoint_sender(s, mask, **fields))
         echo = s.last["POSITION_TARGET_LOCAL_NED"]
         assert (echo.vx, echo.vy, echo.vz) == (0.0, 0.0, 0.0)
         assert all(map(math.isnan, (echo.x, echo.y, echo.z)))

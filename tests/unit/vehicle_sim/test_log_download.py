@@ -127,7 +127,7 @@ def test_requests_to_other_systems_and_components_are_ignored(station):
     assert host_bytes(station, 0)
 
 
-def test_a_log_erased_during_its_download_ends_it(station):
+def test_a_download_ends_when_its_log_is_erased(station):
     station.send("LOG_REQUEST_DATA", **TARGET, id=0, ofs=0, count=0xFFFFFFFF)
     station.run(0.05)
     station.sim.files[0].delete_tree("log")

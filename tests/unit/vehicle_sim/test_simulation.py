@@ -265,9 +265,7 @@ def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_effect_of
     sensors = switched(SIM_GPS_USED=3)
     assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
     assert sensors.gps_satellites[0] == 3
-    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), (
-        "the receiver still reports its position"
-    )
+    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "a position is still reported"
 
 
 @pytest.mark.story

@@ -7,12 +7,12 @@ import pytest
 from tests.support.snapshot import snapshot
 from tests.unit.vehicle_sim.sim_station import BOTH, LAND, Station
 
-GO_THERE = {"coordinate_frame": 1, "type_mask": 0xDF8, "x": 3.0, "y": 1.0, "z": -4.0}
+GOTO_SETPOINT = {"coordinate_frame": 1, "type_mask": 0xDF8, "x": 3.0, "y": 1.0, "z": -4.0}
 
 
 def continue_flight(station: Station) -> str:
     """Flies a go-to and a landing; returns all received messages as text."""
-    station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, **GO_THERE)
+    station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, **GOTO_SETPOINT)
     station.command(193, 5.0)
     station.run(1.5)
     station.command(21)

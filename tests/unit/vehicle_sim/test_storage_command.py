@@ -35,7 +35,7 @@ def acks_of(station: Station, what: float) -> list[int]:
     ("what", "cruise", "flights", "calibrated"),
     [(0, 7.0, 42, True), (1, 7.0, 42, True), (2, 5.0, 42, False), (3, 7.0, 42, False), (4, 5.0, 0, False)],
 )
-def test_what_each_number_resets(station, what, cruise, flights, calibrated):
+def test_each_number_resets_its_parameters(station, what, cruise, flights, calibrated):
     assert set(acks_of(station, what)) == {ACCEPTED}
     assert value(station, "MPC_XY_CRUISE") == cruise
     assert value(station, "COM_FLIGHT_UUID") == flights

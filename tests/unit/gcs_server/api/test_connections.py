@@ -37,7 +37,7 @@ LIMITS = ConnectionLimits(
 )
 
 
-class Limited:
+class ConnectionsSetup:
     def __init__(self):
         self.clock = Clock()
         self.connections = Connections(self.clock, LIMITS, lambda key: key == "pilot")
@@ -56,7 +56,7 @@ class Limited:
 
 @pytest.fixture
 def limited():
-    return Limited()
+    return ConnectionsSetup()
 
 
 def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_one(limited):

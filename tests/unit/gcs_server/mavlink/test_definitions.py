@@ -43,7 +43,7 @@ NOT_IN_PX4 = {
 """Neither sent nor read by PX4 v1.16, so the simulator need not have them."""
 
 
-def pinned(shared):
+def px4_definitions(shared):
     """{id: (name, wire order [(type, name, length)], crc_extra)} by the guide's rules."""
     found = {}
     with tarfile.open(shared / "px4" / "mavlink-definitions.tar.xz") as archive:
@@ -74,7 +74,7 @@ def pinned(shared):
 
 @pytest.mark.parametrize("module", [dialect, sim], ids=["gcs_server", "vehicle_sim"])
 def test_every_message_of_px4_has_the_pinned_layout(shared, module):
-    definitions = pinned(shared)
+    definitions = px4_definitions(shared)
     assert len(definitions) > 200
     wrong = []
     for msg_id, (name, fields, crc_extra) in definitions.items():

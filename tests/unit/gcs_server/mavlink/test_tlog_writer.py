@@ -22,30 +22,30 @@ def files(folder):
 
 
 def test_appended_records_are_read_back(tmp_path):
-    tape = recorder(tmp_path / "logs")
-    channel = tape.channel("udpin-127.0.0.1/14550")
+    tlogs = recorder(tmp_path / "logs")
+    channel = tlogs.channel("udpin-127.0.0.1/14550")
     for n in range(100):
         channel.append(stamp(NOW_US + n), FRAME)
-    tape.close()
+    tlogs.close()
     (path,) = files(tmp_path / "logs")
     assert path.name == "20231114-221320-udpin-127.0.0.1_14550.tlog"
     assert list(read_tlog(path)) == [(NOW_US + n, FRAME) for n in range(100)]
 
 
 def test_a_link_without_traffic_creates_no_file(tmp_path):
-    tape = recorder(tmp_path)
-    tape.channel("quiet")
-    tape.close()
+    tlogs = recorder(tmp_path)
+    tlogs.channel("quiet")
+    tlogs.close()
     assert files(tmp_path) == []
 
 
 def test_a_recording_is_rotated_by_size_between_records(tmp_path):
-    tape = recorder(tmp_path, max_bytes=1000)
-    channel = tape.channel("a")
+    tlogs = recorder(tmp_path, max_bytes=1000)
+    channel = tlogs.channel("a")
     for n in range(100):
         channel.append(stamp(NOW_US + n), FRAME)
-        tape.flush()
-    tape.close()
+        tlogs.flush()
+    tlogs.close()
     assert len(files(tmp_path)) > 2
     assert all(path.stat().st_size <= 1000 for path in files(tmp_path))
     assert sorted(t for path in files(tmp_path) for t, _ in read_tlog(path)) == [
@@ -54,10 +54,10 @@ def test_a_recording_is_rotated_by_size_between_records(tmp_path):
 
 
 def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypatch):
-    tape = recorder(tmp_path)
-    channel = tape.channel("a")
+    tlogs = recorder(tmp_path)
+    channel = tlogs.channel("a")
     channel.append(stamp(NOW_US), FRAME)
-    tape.flush()
+    tlogs.flush()
     real_write, full = os.write, True
 
     def write(descriptor, data):
@@ -70,52 +70,52 @@ def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypa
     monkeypatch.setattr(tlog_writer.os, "write", write)
     monkeypatch.setattr(tlog_writer, "TRY_AGAIN_FLUSHES", 2)
     channel.append(stamp(NOW_US + 1), FRAME)
-    tape.flush()
-    ((link, why),) = tape.problems()
+    tlogs.flush()
+    ((link, why),) = tlogs.problems()
     assert link == "a"
     assert "No space left" in why
     channel.append(stamp(NOW_US + 2), FRAME)
     assert channel.backlog_frames == 0
     full = False
-    tape.flush()
-    tape.flush()
-    assert tape.problems() == []
+    tlogs.flush()
+    tlogs.flush()
+    assert tlogs.problems() == []
     channel.append(stamp(NOW_US + 3), FRAME)
-    tape.close()
+    tlogs.close()
     assert [t for path in files(tmp_path) for t, _ in read_tlog(path)] == [NOW_US, NOW_US + 3]
     assert files(tmp_path)[0].stat().st_size == 8 + len(FRAME)
 
 
 def test_too_little_disk_space_is_reported_in_numbers(tmp_path):
-    tape = recorder(tmp_path, keep_free_bytes=10**18)
-    channel = tape.channel("a")
+    tlogs = recorder(tmp_path, keep_free_bytes=10**18)
+    channel = tlogs.channel("a")
     channel.append(stamp(NOW_US), FRAME)
-    tape.flush()
-    assert "are kept free" in tape.problems()[0][1]
+    tlogs.flush()
+    assert "are kept free" in tlogs.problems()[0][1]
     assert files(tmp_path) == []
-    tape.close()
+    tlogs.close()
 
 
 def test_the_backlog_of_a_stalled_disk_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_FRAMES", 5)
-    tape = recorder(tmp_path)
-    channel = tape.channel("a")
+    tlogs = recorder(tmp_path)
+    channel = tlogs.channel("a")
     for n in range(10):
         channel.append(stamp(NOW_US + n), FRAME)
     assert channel.backlog_frames == 5
-    tape.flush()
-    assert "too slow" in tape.problems()[0][1]
-    tape.close()
+    tlogs.flush()
+    assert "too slow" in tlogs.problems()[0][1]
+    tlogs.close()
 
 
 def test_a_removed_link_ends_its_file(tmp_path):
-    tape = recorder(tmp_path)
-    channel = tape.channel("a")
+    tlogs = recorder(tmp_path)
+    channel = tlogs.channel("a")
     channel.append(stamp(NOW_US), FRAME)
     channel.closing = True
-    tape.flush()
-    assert tape._channels == []
-    tape.close()
+    tlogs.flush()
+    assert tlogs._channels == []
+    tlogs.close()
 
 
 def test_a_fault_of_the_recorder_does_not_end_its_thread(tmp_path, monkeypatch):

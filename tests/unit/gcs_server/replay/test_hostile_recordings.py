@@ -79,9 +79,9 @@ def test_checkpoints_are_limited_and_a_jump_restores_every_state(log, monkeypatc
             assert newest(state_at(file, thinned, at_us)) == newest(state_at(file, whole, at_us))
 
 
-def newest(there):
+def newest(state):
     """The last frame of each message that a jump feeds."""
-    return {raw[5:10]: raw for raw in (r.raw for r in there.records)}
+    return {raw[5:10]: raw for raw in (r.raw for r in state.records)}
 
 
 def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch):
@@ -92,9 +92,9 @@ def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch
     path = log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(beats)]))
     index = index_of(path)
     with open_log(path) as file:
-        there = state_at(file, index, index.end_us)
-    assert len(there.records) <= 11
-    assert there.records[-1].time_us == index.end_us
+        state = state_at(file, index, index.end_us)
+    assert len(state.records) <= 11
+    assert state.records[-1].time_us == index.end_us
 
 
 def test_an_index_is_complete_after_its_process(log):
@@ -144,7 +144,7 @@ def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
     """A recording with thousands of senders at the same time must not delay real vehicles."""
     monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
     path = log(many_kinds(3000, step_us=10))
-    request_queue = []
+    records_per_turn = []
 
     async def scenario():
         link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
@@ -171,8 +171,8 @@ def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
                 await enough.wait()
         handle.cancel()
         await link.close()
-        request_queue.extend(len(part) for part in fed.getvalue().split("|"))
+        records_per_turn.extend(len(part) for part in fed.getvalue().split("|"))
 
     asyncio.run(scenario())
-    assert sum(request_queue) >= 1000
-    assert max(request_queue) <= 50
+    assert sum(records_per_turn) >= 1000
+    assert max(records_per_turn) <= 50

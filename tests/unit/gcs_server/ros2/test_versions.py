@@ -23,7 +23,7 @@ def test_every_topic_that_the_server_uses_has_its_known_version() -> None:
     assert set(MISSING) == READ | SENT
 
 
-def test_topics_of_the_known_versions_are_no_problem() -> None:
+def test_topics_of_the_known_versions_cause_no_problem() -> None:
     versions = TopicVersions()
     announce(versions, *MISSING)
     assert versions.problems() == []
@@ -42,7 +42,7 @@ def test_an_unknown_version_of_any_topic_is_named_with_what_is_missing(topic: st
     )
 
 
-def test_a_known_version_beside_another_one_is_no_problem() -> None:
+def test_a_known_version_beside_another_one_causes_no_problem() -> None:
     versions = TopicVersions()
     announce(versions, "/fmu/out/vehicle_status", "/fmu/out/vehicle_status_v1", "/fmu/in/vehicle_command_v1")
     announce(versions, COMMAND)
@@ -68,7 +68,7 @@ def test_each_vehicle_has_one_text_and_many_topics_are_counted() -> None:
     assert versions.problems("px4_2") == []
 
 
-def test_a_flood_of_names_is_bounded() -> None:
+def test_the_number_of_texts_about_versions_is_limited() -> None:
     versions = TopicVersions()
     for number in range(MAX_TOPICS + 100):
         announce(versions, "/fmu/out/vehicle_attitude_v1", namespace=f"v{number}")

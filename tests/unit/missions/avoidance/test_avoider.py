@@ -53,7 +53,7 @@ def test_the_vehicle_descends_behind_the_box_and_not_only_at_the_goal():
     assert 5.75 < course.at[0] < 9.0
 
 
-def test_around_it_passes_at_the_same_altitude():
+def test_avoidance_around_the_box_keeps_the_altitude():
     course = Course([BOX], start=START, way="around")
     course.fly(GOAL)
     assert course.reached(GOAL)
@@ -71,14 +71,14 @@ def test_an_obstacle_too_high_to_climb_over_is_flown_around():
     assert course.nearest_m > 0.5
 
 
-def test_below_an_altitude_limit_it_goes_around_instead():
+def test_below_an_altitude_limit_the_vehicle_flies_around_the_box():
     course = Course([BOX], start=START, allowed=DetourLimits(region=Region(down_min_m=-4.0)))
     course.fly(GOAL)
     assert course.reached(GOAL)
     assert course.highest_m < 4.0
 
 
-def test_without_a_way_over_or_around_it_stops_and_reports_the_reason():
+def test_without_a_way_over_or_around_the_vehicle_stops_and_reports_the_reason():
     tube = Region(down_min_m=-4.0, circles=(Circle((0.0, 0.0), 6.0, "the fence"),))
     wall = BoxObstacle((3.0, 4.0), (-20.0, 20.0), 30.0)
     course = Course([wall], start=START, allowed=DetourLimits(region=tube))
@@ -98,7 +98,7 @@ def test_with_a_single_ray_ahead_no_way_around_is_known():
     assert "too high to climb over" in course.adjusted.text
 
 
-def test_without_a_downward_sensor_it_stays_above_the_path():
+def test_without_a_downward_sensor_the_vehicle_stays_above_the_path():
     course = Course([BOX], start=START, down=False)
     course.fly(GOAL, seconds=30.0)
     assert course.adjusted.state == "back"
@@ -133,7 +133,7 @@ def test_sensors_that_stop_sending_stop_the_vehicle_until_they_return():
     assert course.nearest_m > 0.5
 
 
-def test_without_any_measurement_it_does_not_start():
+def test_without_any_measurement_the_vehicle_does_not_start():
     course = Course([], start=START)
     course.blind = True
     course.fly(GOAL, seconds=3.0)
@@ -192,7 +192,7 @@ def blocks(draw: st.DrawFn) -> BoxObstacle:
     max_examples=5, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.too_slow]
 )
 @given(st.lists(blocks(), min_size=1, max_size=5), st.sampled_from(("over", "around")))
-def test_among_any_boxes_it_keeps_its_distance_and_returns_to_the_path(
+def test_among_any_boxes_the_vehicle_keeps_its_distance_and_returns_to_the_path(
     standing: list[BoxObstacle], way: AvoidanceWay
 ):
     goal = (45.0, 0.0, -2.0)
@@ -201,4 +201,4 @@ def test_among_any_boxes_it_keeps_its_distance_and_returns_to_the_path(
     assert course.nearest_m > 0.4
     if course.adjusted.state != "stopped":
         assert course.reached(goal)
-    assert len(course.states) <= 30, "it does not turn back and forth"
+    assert len(course.states) <= 30, "the vehicle does not turn back and forth"

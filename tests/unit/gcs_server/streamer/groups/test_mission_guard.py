@@ -14,7 +14,7 @@ from missions.geodesy import LocalOrigin
 NOW_S = 101.0
 
 
-def seen(east_m: float, phase: str = "streaming", **more: object) -> MemberView:
+def view_of(east_m: float, phase: str = "streaming", **more: object) -> MemberView:
     """A hovering vehicle with an exact estimate."""
     origin = LocalOrigin(47.0, 8.0, 500.0)
     here = Snapshot(
@@ -29,25 +29,25 @@ def guard() -> MissionGuard:
 
 
 def test_the_guard_of_a_mission_checks_armed_vehicles_and_stops_all() -> None:
-    near = {"1": seen(0.0), "2": seen(4.0, armed=False), "3": seen(30.0)}
+    near = {"1": view_of(0.0), "2": view_of(4.0, armed=False), "3": view_of(30.0)}
     watch = guard()
     assert watch.check(NOW_S, near).hold == {}
-    actions = watch.check(NOW_S + 0.1, near | {"2": seen(4.0, "idle")})
+    actions = watch.check(NOW_S + 0.1, near | {"2": view_of(4.0, "idle")})
     assert list(actions.hold) == ["1", "2", "3"]
     assert [(each.code, each.vehicles) for each in watch.findings] == [("separation", ("1", "2"))]
 
 
 def test_an_armed_vehicle_without_position_stops_all() -> None:
-    apart = {"1": seen(0.0), "2": seen(15.0), "3": seen(30.0)}
+    apart = {"1": view_of(0.0), "2": view_of(15.0), "3": view_of(30.0)}
     watch = guard()
-    assert watch.check(NOW_S, apart | {"2": seen(15.0, armed=False, position_ned_m=None)}).hold == {}
-    actions = watch.check(NOW_S + 0.1, apart | {"2": seen(15.0, lost=True)})
+    assert watch.check(NOW_S, apart | {"2": view_of(15.0, armed=False, position_ned_m=None)}).hold == {}
+    actions = watch.check(NOW_S + 0.1, apart | {"2": view_of(15.0, lost=True)})
     assert list(actions.hold) == ["1", "2", "3"]
     assert watch.findings[-1].code == "place_unknown"
 
 
 def test_a_vehicle_without_a_stream_has_not_left_the_mission() -> None:
-    landed = {"1": seen(0.0), "2": seen(15.0, "idle"), "3": seen(30.0, "idle", armed=False)}
+    landed = {"1": view_of(0.0), "2": view_of(15.0, "idle"), "3": view_of(30.0, "idle", armed=False)}
     watch = guard()
     assert watch.check(NOW_S, landed).hold == {}
     idle = {vehicle: replace(view, phase="idle") for vehicle, view in landed.items()}

@@ -6,7 +6,7 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
 
 
 @pytest.mark.parametrize(
-    ("failsafe", "says"),
+    ("failsafe", "expected"),
     [
         (Failsafe(1.0, 0, False), "lands at its current position"),
         (Failsafe(1.0, 0, True), "RC pilot"),
@@ -17,5 +17,5 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
         (Failsafe(1.0, 42, False), "unknown to this server"),
     ],
 )
-def test_the_failsafe_action_is_described_as_text(failsafe, says):
-    assert says in failsafe.text()
+def test_the_failsafe_action_is_described_as_text(failsafe, expected):
+    assert expected in failsafe.text()

@@ -67,7 +67,7 @@ def test_with_avoidance_off_only_the_brake_acts(stream):
     assert stream.report_codes == ["limited"]
 
 
-def test_the_operator_switches_the_brake_off_and_avoidance_keeps_it_on(stream):
+def test_the_operator_can_switch_the_brake_off_and_avoidance_keeps_it_on(stream):
     stream.bounds = Bounds(obstacle_brake=False)
     assert stream.send(GOAL) == GOAL
     stream.avoidance, stream.ahead_m = "over", 0.8

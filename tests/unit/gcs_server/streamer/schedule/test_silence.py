@@ -49,11 +49,11 @@ class SchedulerSetup:
     def update_snapshots(self):
         self.streams.update_snapshots({"1": self.snapshot()})
 
-    def run(self, seconds, *, beats, steps=True):
+    def run(self, seconds, *, server_alive, steps=True):
         end_s = self.clock.now_s + seconds
         while self.clock.now_s < end_s - 1e-9:
             self.clock.now_s += 0.01
-            if beats:
+            if server_alive:
                 self.update_snapshots()
             if steps:
                 assert self.streams.step() > self.clock.now_s  # otherwise it would never wait
@@ -64,21 +64,21 @@ class SchedulerSetup:
 
 def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
     bench = SchedulerSetup()
-    bench.run(1.0, beats=True)
-    bench.run(0.4, beats=False)
-    bench.run(1.0, beats=True)
+    bench.run(1.0, server_alive=True)
+    bench.run(0.4, server_alive=False)
+    bench.run(1.0, server_alive=True)
     assert max(b - a for a, b in zip(bench.sent, bench.sent[1:], strict=False)) < 0.045
     assert bench.codes() == []
 
 
 def test_a_stall_of_3_s_ends_the_stream_with_an_event():
     bench = SchedulerSetup()
-    bench.run(1.0, beats=True)
+    bench.run(1.0, server_alive=True)
     stalled_s = bench.clock.now_s
-    bench.run(3.0, beats=False)
+    bench.run(3.0, server_alive=False)
     assert bench.sent[-1] - stalled_s == pytest.approx(1.5, abs=0.03)
     count = len(bench.sent)
-    bench.run(5.0, beats=True)
+    bench.run(5.0, server_alive=True)
     assert len(bench.sent) == count
     assert bench.codes() == ["server_silent"]
     assert not bench.streams.change("1", StreamRequest(HOVER, 60.0), bench.snapshot())
@@ -88,7 +88,7 @@ def test_a_stall_of_3_s_ends_the_stream_with_an_event():
 @pytest.mark.parametrize("first", ["update_snapshots", "begin of another vehicle"])
 def test_a_resumed_process_sends_no_old_setpoints(first):
     bench = SchedulerSetup()
-    bench.run(1.0, beats=True)
+    bench.run(1.0, server_alive=True)
     bench.clock.now_s += 3.0  # neither loop nor scheduler ran
     count = len(bench.sent)
     if first == "update_snapshots":
@@ -97,7 +97,7 @@ def test_a_resumed_process_sends_no_old_setpoints(first):
         bench.streams.attach("2", bench, (2, 1))
         bench.streams.begin("2", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
         bench.streams.end("2", "stopped", "")
-    bench.run(1.0, beats=True)
+    bench.run(1.0, server_alive=True)
     assert len(bench.sent) == count
     assert bench.codes() == ["server_silent"]
 
@@ -112,7 +112,7 @@ def test_one_vehicles_fault_does_not_affect_other_streams():
     bench.streams.attach("bad", Broken(), (2, 1))
     assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
     count = len(bench.sent)
-    bench.run(1.0, beats=True)
+    bench.run(1.0, server_alive=True)
     assert bench.streams.active() == ["1"]
     reports = bench.streams.take_reports()
     assert [(who, report.code) for who, report in reports] == [("bad", "fault")]
@@ -139,7 +139,7 @@ def setup_with_two():
 def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
     bench = setup_with_two()
     bench.streams.update_snapshots({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
-    bench.run(1.0, beats=True)
+    bench.run(1.0, server_alive=True)
     assert bench.streams.active() == ["1"]
     assert [(who, report.code) for who, report in bench.streams.take_reports()] == [("bad", "fault")]
 
@@ -147,7 +147,7 @@ def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
 def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
     """After a stall of the loop all streams end, even if one of them has a fault."""
     bench = setup_with_two()
-    bench.run(0.5, beats=True)
+    bench.run(0.5, server_alive=True)
     core = bench.streams._streams["bad"].machine
 
     def broken(*_):
@@ -277,14 +277,14 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
     assert numbers == [i & 0xFF for i in range(8000)]
 
 
-@pytest.mark.parametrize(("stall_s", "goes_on"), [(0.4, True), (2.0, False)])
-def test_a_stall_of_0_4_s_does_not_end_the_stream_and_one_of_2_s_does(stall_s, goes_on):
+@pytest.mark.parametrize(("stall_s", "continues"), [(0.4, True), (2.0, False)])
+def test_a_stall_of_0_4_s_does_not_end_the_stream_and_one_of_2_s_does(stall_s, continues):
     bench = SchedulerSetup()
-    bench.run(1.0, beats=True)
-    bench.run(stall_s, beats=False)
-    bench.run(3.0, beats=True)
+    bench.run(1.0, server_alive=True)
+    bench.run(stall_s, server_alive=False)
+    bench.run(3.0, server_alive=True)
     sending = bench.clock.now_s - bench.sent[-1] < 0.05
-    assert sending == goes_on
-    assert bench.codes() == ([] if goes_on else ["server_silent"])
-    if not goes_on:  # it stopped within the limit, so PX4's own failsafe acts
+    assert sending == continues
+    assert bench.codes() == ([] if continues else ["server_silent"])
+    if not continues:  # it stopped within the limit, so PX4's own failsafe acts
         assert bench.clock.now_s - bench.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)
