@@ -27,7 +27,7 @@ class Line:
         self._left_at_s = now_s()
         self._credit = 0.0
         self._parser = FrameParser()
-        self._frame_left: list[tuple[float, object]] = []
+        self._sent_frames: list[tuple[float, object]] = []
         self.stalled_until_s = -math.inf
 
     def write(self, data: bytes) -> int:
@@ -48,10 +48,10 @@ class Line:
         self.stalled_until_s = self._now_s() + for_s
 
     @property
-    def left(self) -> list[tuple[float, object]]:
+    def sent_frames(self) -> list[tuple[float, object]]:
         """(time when its last byte was sent, frame), in order."""
         self._advance()
-        return self._frame_left
+        return self._sent_frames
 
     @property
     def parser(self) -> FrameParser:
@@ -72,6 +72,6 @@ class Line:
         for n in range(count):
             at_s = first_s + (n + 1) / self._bytes_per_s
             for frame in self._parser.feed(bytes([self._waiting.popleft()]), at_s):
-                self._frame_left.append((at_s, frame))
+                self._sent_frames.append((at_s, frame))
         if not self._waiting:
             self._credit = 0.0

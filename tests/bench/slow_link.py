@@ -70,9 +70,9 @@ class SlowPort:
         with self._lock:
             self._line.stall(for_s)
 
-    def left(self, msg_id: int) -> list[tuple[float, Any]]:
+    def sent(self, msg_id: int) -> list[tuple[float, Any]]:
         with self._lock:
-            return [(at_s, frame) for at_s, frame in self._line.left if frame.msg_id == msg_id]
+            return [(at_s, frame) for at_s, frame in self._line.sent_frames if frame.msg_id == msg_id]
 
     def lost(self) -> int:
         with self._lock:
@@ -146,21 +146,21 @@ async def _measure(port: SlowPort) -> Result:
             requested_s = time.monotonic()
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
             await asyncio.sleep(chance.uniform(0.1, 0.25))
-            after_s.append(port.left(MSG_COMMAND_LONG)[number][0] - requested_s)
+            after_s.append(port.sent(MSG_COMMAND_LONG)[number][0] - requested_s)
         for number in range(STALLS):
             ends_s = time.monotonic() + STALL_S
             port.stall(STALL_S)
             await asyncio.sleep(STALL_S - chance.uniform(0.1, 0.8))
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
             await asyncio.sleep(ends_s + 1.0 - time.monotonic())
-            after_stall_s.append(port.left(MSG_COMMAND_LONG)[STOPS + number][0] - ends_s)
+            after_stall_s.append(port.sent(MSG_COMMAND_LONG)[STOPS + number][0] - ends_s)
     load.cancel()
     seconds, info = time.monotonic() - began_s - STALLS * STALL_S, router.links()[0]
     ages_s = [
         at_s - began_s - struct.unpack_from("<I", frame.payload)[0] / 1e6
-        for at_s, frame in port.left(MSG_SETPOINT)
+        for at_s, frame in port.sent(MSG_SETPOINT)
     ]
-    parameters = len(port.left(MSG_PARAM_REQUEST_READ))
+    parameters = len(port.sent(MSG_PARAM_REQUEST_READ))
     await router.close()
     await supervisor.close()
     return Result(after_s, after_stall_s, ages_s, seconds, parameters, port.lost(), info)

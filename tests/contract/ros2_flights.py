@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tests.contract.ros2_dialogues import RECORDED, SLACK_S, STATUS, fields_at, flat_fields
-from tests.support.ros2_vehicle import ADDRESSES, AT_ONCE, Ros2Vehicle
+from tests.support.ros2_vehicle import ADDRESSES, NO_TIME_SYNC, Ros2Vehicle
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.ros2.topics import COMMAND
 
@@ -149,7 +149,7 @@ def fly(flight: Flight, *, noise: int | None = None, falls: bool = False) -> tup
     Returns:
         What the simulated vehicle published.
     """
-    parameters = AT_ONCE | flight.header["parameters"]
+    parameters = NO_TIME_SYNC | flight.header["parameters"]
     if noise is None:
         vehicle = _Vehicle(parameters=parameters)
     else:

@@ -25,10 +25,10 @@ class Squad:
         mission = read(text)
         starts = {role: Start(in_air=role in in_air) for role in mission.roles}
         compiled = compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
-        self.of = {role: FakeFlight(mission, timeline=way) for role, way in compiled.timelines.items()}
+        self.flights = {role: FakeFlight(mission, timeline=way) for role, way in compiled.timelines.items()}
         for role in in_air:
-            self.of[role].set_reading(armed=True, landed="in_air")
-        self.together = Together({role: one.runner for role, one in self.of.items()})
+            self.flights[role].set_reading(armed=True, landed="in_air")
+        self.together = Together({role: one.runner for role, one in self.flights.items()})
         self.now_s = 100.0
 
     def start(self) -> Squad:
@@ -36,24 +36,24 @@ class Squad:
         return self
 
     def readings(self):
-        return {role: one.reading for role, one in self.of.items()}
+        return {role: one.reading for role, one in self.flights.items()}
 
     def do(self, requests: dict[str, list[Request]]) -> None:
         for role, mine in requests.items():
-            self.of[role].do(mine)
+            self.flights[role].do(mine)
 
     def step(self) -> None:
         """Updates each vehicle, then the runner."""
-        for one in self.of.values():
+        for one in self.flights.values():
             one.step()
-        self.now_s = next(iter(self.of.values())).now_s
+        self.now_s = next(iter(self.flights.values())).now_s
         self.do(self.together.update(self.now_s, self.readings()))
 
     def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> Squad:
         """Flies until the condition is true.
 
         Raises:
-            AssertionError: it was not true in time.
+            AssertionError: the condition was not true in time.
         """
         end_s = self.now_s + within_s
         while not condition():
@@ -67,10 +67,10 @@ class Squad:
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
     def states(self) -> dict[str, str]:
-        return {role: one.status.state for role, one in self.of.items()}
+        return {role: one.status.state for role, one in self.flights.items()}
 
     def places(self) -> dict[str, str | None]:
-        return {role: one.status.place for role, one in self.of.items()}
+        return {role: one.status.place for role, one in self.flights.items()}
 
     def reach(self, **states: str) -> Squad:
         """Flies until each given role is in this state."""

@@ -126,7 +126,7 @@ def answer_wait(fake: FakeFlight, kind: str) -> FakeFlight:
 
 def sends_no_request(fake: FakeFlight, for_s: float = 5.0) -> None:
     """Flies for this time and checks that nothing is requested or sent."""
-    asked, sent = len(fake.asked), len(fake.sent)
+    asked, sent = len(fake.requests), len(fake.sent)
     fake.fly(for_s)
-    assert fake.asked[asked:] == []
+    assert fake.requests[asked:] == []
     assert len(fake.sent) == sent

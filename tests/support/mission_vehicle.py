@@ -38,7 +38,7 @@ class FakeFlight:
             holder_name="Alice", battery_share=0.9,
         )  # fmt: skip
         self.player: Player | None = None
-        self.asked: list[Request] = []
+        self.requests: list[Request] = []
         self.sent: list[tuple[float, Any]] = []
         self.path: list[tuple[float, float, float]] = []
         self.refused: dict[type, str] = {}
@@ -99,7 +99,7 @@ class FakeFlight:
         """Flies until the condition is true.
 
         Raises:
-            AssertionError: it was not true in time.
+            AssertionError: the condition was not true in time.
         """
         end_s = self.now_s + within_s
         while not condition():
@@ -131,21 +131,21 @@ class FakeFlight:
     @property
     def event_texts(self) -> list[str]:
         """Texts of the events."""
-        return [request.text for request in self.asked if isinstance(request, Notify)]
+        return [request.text for request in self.requests if isinstance(request, Notify)]
 
     def modes(self) -> list[str]:
         """Requested modes."""
-        return [request.mode for request in self.asked if isinstance(request, SetMode)]
+        return [request.mode for request in self.requests if isinstance(request, SetMode)]
 
     def count(self, kind: type) -> int:
-        return sum(isinstance(request, kind) for request in self.asked)
+        return sum(isinstance(request, kind) for request in self.requests)
 
     # --- the vehicle ------------------------------------------------------------------------------
 
     def do(self, requests: list[Request]) -> None:
         """Executes the runner's requests."""
         for request in requests:
-            self.asked.append(request)
+            self.requests.append(request)
             if type(request) in self.refused:
                 text = self.refused[type(request)]
                 self.do(self.runner.failed(request, self.reading, text))

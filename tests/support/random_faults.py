@@ -23,7 +23,7 @@ CHECK_EVERY_STEPS = 10
 """The interval at which the estimator publishes."""
 DISPLACED_M = 30.0
 NEW_COURSE_EVERY_S = 3.0
-JUDGED_AFTER_S = 1.0
+EVALUATED_AFTER_S = 1.0
 FLYING_ABOVE_M = 1.0
 DESCENT_M_S = 0.7
 
@@ -32,13 +32,13 @@ DESCENT_M_S = 0.7
 class FaultKind:
     """A kind of fault, and a real PX4's largest ratios of error to stated accuracy, 1 to 20 s after it."""
 
-    strike: Callable[[Simulation, int, np.random.Generator], None]
+    inject: Callable[[Simulation, int, np.random.Generator], None]
     aided: bool | None
     """Whether GNSS continues to aid the estimate; None: it depends on chance."""
     horizontal: tuple[float, float]
     """Smallest and largest value of the recorded flights."""
     vertical: tuple[float, float]
-    looser: float = 1.1
+    tolerance: float = 1.1
     """Factor by which nine of ten flights may be outside those values; greater where the flights here differ
     from the recorded ones."""
 
@@ -86,10 +86,10 @@ def _lifted_accelerometer(sim: Simulation, row: int, random: np.random.Generator
     sim.sensor_faults.set_imu_offset(row, np.zeros(3), np.array([0.0, 0.0, random.uniform(1.0, 2.0)]))
 
 
-GONE_FOR_A_WHILE = "GPS gone for a while"
-LEVEL, UPRIGHT = (0.4, 2.1), (0.4, 3.4)
+TEMPORARY_GPS_LOSS = "temporary GPS loss"
+UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL = (0.4, 2.1), (0.4, 3.4)
 """Range of the recorded flights whose fault affects neither position nor height."""
-RUNS_AWAY = (103.0, 413.0), (19.6, 46.7)
+DIVERGING = (103.0, 413.0), (19.6, 46.7)
 """With a frozen fix the position control has no feedback, and the speed of the divergence is random: the four
 recorded flights had 103 to 289 horizontally in 20 s, and 413 and more at their end."""
 RECORDED_HEIGHT_M = 10.0
@@ -104,17 +104,17 @@ sideways."""
 SHORTER = 1.3
 """Some of the losses are shorter than the recorded ones, with smaller errors."""
 KINDS = {
-    GONE_FOR_A_WHILE: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6), SHORTER),
+    TEMPORARY_GPS_LOSS: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6), SHORTER),
     "few satellites": FaultKind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
     "silent GPS": FaultKind(_silent(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
-    STUCK_GPS: FaultKind(_stuck(Driver.GPS), None, *RUNS_AWAY, DIVERGES),
-    "displaced GPS": FaultKind(_displaced, True, (100.0, 100.2), UPRIGHT),
-    "pressure step": FaultKind(_pressure_step, True, LEVEL, (0.4, 7.5)),
-    "silent barometer": FaultKind(_silent(Driver.BARO), True, LEVEL, UPRIGHT),
-    "stuck barometer": FaultKind(_stuck(Driver.BARO), True, LEVEL, UPRIGHT),
-    "field step": FaultKind(_field_step, True, LEVEL, UPRIGHT),
-    "silent compass": FaultKind(_silent(Driver.MAG), True, LEVEL, UPRIGHT),
-    "wind step": FaultKind(_wind_step, True, LEVEL, UPRIGHT),
+    STUCK_GPS: FaultKind(_stuck(Driver.GPS), None, *DIVERGING, DIVERGES),
+    "displaced GPS": FaultKind(_displaced, True, (100.0, 100.2), UNAFFECTED_VERTICAL),
+    "pressure step": FaultKind(_pressure_step, True, UNAFFECTED_HORIZONTAL, (0.4, 7.5)),
+    "silent barometer": FaultKind(_silent(Driver.BARO), True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
+    "stuck barometer": FaultKind(_stuck(Driver.BARO), True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
+    "field step": FaultKind(_field_step, True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
+    "silent compass": FaultKind(_silent(Driver.MAG), True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
+    "wind step": FaultKind(_wind_step, True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
     "lifted accelerometer": FaultKind(_lifted_accelerometer, True, TILTED, (19.8, 20.5), SIDEWAYS),
 }
 
@@ -169,9 +169,9 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
             assert sim.estimate.valid_position.all()
             for row, course in enumerate(courses):
                 course.origin_ned_m = _origin(sim, row)
-                KINDS[course.kind].strike(sim, row, random)
+                KINDS[course.kind].inject(sim, row, random)
         for row, course in enumerate(courses):
-            if course.kind == GONE_FOR_A_WHILE and step == fault_step + round(course.back_s / sim.dt_s):
+            if course.kind == TEMPORARY_GPS_LOSS and step == fault_step + round(course.back_s / sim.dt_s):
                 _parameter(sim, row, "SIM_GPS_USED", 10)
         fixes = sim.sensors.gps_count
         sim.step()
@@ -190,7 +190,7 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
         valid, reckoning = estimate.valid_position.copy(), sim.fusion.dead_reckoning.copy()
         _descend(sim, ~valid)
         flying &= sim.truth.position_ned_m[:, 2] < -FLYING_ABOVE_M
-        _judge(sim, courses, flying if now_s >= JUDGED_AFTER_S else np.zeros(count, dtype=bool))
+        _evaluate(sim, courses, flying if now_s >= EVALUATED_AFTER_S else np.zeros(count, dtype=bool))
     return courses
 
 
@@ -204,7 +204,7 @@ def _origin(sim: Simulation, row: int) -> np.ndarray:
     return np.array([float(north), float(east), home.alt_amsl_m - float(estimate.origin_alt_amsl_m[row])])
 
 
-def _judge(sim: Simulation, courses: list[Course], flying: np.ndarray) -> None:
+def _evaluate(sim: Simulation, courses: list[Course], flying: np.ndarray) -> None:
     estimate, truth = sim.estimate, sim.truth
     numbers = (
         estimate.position_ned_m, estimate.velocity_ned_m_s, estimate.q_ned_frd,
@@ -243,7 +243,7 @@ def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, 
 
 
 def _descend(sim: Simulation, who: np.ndarray) -> None:
-    """Descends level with the vehicles (N,) without a position, as the failsafe does."""
+    """Lets the vehicles (N,) without a position descend with a level attitude, as the failsafe does."""
     setpoints = sim.setpoints
     setpoints.position_ned_m[who] = setpoints.velocity_ned_m_s[who] = np.nan
     setpoints.acceleration_ned_m_s2[:, :2] = np.where(who[:, None], 0.0, np.nan)

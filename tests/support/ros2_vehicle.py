@@ -10,7 +10,7 @@ from vehicle_sim.ros2.messages import MESSAGES
 from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST
 
 READY_S = 4.0
-AT_ONCE = {"UXRCE_DDS_SYNCT": 0}
+NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization the vehicle is on ROS 2 1.3 s after its boot instead of 6.4 s."""
 TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
     SERVICE_REQUEST: MESSAGES["VehicleCommand"], SERVICE_REPLY: MESSAGES["VehicleCommandAck"],
@@ -23,7 +23,7 @@ class Ros2Vehicle:
     """One vehicle after its boot; `received` has (time [s], topic, fields) of each message it published."""
 
     def __init__(
-        self, *, boot_s: float = READY_S, parameters: Mapping[str, float] = AT_ONCE, **options: Any
+        self, *, boot_s: float = READY_S, parameters: Mapping[str, float] = NO_TIME_SYNC, **options: Any
     ) -> None:
         options = {"sensor_noise": False, "links": ()} | options
         self.sim = VehicleSim(1, parameters=parameters, **options)
@@ -51,16 +51,16 @@ class Ros2Vehicle:
         self._inbox.append((topic, TYPES[topic].encode({**fields, **more})))
 
     def send_bytes(self, topic: str, data: bytes) -> None:
-        """Anything."""
+        """Sends any bytes."""
         self._inbox.append((topic, data))
 
     def command(self, number: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:
-        """A VehicleCommand."""
+        """Sends a VehicleCommand."""
         named = {f"param{n + 1}": value for n, value in enumerate(parameters)}
         self.send(topic, ADDRESSES | named | {"command": number, "from_external": True} | fields)
 
     def run(self, seconds: float) -> None:
-        """Simulate."""
+        """Simulates this time."""
         self.sim.step(seconds)
 
     def stream(self, seconds: float, hz: float, *messages: tuple[str, Mapping[str, Any]]) -> None:

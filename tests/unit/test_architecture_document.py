@@ -28,6 +28,6 @@ def test_an_answer_begins_with_one_file_that_exists(row: list[str]) -> None:
 
 
 def test_every_file_named_in_the_document_exists() -> None:
-    there = [f"/{path.as_posix()}" for root in ROOTS for path in (REPOSITORY / root).rglob("*.*")]
-    missing = {name for name in FILE.findall(TEXT) if not any(path.endswith(f"/{name}") for path in there)}
+    existing = [f"/{path.as_posix()}" for root in ROOTS for path in (REPOSITORY / root).rglob("*.*")]
+    missing = {name for name in FILE.findall(TEXT) if not any(path.endswith(f"/{name}") for path in existing)}
     assert not missing

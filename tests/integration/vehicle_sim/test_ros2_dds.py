@@ -16,7 +16,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from tests.support.ros2_vehicle import AT_ONCE
+from tests.support.ros2_vehicle import NO_TIME_SYNC
 from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable, configuration
 from vehicle_sim.dds.types import idl_dataclass
 from vehicle_sim.fleet import VehicleSim
@@ -58,7 +58,7 @@ def domain() -> DdsDomain:
 
 @pytest.fixture
 def vehicle(domain) -> Iterator[VehicleSim]:
-    sim = VehicleSim(1, links=(), sensor_noise=False, parameters=AT_ONCE)
+    sim = VehicleSim(1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC)
     sim.open_ros2(0, domain.open(NAMESPACE), lambda text: None)
     sim.step(4.0)
     yield sim

@@ -30,7 +30,7 @@ def test_a_setpoint_more_than_half_a_period_late_does_not_shift_the_schedule():
 
 def test_the_first_setpoint_after_a_stall_is_late_by_the_stall_and_deadlines_are_skipped():
     arrivals = schedule(500)
-    arrivals[200:203] = [arrivals[202] + 0.005]  # instead of three, one
+    arrivals[200:203] = [arrivals[202] + 0.005]  # one setpoint instead of three
     late, left_out = lateness_s(arrivals, 1 / PERIOD_S)
     assert max(late) == pytest.approx(0.0452, abs=1e-6)
     assert left_out == 2

@@ -25,7 +25,7 @@ def key(tmp_path, monkeypatch, capsys):
     return run
 
 
-def test_keys_are_added_made_listed_and_removed(key):
+def test_keys_are_added_created_listed_and_removed(key):
     assert key("list") == (0, "no signing keys\n", "")
     assert key("add", "field", typed=KEY.hex() + "\n")[0] == 0
     assert key("new", "random")[0] == 0

@@ -115,13 +115,13 @@ def test_the_call_is_inserted_at_any_place(at: tuple[str | int, ...], place: str
         ("missions", "none", 0), ("steps", 1, "steps", 0), ("roles", "lead", "steps", 0), ("steps", 1, 0),
     ],
 )  # fmt: skip
-def test_a_place_that_is_none_is_refused(at: tuple[str | int, ...]) -> None:
+def test_an_invalid_place_for_a_step_is_refused(at: tuple[str | int, ...]) -> None:
     with pytest.raises(PlanError, match=r"no place for a step.*\[\"steps\", 2\]") as raised:
         insert(FIELD, tower(), at)
     assert raised.value.field == "at"
 
 
-def test_the_lists_that_it_calls_come_with_it_under_free_names() -> None:
+def test_the_lists_that_the_inserted_mission_calls_are_copied_under_free_names() -> None:
     lists = {"round": [fly(1, 0, -9), call("photos")], "photos": [{"step": "photo"}], "unused": [DOWN]}
     repeat = {"step": "repeat", "times": 2, "steps": [call("round")]}
     added = tower(UP, repeat, DOWN, missions=lists)
@@ -148,7 +148,7 @@ def test_a_mission_that_was_inserted_before_is_called_again() -> None:
     )
 
 
-def test_a_mission_inserted_into_a_list_of_its_own_makes_no_circle() -> None:
+def test_a_mission_inserted_into_a_list_of_its_own_makes_no_loop() -> None:
     added = tower(call("round"), missions={"round": [fly(1, 0, -9)]})
     host = mission(UP, call("round"), missions={"round": [fly(1, 0, -9)]})
     found = insert(host, added, ("missions", "round", 0)).mission
@@ -179,7 +179,7 @@ def test_calls_may_be_nested_eight_deep() -> None:
     assert "Replace some calls" in error.fix
 
 
-def test_many_lists_that_call_each_other_take_no_time() -> None:
+def test_many_lists_that_call_each_other_take_little_time() -> None:
     layers = [[f"{layer} {i}" for i in range(12)] for layer in range(7)]
     lists = {
         name: [call(each) for each in below] for names, below in itertools.pairwise(layers) for name in names
@@ -260,7 +260,7 @@ def test_positions_can_stay_at_the_same_places() -> None:
     assert set(found.mission.tables) == {"a.csv"}  # both frames have the same origin here
 
 
-def test_positions_can_count_from_the_new_start() -> None:
+def test_positions_can_refer_to_the_new_start() -> None:
     host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
     found = insert(host, added, ("steps", 1), positions="from_start")
     assert found.mission.missions["Tower"] == added.steps
@@ -291,7 +291,7 @@ def test_a_role_has_its_own_start() -> None:
     assert 'roles", "lead"' in refused(host, added, "steps", 0).fix
 
 
-def test_places_that_are_too_far_away_are_refused() -> None:
+def test_positions_that_are_too_far_away_are_refused() -> None:
     host, added = mission(UP, home=HOME), tower(home={**ELSEWHERE, "lat_deg": 80.0})
     error = refused(host, added, positions="same_places")
     assert "km from the start" in error.reason
@@ -314,7 +314,7 @@ def test_the_speed_limit_becomes_a_speed_of_each_step() -> None:
     assert speeds(mission(UP, limits={"speed_m_s": 2.5})) == [None, 2, 9]
 
 
-def test_other_limits_are_those_of_both_missions() -> None:
+def test_for_other_limits_the_lower_value_applies() -> None:
     host = mission(UP, limits={"climb_m_s": 2, "tilt_rad": 0.3})
     added = tower(limits={"climb_m_s": 1, "tilt_rad": 0.5, "jerk_m_s3": 4})
     found = insert(host, added, ("steps", 1))
@@ -340,7 +340,7 @@ def test_avoidance_becomes_a_field_of_each_step() -> None:
     assert "`avoidance` is over, that of this mission is off" in error.reason
 
 
-def test_geofence_obstacles_and_actions_are_named() -> None:
+def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
     center = {"lat_deg": 47.0, "lon_deg": 8.0}
     inside = {"shape": "circle", "inclusion": True, "center": center, "radius_m": 300}
     outside = {"shape": "circle", "inclusion": False, "center": center, "radius_m": 5}
@@ -364,7 +364,7 @@ def test_geofence_obstacles_and_actions_are_named() -> None:
     assert isinstance(insert(mission(UP, fence=[inside]), tower(fence=[inside]), ("steps", 1)), Inserted)
 
 
-def test_tables_come_with_the_mission_and_a_missing_one_is_refused() -> None:
+def test_tables_are_inserted_with_the_mission_and_a_missing_one_is_refused() -> None:
     table = {"step": "table", "file": "a.csv"}
     added = tower(UP, table, DOWN, tables={"a.csv": CSV, "unused.csv": CSV})
     host = mission(UP, table, DOWN, tables={"a.csv": CSV.replace("20,20", "20,30")})

@@ -55,7 +55,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
     )
     fake.start().in_state("done")
     assert fake.count(Photo) == math.ceil(math.tau * 8 / 5)
-    points = [request for request in fake.asked if isinstance(request, PointGimbal)]
+    points = [request for request in fake.requests if isinstance(request, PointGimbal)]
     assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in points)
     orbit_s = fake.runner.flight.course.segments[3].duration_s
     assert len(points) > 5 * orbit_s
@@ -65,7 +65,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
 def test_each_photo_step_takes_its_pictures_with_its_camera():
     photos = "step: photo, count: 2, component: 101", "step: photo, count: 1"
     fake = FakeFlight(mission(flight_of(*photos))).start().in_state("done")
-    taken = [request.component for request in fake.asked if isinstance(request, Photo)]
+    taken = [request.component for request in fake.requests if isinstance(request, Photo)]
     assert taken == [101, 101, None]
 
 
@@ -132,7 +132,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
     fake = FakeFlight(mission(flight_of(laps))).start()
     fake.in_state("flying")
-    play = next(r for r in fake.asked if isinstance(r, Play))
+    play = next(r for r in fake.requests if isinstance(r, Play))
     assert sum(s.duration_s for s in play.script.segments) < 200.0
     longest_still_s = still_s = 0.0
     fake.fly(2.0)
@@ -143,7 +143,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
         longest_still_s = max(longest_still_s, still_s)
     assert longest_still_s < 1.0
     assert fake.count(Play) == 1
-    assert sum(bool(r.change.appended) for r in fake.asked if isinstance(r, ChangeScript)) > 3
+    assert sum(bool(r.change.appended) for r in fake.requests if isinstance(r, ChangeScript)) > 3
 
 
 # --- waits ----------------------------------------------------------------------------------------

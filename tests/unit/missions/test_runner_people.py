@@ -14,7 +14,7 @@ from tests.support.offboard_missions import flight_of, mission
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_paused_it_stops_and_after_resume_it_ends_as_planned(kind):
+def test_a_paused_mission_stops_the_vehicle_and_after_resume_ends_as_planned(kind):
     fake = flight(kind)
     fake.set_reading(satellites=14)
     fake.pause()
@@ -30,7 +30,7 @@ def test_paused_it_stops_and_after_resume_it_ends_as_planned(kind):
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_aborted_it_holds_and_requests_nothing_more(kind):
+def test_an_aborted_mission_holds_and_requests_nothing_more(kind):
     fake = flight(kind)
     fake.abort()
     assert fake.status.state == "aborted"
@@ -98,9 +98,9 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
 def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(kind, mode, source, text):
     fake = flight(kind, link_loss="continue", failure="return", low_battery="return")
     fake.mode(mode, source, "Bob commanded 'hold'")
-    asked = len(fake.asked)
+    asked = len(fake.requests)
     fake.fly(0.2)
-    assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Notify"]
+    assert [type(request).__name__ for request in fake.requests[asked:]] == ["StopStream", "Notify"]
     assert (fake.status.state, fake.event_texts[-1]) == ("suspended", text)
     fake.set_reading(battery_share=0.05, holder=None, estimates=frozenset())
     sends_no_request(fake, 30.0)
@@ -179,7 +179,7 @@ def test_expired_control_interrupts_only_what_an_operator_of_this_server_started
         fake.in_state("suspended").mode(mode, resumed)
         fake.resume()
         fake.in_state("flying")
-    fake.asked.clear()
+    fake.requests.clear()
     fake.set_reading(holder=None)
     fake.fly(1.0)
     assert fake.modes() == action

@@ -28,9 +28,9 @@ def meet(name: str, timeout_s: float = 120) -> str:
 
 
 def show(lead: str, left: str, **actions: str) -> str:
-    said = ", ".join(f"{name}: {action}" for name, action in actions.items())
+    listed = ", ".join(f"{name}: {action}" for name, action in actions.items())
     return (
-        f"name: Show\nactions: {{{said}}}\nroles:\n"
+        f"name: Show\nactions: {{{listed}}}\nroles:\n"
         f"  lead:\n    steps: [{lead}]\n  left:\n    steps: [{left}]\n"
     )
 
@@ -40,7 +40,7 @@ FLYING = show(fly(200), fly(200))
 
 
 def in_flight(**actions: str) -> Squad:
-    """Both in flight, far from the end."""
+    """Both vehicles are in flight, far from the end."""
     return (
         Squad(show(fly(200), fly(200), **actions), in_air=("lead", "left"))
         .start()
@@ -51,34 +51,34 @@ def in_flight(**actions: str) -> Squad:
 
 def test_both_take_off_at_the_same_time_and_each_flies_its_path():
     squad = Squad(show(f"{UP}, {DOWN}", f"{HIGH}, {DOWN}")).start()
-    squad.until(lambda: squad.of["lead"].count(TakeOff) > 0)
-    assert squad.of["left"].count(TakeOff) == 1
+    squad.until(lambda: squad.flights["lead"].count(TakeOff) > 0)
+    assert squad.flights["left"].count(TakeOff) == 1
     squad.reach(lead="done", left="done")
     assert squad.together.over
 
 
-def test_none_starts_if_one_cannot():
+def test_no_vehicle_starts_if_one_cannot():
     squad = Squad(LONG)
-    squad.of["left"].set_reading(estimates=frozenset({"velocity"}))
+    squad.flights["left"].set_reading(estimates=frozenset({"velocity"}))
     with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
         squad.start()
     squad.fly(2)
-    assert all(one.asked == [] for one in squad.of.values())
+    assert all(one.requests == [] for one in squad.flights.values())
 
 
-def test_in_flight_none_moves_until_all_are_in_offboard():
+def test_in_flight_no_vehicle_moves_until_all_are_in_offboard():
     squad = Squad(FLYING, in_air=("lead", "left"))
-    delayed = squad.of["left"]
+    delayed = squad.flights["left"]
     play, delayed_do = [], delayed.do
     delayed.do = lambda requests: play.extend(requests)  # its switch to Offboard is still pending
     squad.start().fly(5)
     assert squad.places() == {"lead": "lead, start", "left": "left, start"}
-    assert squad.of["lead"].path[-1][0] == 0.0
+    assert squad.flights["lead"].path[-1][0] == 0.0
     delayed.do = delayed_do
     delayed.do(play)
     squad.until(lambda: set(squad.places().values()) == {"lead, step 1", "left, step 1"}, 2)
     squad.fly(5)
-    lead, left = (one.path[-1][0] for one in squad.of.values())
+    lead, left = (one.path[-1][0] for one in squad.flights.values())
     assert lead == left > 5.0
 
 
@@ -97,8 +97,10 @@ def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_at_the_same_ti
 def test_a_meeting_that_one_does_not_reach_ends_the_mission_and_all_hold():
     squad = Squad(show(f"{meet('x', 5)}, {fly(20)}", f"{fly(500)}, {meet('x')}"), ("lead", "left")).start()
     squad.reach(lead="stopped", left="stopped")
-    assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(squad.of["left"].status.reason)
-    assert [one.modes() for one in squad.of.values()] == [["hold"], ["hold"]]
+    assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(
+        squad.flights["left"].status.reason
+    )
+    assert [one.modes() for one in squad.flights.values()] == [["hold"], ["hold"]]
 
 
 def at_meeting() -> Squad:
@@ -121,7 +123,7 @@ def lose_link_for_a_moment(one) -> None:
     one.set_reading(link_active=True)
 
 
-HAPPENS = {
+EVENTS = {
     "pilot": lambda one: one.mode("position", "pilot"),
     "failsafe": lambda one: one.mode("rtl", "failsafe"),
     "operator's Hold": lambda one: one.mode("hold", "command", "Bob commanded Hold"),
@@ -134,14 +136,14 @@ HAPPENS = {
 
 
 @pytest.mark.parametrize("place", [in_flight, at_meeting])
-@pytest.mark.parametrize("what", HAPPENS)
+@pytest.mark.parametrize("what", EVENTS)
 def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what, place):
     squad = place()
-    HAPPENS[what](squad.of["lead"])
+    EVENTS[what](squad.flights["lead"])
     squad.until(lambda: squad.together.over, 2)
-    assert squad.of["left"].modes() == ["hold"]
-    assert squad.of["left"].status.state == "stopped"
-    assert "lead has left the mission" in str(squad.of["left"].status.reason)
+    assert squad.flights["left"].modes() == ["hold"]
+    assert squad.flights["left"].status.state == "stopped"
+    assert "lead has left the mission" in str(squad.flights["left"].status.reason)
     with pytest.raises(CannotDo, match="the mission has ended"):
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
 
@@ -149,35 +151,35 @@ def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what, 
 def test_a_vehicle_in_its_take_off_also_holds_and_one_in_its_landing_continues():
     squad = Squad(show(f"{HIGH}, {fly(20)}", f"{UP}, {DOWN}")).start()
     squad.reach(lead="taking_off", left="landing")
-    squad.of["lead"].mode("position", "pilot")
+    squad.flights["lead"].mode("position", "pilot")
     squad.until(lambda: squad.together.over, 2)
-    assert squad.of["left"].modes() == ["land"]
+    assert squad.flights["left"].modes() == ["land"]
     other = (
         Squad(show(f"{HIGH}, {fly(20)}", f"{UP}, {fly(90)}")).start().reach(lead="taking_off", left="flying")
     )
-    other.of["left"].mode("position", "pilot")
+    other.flights["left"].mode("position", "pilot")
     other.until(lambda: other.together.over, 2)
-    assert other.of["lead"].modes() == ["hold"]
+    assert other.flights["lead"].modes() == ["hold"]
 
 
 def test_a_pause_holds_all_and_resume_continues_all():
     squad = in_flight()
     squad.do(squad.together.pause(squad.now_s, squad.readings(), "Alice"))
     squad.reach(lead="paused", left="paused").fly(3)
-    before = [one.path[-1] for one in squad.of.values()]
+    before = [one.path[-1] for one in squad.flights.values()]
     squad.do(squad.together.resume(squad.now_s, squad.readings(), "Alice"))
     squad.fly(5)
-    assert all(one.path[-1][0] > place[0] for one, place in zip(squad.of.values(), before, strict=True))
+    assert all(one.path[-1][0] > place[0] for one, place in zip(squad.flights.values(), before, strict=True))
 
 
-def test_a_pause_of_one_by_a_change_of_control_pauses_all():
+def test_a_change_of_control_of_one_vehicle_pauses_all():
     squad = in_flight()
-    squad.of["left"].set_reading(holder="bob", holder_name="Bob")
+    squad.flights["left"].set_reading(holder="bob", holder_name="Bob")
     squad.reach(lead="paused", left="paused")
     assert not squad.together.over
 
 
-def test_paused_at_a_meeting_they_leave_it_only_after_resume():
+def test_vehicles_paused_at_a_meeting_leave_it_only_after_resume():
     squad = Squad(
         show(f"{fly(10)}, {meet('x')}, {fly(90)}", f"{fly(60)}, {meet('x')}, {fly(0)}"), ("lead", "left")
     )
@@ -189,7 +191,7 @@ def test_paused_at_a_meeting_they_leave_it_only_after_resume():
     squad.until(lambda: squad.places() == {"lead": "lead, step 3", "left": "left, step 3"})
 
 
-def test_none_is_resumed_if_one_cannot():
+def test_no_vehicle_is_resumed_if_one_cannot():
     squad = in_flight()
     with pytest.raises(CannotDo, match="role lead: the mission is not paused"):
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
@@ -201,7 +203,7 @@ def test_an_abort_ends_the_mission_of_all():
     squad.do(squad.together.abort(squad.readings(), "Alice", "land"))
     squad.fly(1)
     assert squad.states() == {"lead": "aborted", "left": "aborted"}
-    assert [one.modes() for one in squad.of.values()] == [["land"], ["land"]]
+    assert [one.modes() for one in squad.flights.values()] == [["land"], ["land"]]
 
 
 def test_the_example_is_safe_for_vehicles_7_m_apart_and_flown_to_its_end():
@@ -214,4 +216,4 @@ def test_the_example_is_safe_for_vehicles_7_m_apart_and_flown_to_its_end():
     }
     assert compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts).findings == ()
     squad = Squad(text).start().reach(lead="done", left="done")
-    assert [one.modes() for one in squad.of.values()] == [["land"], ["land"]]
+    assert [one.modes() for one in squad.flights.values()] == [["land"], ["land"]]

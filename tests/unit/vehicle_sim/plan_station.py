@@ -75,6 +75,6 @@ class PlanStation(Station):
         return seen
 
     @property
-    def place(self) -> tuple[float, float]:
+    def position_ne_m(self) -> tuple[float, float]:
         north, east, _ = self.sim.simulation.truth.position_ned_m[0].tolist()
         return north, east

@@ -66,7 +66,7 @@ def test_outside_the_fence_the_vehicle_holds_and_then_returns() -> None:
     out_s = s.now_s
     fly_out(s)
     assert s.active_mode == HOLD
-    assert s.place[0] == pytest.approx(10, abs=1.5)
+    assert s.position_ne_m[0] == pytest.approx(10, abs=1.5)
     assert s.texts(out_s) == [
         "Geofence: approaching or outside geofence",
         "Failsafe activated: entering Hold for 1 seconds\t",
@@ -74,7 +74,7 @@ def test_outside_the_fence_the_vehicle_holds_and_then_returns() -> None:
     assert "commander_failsafe_enter_generic_hold" in s.events(out_s)
     s.run_until(lambda: s.active_mode == RTL, 1.5)
     s.run_until(lambda: not s.armed, 40)
-    assert math.hypot(*s.place) < 1.5
+    assert math.hypot(*s.position_ne_m) < 1.5
     s.run(1.1)
     assert s.mode == OFFBOARD, "the requested mode, after the failsafe has ended"
 
@@ -113,7 +113,7 @@ def test_the_vehicle_returns_to_the_nearest_rally_point() -> None:
     s.run(6)
     s.command(20)
     s.run_until(lambda: not s.armed, 40)
-    assert s.place == pytest.approx((14, 0), abs=1.5)
+    assert s.position_ne_m == pytest.approx((14, 0), abs=1.5)
 
 
 def test_rally_points_in_an_unsupported_frame_are_reported() -> None:
@@ -133,13 +133,13 @@ def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
     s.run(1.5)
     s.command(20)
     track: list[tuple[float, float]] = []
-    s.run_until(lambda: "RTL: completed, loitering\t" in s.texts(), 40, lambda: track.append(s.place))
+    s.run_until(lambda: "RTL: completed, loitering\t" in s.texts(), 40, lambda: track.append(s.position_ne_m))
     assert min(math.dist(place, (8, 0)) for place in track) < 2.5, (
         "back over the waypoint of the outward flight"
     )
     s.run(2)
     assert (s.active_mode, s.armed) == (RTL, True)
-    assert math.hypot(*s.place) < 2.5
+    assert math.hypot(*s.position_ne_m) < 2.5
 
 
 @pytest.mark.story

@@ -201,13 +201,13 @@ def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
     item = s.item(192, 40.0, 0.0)
     s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, s.sim.autopilots[0].home.alt_amsl_m + 4)
     s.run(2.5)
-    north, _ = s.place
+    north, _ = s.position_ne_m
     goal = s.sim.autopilots[0].waypoint
     assert goal is not None
     assert q_pitch(s) == pytest.approx(math.atan2(4.0 - s.height_m, 40.0 - north), abs=0.03)
     s.command(196, 0, 0, 0, 0, -10)
     s.run(1.5)
-    north, _ = s.place
+    north, _ = s.position_ne_m
     wanted = math.atan2(4.0 - s.height_m, 40.0 - north) - math.radians(10.0)
     assert q_pitch(s) == pytest.approx(wanted, abs=0.04), "with the pitch offset of the command"
 

@@ -44,7 +44,9 @@ def test_the_box_is_flown_as_recorded(shared: Path) -> None:
     s.command(300)
     track: list[tuple[float, float, float, float]] = []
     s.run_until(
-        lambda: s.active_mode == RTL, 75, lambda: track.append((s.now_s - start_s, *s.place, s.height_m))
+        lambda: s.active_mode == RTL,
+        75,
+        lambda: track.append((s.now_s - start_s, *s.position_ne_m, s.height_m)),
     )
 
     ours: dict[int, float] = {}

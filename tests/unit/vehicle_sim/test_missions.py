@@ -44,9 +44,9 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
     s.run(0.2)
     assert s.active_mode == HOLD
     s.run(7.0)  # the vehicle was accelerating, so it overshoots and flies back
-    held = s.place
+    held = s.position_ne_m
     s.run(1.0)
-    assert math.dist(held, s.place) < 0.6, "the vehicle holds its position"
+    assert math.dist(held, s.position_ne_m) < 0.6, "the vehicle holds its position"
     s.command(176, 1, 4, 4)
     s.run(0.1)
     assert s.texts()[-1] == "Executing Mission\t"
@@ -57,7 +57,7 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
     assert abs(math.degrees(s.last["ATTITUDE"].yaw)) == pytest.approx(180, abs=13), "MIS_YAW_ERR"
     assert max(math.hypot(m.vx, m.vy) for m in s.received("LOCAL_POSITION_NED")) < 3.0
     s.run_until(lambda: s.last["EXTENDED_SYS_STATE"].landed_state == 4, 12)
-    assert s.place == pytest.approx((2, 8), abs=2.1)
+    assert s.position_ne_m == pytest.approx((2, 8), abs=2.1)
     s.run_until(lambda: not s.armed, 20)
     assert s.texts()[-3:] == ["Landing detected\t", "Mission finished, landed\t", "Disarmed by landing\t"]
     s.run(1.1)
@@ -84,7 +84,7 @@ def test_after_the_last_waypoint_the_vehicle_holds_there(s: PlanStation) -> None
     s.run_until(lambda: s.active_mode == HOLD, 25)
     assert s.texts()[-1] == "Mission finished, loitering\t"
     s.run(3)
-    assert s.place == pytest.approx((6, 0), abs=0.6)
+    assert s.position_ne_m == pytest.approx((6, 0), abs=0.6)
     assert s.armed
 
 
@@ -116,7 +116,7 @@ def test_a_region_of_interest_turns_the_vehicle_and_a_return_item_ends_the_missi
     s.start()
     s.run_until(lambda: s.mission.current == 2, 12)
     s.run(4.0)
-    north, east = s.place
+    north, east = s.position_ne_m
     towards = math.atan2(-8 - east, 4 - north)
     assert math.remainder(s.last["ATTITUDE"].yaw - towards, math.tau) == pytest.approx(0, abs=0.3)
     s.run_until(lambda: s.active_mode == RTL, 15)
@@ -171,14 +171,14 @@ def test_a_mission_uploaded_in_flight_starts_at_once_and_clearing_it_ends_in_hol
 def test_a_vehicle_put_into_hold_while_accelerating_overshoots_and_flies_back(s: PlanStation) -> None:
     assert s.upload([s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 60, 0, 4)]) == 0
     s.start()
-    s.run_until(lambda: s.place[0] > 0.3, 20)
+    s.run_until(lambda: s.position_ne_m[0] > 0.3, 20)
     s.command(176, 1, 4, 3)
     farthest_m = 0.0
     for _ in range(100):
         s.run(0.1)
-        farthest_m = max(farthest_m, s.place[0])
+        farthest_m = max(farthest_m, s.position_ne_m[0])
     assert 2.0 < farthest_m < 8.0
-    assert s.place[0] < farthest_m - 1.0
-    held = s.place
+    assert s.position_ne_m[0] < farthest_m - 1.0
+    held = s.position_ne_m
     s.run(3.0)
-    assert math.dist(held, s.place) < 0.3
+    assert math.dist(held, s.position_ne_m) < 0.3

@@ -36,10 +36,10 @@ def test_vision_with_an_origin_gives_a_global_position():
     station.run(3.0)
     set_origin(station)
 
-    def see():
+    def send_vision():
         station.send("VISION_POSITION_ESTIMATE", x=10.0, y=0.0, z=0.0, covariance=[NAN] * 21)
 
-    station.run(4.0, see)
+    station.run(4.0, send_vision)
     estimate = station.sim.autopilots[0].view.estimate
     assert estimate.valid_position
     assert estimate.lat_deg == pytest.approx(LAT * 1e-7 + 10.0 / 111_195.0, abs=3e-6)
@@ -62,18 +62,18 @@ def test_a_new_origin_does_not_change_the_global_positions_of_vehicle_and_home()
     assert estimate.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
     assert (home.lat_deg, home.lon_deg, home.alt_amsl_m) == pytest.approx(home_before, abs=0.2)
     assert home.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
-    assert station.ready, "it can still be armed"
+    assert station.ready, "the vehicle can still be armed"
 
 
 def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
     station = Station()
     station.run_until(lambda: station.ready, 15)
-    station.run(1.5)  # it has reported its own origin
+    station.run(1.5)  # the vehicle has reported its own origin
     assert len(station.received("GPS_GLOBAL_ORIGIN")) == 1
     origin = station.sim.autopilots[0].view.origin
     for refused in ({"lat": 910_000_000}, {"lon": 1_810_000_000}, {"alt": 200_000_000}):
         (reported,) = set_origin(station, **refused)
-        assert reported[0] == pytest.approx(origin[0] * 1e7, abs=1), "it reports the current origin"
+        assert reported[0] == pytest.approx(origin[0] * 1e7, abs=1), "the vehicle reports the current origin"
     station.command(400, 1)
     station.run(0.2)
     assert station.armed

@@ -53,7 +53,7 @@ def test_unknown_commands_are_unsupported_and_those_of_mavlink_are_not_answered(
     assert vehicle.acks() == [(31999, 3)]
 
 
-def test_of_a_burst_of_commands_the_last_four_are_executed(vehicle):
+def test_the_last_four_commands_of_a_burst_are_executed(vehicle):
     for number in range(31990, 31999):
         vehicle.command(number)
     vehicle.run(0.2)
@@ -90,7 +90,7 @@ def test_a_malformed_message_is_reported_once_and_ignored(vehicle, topic, data):
     assert COMMAND in vehicle.reports[0]
 
 
-def test_of_a_flood_of_commands_the_last_one_is_in_effect(vehicle):
+def test_the_last_command_of_a_flood_is_in_effect(vehicle):
     for n in range(1000):
         vehicle.command(ARM, float(n % 2))
     vehicle.run(0.2)

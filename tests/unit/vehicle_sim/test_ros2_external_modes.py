@@ -31,7 +31,7 @@ TRAJECTORY = {
         "allocation",
     ]
 }
-THERE: tuple[str, Mapping[str, Any]] = (
+SETPOINT: tuple[str, Mapping[str, Any]] = (
     "/fmu/in/trajectory_setpoint",
     {"position": (3.0, 0.0, -4.0), "velocity": NAN3, "acceleration": NAN3, "yaw": 0.0, "yawspeed": math.nan},
 )
@@ -74,7 +74,7 @@ class Component:
         self.vehicle.command(22, *[math.nan] * 7)
         self.run(9.0)
         self.select(4.0, 11.0)
-        self.run(4.0, THERE)
+        self.run(4.0, SETPOINT)
 
     def command(self, number: int, *parameters: float) -> None:
         """A command of its executor."""

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from tests.clients import ros2_flow, ros2_offboard_node
-from tests.support.ros2_vehicle import AT_ONCE
+from tests.support.ros2_vehicle import NO_TIME_SYNC
 from vehicle_sim.dds.participant import DdsDomain
 from vehicle_sim.fleet import VehicleSim
 
@@ -19,7 +19,9 @@ class Flight:
     """A vehicle on DDS, and its recorded heights."""
 
     def __init__(self, domain: DdsDomain, namespace: str) -> None:
-        self.sim = VehicleSim(1, links=(), sensor_noise=False, parameters=AT_ONCE | {"UXRCE_DDS_SYNCT": 1})
+        self.sim = VehicleSim(
+            1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC | {"UXRCE_DDS_SYNCT": 1}
+        )
         self.sim.open_ros2(0, domain.open(namespace), lambda text: None)
         self.sim.step(6.0)
         self.heights_m: list[float] = []

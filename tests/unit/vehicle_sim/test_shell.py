@@ -146,14 +146,14 @@ def test_parameters_are_shown_set_compared_and_reset_and_changes_are_sent(termin
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "expected"),
     [("param set NOPE 1", "no parameter NOPE"), ("param set MPC_XY_VEL_MAX fast", "'fast' is no FLOAT"),
      ("param set COM_OBL_RC_ACT 1.5", "'1.5' is no INT32"), ("param fly", "unknown: fly"),
      ("param", "Usage: param"), ("param index 5000", "0 to 928")],
 )  # fmt: skip
-def test_an_invalid_param_command_is_explained(terminal, line, says):
+def test_an_invalid_param_command_is_explained(terminal, line, expected):
     answer = terminal.output_of(line)
-    assert says in answer
+    assert expected in answer
     assert "failed, returned 1" in answer
 
 
@@ -175,7 +175,7 @@ def test_commander_commands_arm_take_off_and_land(ready):
     assert "no such mode" in ready.output_of("commander mode hover")
 
 
-def test_gimbal_commands_give_control_and_turn_it(terminal):
+def test_gimbal_commands_set_control_and_angles(terminal):
     terminal.output_of("gimbal primary-control 255 190")
     gimbal = terminal.station.sim.autopilots[0].gimbal
     assert gimbal.primary == (255, 190)

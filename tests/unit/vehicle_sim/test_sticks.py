@@ -39,7 +39,7 @@ class JoystickStation(Station):
     def reposition(self):
         """Flies to 10 m above its current position, heading north."""
         home = self.sim.simulation.home
-        north, east, _ = self.place
+        north, east, _ = self.position
         lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)
         self.send(
             "COMMAND_INT",
@@ -57,7 +57,7 @@ class JoystickStation(Station):
         self.run_until(lambda: self.hovers_at(north, east), 60, lambda: self.fly(0.02))
 
     def hovers_at(self, north, east):
-        off = np.abs(self.place - (north, east, -10.0)).max()
+        off = np.abs(self.position - (north, east, -10.0)).max()
         return off < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
 
     def switch(self, mode):
@@ -66,7 +66,7 @@ class JoystickStation(Station):
         assert self.active_mode == mode
 
     @property
-    def place(self):
+    def position(self):
         return self.sim.simulation.truth.position_ned_m[0].copy()
 
     @property
@@ -104,9 +104,9 @@ def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_it_is_c
     assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL minus the effect of drag"
     assert abs(pilot.velocity[1]) < 0.3
     pilot.fly(10.0, x=0)
-    stopped_at = pilot.place
+    stopped_at = pilot.position
     pilot.fly(3.0)
-    assert np.abs(pilot.place - stopped_at).max() < 0.5
+    assert np.abs(pilot.position - stopped_at).max() < 0.5
     assert pilot.height_m == pytest.approx(10.0, abs=0.7)
 
 

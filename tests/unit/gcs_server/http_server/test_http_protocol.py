@@ -10,7 +10,7 @@ import pytest
 
 from gcs_server.api import refusals as r
 from gcs_server.http_server.http_protocol import LINGER_BYTES, LINGER_S, MAX_CHUNKS
-from tests.unit.gcs_server.http_server.wire import echo, on_a_wire
+from tests.unit.gcs_server.http_server.wire import echo, run_with_server
 
 GET = b"GET /x HTTP/1.1\r\nHost: a\r\n"
 POST = b"POST /x HTTP/1.1\r\nHost: a\r\n"
@@ -53,17 +53,17 @@ TOO_MUCH = {
 def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece):
     begin, more, status = TOO_MUCH[name]
 
-    async def scenario(wire):
-        transport = wire.connect()
+    async def scenario(server):
+        transport = server.connect()
         flood = begin + more * (8_000_000 // len(more))
-        taken = await wire.sends(transport, flood, piece)
+        taken = await server.send(transport, flood, piece)
         assert refusal(transport)[0] == status
         assert taken <= r.MAX_BODY_BYTES + LINGER_BYTES + 1_000_000
         assert transport.aborted
         await asyncio.sleep(0.1)
-        assert len(wire.connections) == 0
+        assert len(server.connections) == 0
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_requests_within_the_limits_are_served_in_any_pieces():
@@ -76,36 +76,36 @@ def test_requests_within_the_limits_are_served_in_any_pieces():
     )
     chunked += b"0\r\n\r\n"
 
-    async def scenario(wire):
+    async def scenario(server):
         chance = random.Random(3)
         for piece in (100_000, 262_144, 1460, chance.randrange(5000, 9000)):
-            transport = wire.connect()
-            await wire.sends(transport, (request + chunked) * 2 + GET + b"\r\n", piece)
+            transport = server.connect()
+            await server.send(transport, (request + chunked) * 2 + GET + b"\r\n", piece)
             assert transport.written.count(b"1048576 bytes") == 2
             assert transport.written.count(b"1024000 bytes") == 2
             assert transport.written.endswith(b"0 bytes")
             assert not transport.closed
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_incomplete_headers_get_status_408_and_silent_connections_are_closed():
-    async def scenario(wire):
-        silent, slow, drip, blank = (wire.connect() for _ in range(4))
-        await wire.sends(slow, GET)
+    async def scenario(server):
+        silent, slow, drip, blank = (server.connect() for _ in range(4))
+        await server.send(slow, GET)
         for _ in range(int(r.HEAD_DEADLINE_S) + 1):
-            await wire.sends(drip, b"x")
-            await wire.sends(blank, b"\r\n")
-            await wire.passes(1.0)
+            await server.send(drip, b"x")
+            await server.send(blank, b"\r\n")
+            await server.wait(1.0)
         assert silent.closed
         assert silent.written == b""
         assert refusal(slow) == (408, "too_slow")
         assert drip.closed or drip.eof
         assert blank.closed
-        await wire.passes(LINGER_S + 1)
-        assert len(wire.connections) == 0
+        await server.wait(LINGER_S + 1)
+        assert len(server.connections) == 0
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_an_incomplete_body_gets_status_408_and_the_application_gets_a_disconnect():
@@ -118,16 +118,16 @@ def test_an_incomplete_body_gets_status_408_and_the_application_gets_a_disconnec
             if message["type"] == "http.disconnect":
                 return
 
-    async def scenario(wire):
-        transport = wire.connect()
-        await wire.sends(transport, POST + b"Content-Length: 100\r\n\r\nabc")
-        await wire.passes(r.BODY_DEADLINE_S - 1)
+    async def scenario(server):
+        transport = server.connect()
+        await server.send(transport, POST + b"Content-Length: 100\r\n\r\nabc")
+        await server.wait(r.BODY_DEADLINE_S - 1)
         assert transport.written == b""
-        await wire.passes(2)
+        await server.wait(2)
         assert refusal(transport) == (408, "too_slow")
         assert received == ["http.request", "http.disconnect"]
 
-    on_a_wire(scenario, listening)
+    run_with_server(scenario, listening)
 
 
 def test_a_slow_answer_is_not_interrupted():
@@ -135,83 +135,83 @@ def test_a_slow_answer_is_not_interrupted():
         await asyncio.sleep(60)
         await echo(scope, receive, send)
 
-    async def scenario(wire):
-        transport = wire.connect()
-        await wire.sends(transport, GET + b"\r\n")
-        await wire.passes(61)
+    async def scenario(server):
+        transport = server.connect()
+        await server.send(transport, GET + b"\r\n")
+        await server.wait(61)
         assert transport.written.endswith(b"0 bytes")
 
-    on_a_wire(scenario, slow)
+    run_with_server(scenario, slow)
 
 
 def test_too_many_pipelined_requests_close_the_connection():
     async def never(scope, receive, send):
         await asyncio.Event().wait()
 
-    async def scenario(wire):
-        transport = wire.connect()
-        await wire.sends(transport, (GET + b"\r\n") * 10_000)
+    async def scenario(server):
+        transport = server.connect()
+        await server.send(transport, (GET + b"\r\n") * 10_000)
         assert transport.written == b"", "a text would be taken for the answer to the first request"
         assert transport.eof
-        await wire.passes(LINGER_S + 1)
-        assert len(wire.connections) == 0
+        await server.wait(LINGER_S + 1)
+        assert len(server.connections) == 0
 
-    on_a_wire(scenario, never)
+    run_with_server(scenario, never)
 
 
 def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
-    async def scenario(wire):
-        stuck, slow = wire.connect(), wire.connect()
+    async def scenario(server):
+        stuck, slow = server.connect(), server.connect()
         for transport in (stuck, slow):
             transport.stuck = True
-            await wire.sends(transport, GET + b"\r\n")
+            await server.send(transport, GET + b"\r\n")
         for _ in range(int(r.UNREAD_DEADLINE_S) + 2):
             slow.unread = slow.unread[1:]
-            await wire.passes(1)
+            await server.wait(1)
         assert stuck.aborted
         assert not slow.closed, "the client reads slowly, but it reads"
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_the_total_size_of_bodies_is_limited():
-    async def scenario(wire):
-        made = [wire.connect() for _ in range(60)]
+    async def scenario(server):
+        made = [server.connect() for _ in range(60)]
         for transport in made:
-            await wire.sends(transport, POST + b"Content-Length: 1000000\r\n\r\n" + b"a" * 900_000)
+            await server.send(transport, POST + b"Content-Length: 1000000\r\n\r\n" + b"a" * 900_000)
         refused = [t for t in made if t.written]
         assert {refusal(t) for t in refused} == {(503, "server_full")}
-        assert 60 - len(refused) == wire.connections.limits.body_bytes // 900_000
+        assert 60 - len(refused) == server.connections.limits.body_bytes // 900_000
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_malformed_requests_are_logged_at_a_limited_rate_without_traceback(caplog):
     chance = random.Random(7)
 
-    async def scenario(wire):
+    async def scenario(server):
         for _ in range(300):
-            transport = wire.connect()
+            transport = server.connect()
             line = chance.choice(
                 [b"GET / HTTP/1.1\r\n", b"GET http://[ HTTP/1.1\r\n", b"GET ? HTTP/1.1\r\n", b""]
             )
-            await wire.sends(transport, line + os.urandom(chance.randrange(1, 200)) + b"\r\n\r\n")
-            await wire.passes(0.5)
-        await wire.passes(60)
-        assert len(wire.connections) == 0
+            await server.send(transport, line + os.urandom(chance.randrange(1, 200)) + b"\r\n\r\n")
+            await server.wait(0.5)
+        await server.wait(60)
+        assert len(server.connections) == 0
 
     with caplog.at_level(logging.WARNING):
-        on_a_wire(scenario)
+        run_with_server(scenario)
     assert caplog.records == []
 
 
 def test_a_requested_protocol_upgrade_is_ignored_and_the_request_answered():
-    async def scenario(wire):
-        transport = wire.connect()
-        await wire.sends(transport, GET + b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\n\r\n")
+    async def scenario(server):
+        transport = server.connect()
+        await server.send(transport, GET + b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\n\r\n")
         assert transport.written.endswith(b"0 bytes")
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_the_limit_of_chunks_allows_every_valid_body():

@@ -9,7 +9,7 @@ import pytest
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
 from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MAX_FRAMES, MAX_FRAMES_PER_S
 from tests.e2e.hostile import frame
-from tests.unit.gcs_server.http_server.wire import echo, on_a_wire
+from tests.unit.gcs_server.http_server.wire import echo, run_with_server
 
 UPGRADE = (
     b"GET /x HTTP/1.1\r\nHost: a\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
@@ -17,9 +17,9 @@ UPGRADE = (
 )
 
 
-async def opened(wire):
-    transport = wire.connect()
-    await wire.sends(transport, UPGRADE)
+async def opened(server):
+    transport = server.connect()
+    await server.send(transport, UPGRADE)
     head, _, transport.written = transport.written.partition(b"\r\n\r\n")
     assert b" 101 " in head
     return transport
@@ -36,8 +36,8 @@ def closing(transport):
 
 @pytest.mark.parametrize("opcode", [1, 2, 9, 10])
 def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(opcode):
-    async def scenario(wire):
-        transport = await opened(wire)
+    async def scenario(server):
+        transport = await opened(server)
         longest_s, over = 0.0, False
 
         async def watch():
@@ -48,15 +48,15 @@ def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(o
                 longest_s = max(longest_s, time.thread_time() - began_s)
 
         watching = asyncio.ensure_future(watch())
-        await wire.sends(transport, frame(b"", opcode) * 42_000)
+        await server.send(transport, frame(b"", opcode) * 42_000)
         over = True
         await watching
         assert closing(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
         assert longest_s < 0.3, "a quarter of a megabyte at once would take longer"
         await asyncio.sleep(0.1)
-        assert len(wire.connections) == 0
+        assert len(server.connections) == 0
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_the_application_gets_every_message_in_order():
@@ -69,14 +69,14 @@ def test_the_application_gets_every_message_in_order():
             got.append(message["text"])
             await asyncio.sleep(0)
 
-    async def scenario(wire):
-        transport = await opened(wire)
+    async def scenario(server):
+        transport = await opened(server)
         texts = [f"{n} " + "x" * (n * 37 % 9000) for n in range(300)]
-        await wire.sends(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
+        await server.send(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
         await asyncio.sleep(1)
         assert got == texts
 
-    on_a_wire(scenario, listening)
+    run_with_server(scenario, listening)
 
 
 def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
@@ -85,46 +85,46 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
         await send({"type": "websocket.accept"})
         await asyncio.Event().wait()
 
-    async def scenario(wire):
-        transport = await opened(wire)
-        taken = await wire.sends(transport, frame(b"x" * 1000) * 3000)
+    async def scenario(server):
+        transport = await opened(server)
+        taken = await server.send(transport, frame(b"x" * 1000) * 3000)
         assert taken <= 262_144
         assert transport.paused
         assert transport.protocol.queue.qsize() <= 3
 
-    on_a_wire(scenario, busy)
+    run_with_server(scenario, busy)
 
 
 def test_a_message_of_too_many_frames_closes_the_connection():
-    async def scenario(wire):
-        transport = await opened(wire)
+    async def scenario(server):
+        transport = await opened(server)
         parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
-        await wire.sends(transport, parts)
+        await server.send(transport, parts)
         assert closing(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_a_too_large_message_closes_the_connection_before_it_is_complete():
-    async def scenario(wire):
-        transport = await opened(wire)
-        taken = await wire.sends(transport, frame(b"x" * 3_000_000))
+    async def scenario(server):
+        transport = await opened(server)
+        taken = await server.send(transport, frame(b"x" * 3_000_000))
         assert taken < 300_000
         assert closing(transport)[0] == 1009
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_unread_pongs_are_limited():
-    async def scenario(wire):
-        transport = await opened(wire)
+    async def scenario(server):
+        transport = await opened(server)
         transport.stuck = True
         for _ in range(20):
-            await wire.sends(transport, frame(b"x" * 125, 9) * 900)
-            await wire.passes(1)
+            await server.send(transport, frame(b"x" * 125, 9) * 900)
+            await server.wait(1)
         assert len(transport.unread) < 70_000
 
-    on_a_wire(scenario)
+    run_with_server(scenario)
 
 
 def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected():
@@ -135,35 +135,35 @@ def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected
             await send({"type": "websocket.send", "text": "news " * 1000})
             await asyncio.sleep(0.01)
 
-    async def scenario(wire):
-        transport = await opened(wire)
+    async def scenario(server):
+        transport = await opened(server)
         transport.stuck = True
         await asyncio.sleep(0.1)
         kept = len(transport.unread)
-        await wire.passes(UNREAD_DEADLINE_S + 1)
+        await server.wait(UNREAD_DEADLINE_S + 1)
         assert len(transport.unread) < kept + 100
         transport.written = transport.unread
         assert closing(transport) == (1013, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
         assert not transport.aborted
-        await wire.passes(CLOSE_DEADLINE_S + 1)
+        await server.wait(CLOSE_DEADLINE_S + 1)
         await asyncio.sleep(0.1)
         assert transport.aborted
-        assert len(wire.connections) == 0
+        assert len(server.connections) == 0
 
-    on_a_wire(scenario, talking)
+    run_with_server(scenario, talking)
 
 
 def test_a_silent_open_websocket_stays_open():
-    async def scenario(wire):
-        transport = await opened(wire)
+    async def scenario(server):
+        transport = await opened(server)
         for _ in range(10):
-            await wire.passes(15)
+            await server.wait(15)
             pings = transport.written.count(b"\x89\x04")
             payload = transport.written[transport.written.rindex(b"\x89\x04") + 2 :][:4] if pings else b""
-            await wire.sends(transport, frame(payload, 10))
+            await server.send(transport, frame(payload, 10))
         assert not transport.closed
 
-    on_a_wire(scenario, echo)
+    run_with_server(scenario, echo)
 
 
 @pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
@@ -177,17 +177,17 @@ def test_data_before_the_accept_waits_and_logs_no_error(early, disconnects, capl
         await send({"type": "websocket.accept"})
         got.append(await receive())
 
-    async def scenario(wire):
-        transport = wire.connect()
-        await wire.sends(transport, UPGRADE)
-        await wire.sends(transport, early)
+    async def scenario(server):
+        transport = server.connect()
+        await server.send(transport, UPGRADE)
+        await server.send(transport, early)
         if disconnects:
             transport.abort()
         await asyncio.sleep(2)
         assert disconnects or b" 101 " in transport.written
-        assert len(wire.connections) == 0
+        assert len(server.connections) == 0
 
-    on_a_wire(scenario, slow)
+    run_with_server(scenario, slow)
     assert caplog.records == []
     if not disconnects:
         assert got[0].get("text") == "early" or got[0]["type"] == "websocket.disconnect"

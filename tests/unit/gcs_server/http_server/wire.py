@@ -70,7 +70,7 @@ class Transport(asyncio.Transport):
         return {"peername": ("10.0.0.1", 5), "sockname": ("127.0.0.1", 80)}.get(name, default)
 
 
-class Wire:
+class TestedServer:
     """A server with one application, and its connections."""
 
     def __init__(self, app: Any) -> None:
@@ -92,14 +92,14 @@ class Wire:
         protocol.connection_made(transport)
         return transport
 
-    async def passes(self, seconds: float) -> None:
+    async def wait(self, seconds: float) -> None:
         """Waits; checks the deadlines every half second."""
         end_s = self.clock.monotonic_s() + seconds
         while self.clock.monotonic_s() < end_s:
             await asyncio.sleep(0.5)
             self.connections.check()
 
-    async def sends(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
+    async def send(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
         """Sends until the server stops reading; returns the number of received bytes."""
         for at in range(0, len(data), piece):
             for _ in range(2000):
@@ -135,10 +135,10 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": body})
 
 
-def on_a_wire(scenario: Callable[[Wire], Coroutine[Any, Any, None]], app: Any = echo) -> None:
+def run_with_server(scenario: Callable[[TestedServer], Coroutine[Any, Any, None]], app: Any = echo) -> None:
     """Runs a test with a server and its connections."""
 
     async def run() -> None:
-        await scenario(Wire(app))
+        await scenario(TestedServer(app))
 
     in_jumps(run)

@@ -106,13 +106,13 @@ class SlowLink(Link):
             if done():
                 return
 
-    def left(self, msg_id):
-        return [(at_s, frame) for at_s, frame in self.line.left if frame.msg_id == msg_id]
+    def sent(self, msg_id):
+        return [(at_s, frame) for at_s, frame in self.line.sent_frames if frame.msg_id == msg_id]
 
     def ages_s(self):
         return [
             at_s - 1000 - struct.unpack_from("<I", frame.payload)[0] / 1000
-            for at_s, frame in self.left(SETPOINT)
+            for at_s, frame in self.sent(SETPOINT)
         ]
 
 
@@ -122,34 +122,34 @@ def test_under_load_stop_motors_is_sent_within_50_ms():
     late_s = []
     for number in range(20):
         link.loop.run(0.0013 * number)  # at different moments of the current transmission
-        requested_s, seen = link.loop.now_s, len(link.left(COMMAND))
+        requested_s, seen = link.loop.now_s, len(link.sent(COMMAND))
         assert link.command(STOP)
         link.under_load(0.1)
-        late_s.append(link.left(COMMAND)[seen][0] - requested_s)
+        late_s.append(link.sent(COMMAND)[seen][0] - requested_s)
     assert max(late_s) < 0.05
     assert max(link.ages_s()) < 0.1
-    assert len(link.left(SETPOINT)) > 45 * 4, "the stream continues"
-    assert len(link.left(PARAM_READ)) > 4 * 30, "parameters are still sent"
+    assert len(link.sent(SETPOINT)) > 45 * 4, "the stream continues"
+    assert len(link.sent(PARAM_READ)) > 4 * 30, "parameters are still sent"
     assert sum(link.line.parser.lost.values()) == 0, "sequence numbers have gaps"
 
 
 def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
     link = SlowLink()
     link.under_load(1.0)
-    before = len(link.line.left)
+    before = len(link.line.sent_frames)
     stalled_s = link.loop.now_s
     link.line.stall(5.0)
     link.under_load(4.8)
     link.command(ARM)
     link.command(STOP)
     link.under_load(2.0)
-    stop_s, _ = link.left(COMMAND)[0]
+    stop_s, _ = link.sent(COMMAND)[0]
     assert stop_s - (stalled_s + 5.0) < 0.05
-    after = [frame for at_s, frame in link.line.left if at_s > stalled_s + 5.0]
-    assert sum(f.msg_id == SETPOINT for f in after[: after.index(link.left(COMMAND)[0][1])]) <= 2
+    after = [frame for at_s, frame in link.line.sent_frames if at_s > stalled_s + 5.0]
+    assert sum(f.msg_id == SETPOINT for f in after[: after.index(link.sent(COMMAND)[0][1])]) <= 2
     in_driver = 2  # already in the driver at the stall, so they cannot be removed
     assert sum(age_s > 0.1 for age_s in link.ages_s()) <= in_driver
-    assert len(link.left(COMMAND)) == 1, "a waiting arm command is removed by stop motors"
+    assert len(link.sent(COMMAND)) == 1, "a waiting arm command is removed by stop motors"
     assert before
     assert sum(link.line.parser.lost.values()) == 0
     info = link.info()
@@ -165,7 +165,7 @@ def test_an_expired_command_is_not_sent():
     link.command(HOLD)
     link.command(STOP, until_s=link.loop.now_s + 0.2)
     link.under_load(4.0)
-    assert link.left(COMMAND) == []
+    assert link.sent(COMMAND) == []
     assert link.info().frames_expired >= 2
 
 
@@ -175,7 +175,7 @@ def test_a_setpoint_that_reaches_the_link_too_late_is_not_sent():
     link.sender.send(SETPOINT, payload, PEER, created_s=link.loop.now_s - 0.11)
     link.sender.send(SETPOINT, payload, PEER, created_s=link.loop.now_s - 0.09)
     link.loop.run(0.1)
-    assert len(link.left(SETPOINT)) == 1
+    assert len(link.sent(SETPOINT)) == 1
     assert link.info().frames_expired == 1
 
 
@@ -184,11 +184,11 @@ def test_streams_beyond_the_line_rate_leave_room_for_parameters_and_share_the_re
     for _ in range(100):
         for system in (1, 2, 3, 4):
             link.setpoint(system)
-        link.param(len(link.left(PARAM_READ)))
+        link.param(len(link.sent(PARAM_READ)))
         link.loop.run(0.02)
-    by_system = [sum(f.payload[50] == system for _, f in link.left(SETPOINT)) for system in (1, 2, 3, 4)]
+    by_system = [sum(f.payload[50] == system for _, f in link.sent(SETPOINT)) for system in (1, 2, 3, 4)]
     assert min(by_system) > 0.6 * max(by_system) > 10
-    assert len(link.left(PARAM_READ)) > 10
+    assert len(link.sent(PARAM_READ)) > 10
 
 
 def test_a_partly_sent_frame_that_is_too_late_ends_with_a_wrong_checksum():
@@ -245,7 +245,7 @@ def test_a_frame_that_cannot_be_packed_affects_only_itself():
     assert link.submit(Packet(PEER, 10, fault, priority=0))
     link.command(HOLD)
     link.loop.run(1.0)
-    assert len(link.left(COMMAND)) == 1
+    assert len(link.sent(COMMAND)) == 1
     assert link.info().handler_errors == 1
 
 

@@ -97,10 +97,10 @@ def test_compressed_and_truncated_files_are_read(tmp_path):
     assert list(read_tlog(torn)) == FLIGHT[:-1]
     part = list(read_tlog(cut))
     assert part == FLIGHT[: len(part)]
-    liar = tmp_path / "liar.tlog.gz"
-    liar.write_bytes(b"not packed at all")
+    false_gzip = tmp_path / "false_gzip.tlog.gz"
+    false_gzip.write_bytes(b"not packed at all")
     with pytest.raises(OSError, match="gzip"):
-        open_log(liar)
+        open_log(false_gzip)
 
 
 def test_a_long_file_is_read_in_bounded_pieces(tmp_path):

@@ -30,7 +30,7 @@ RECORDED = recorded()
 NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
 """Values of the recorded registration."""
 REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REPLY])
-ASKED: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
+CHECK: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
 MASK = 1 << 23
 
 
@@ -43,7 +43,7 @@ def registered(now_s: float = 0.0) -> ExternalMode:
     made.step(now_s)
     made.on_reply(REGISTERED, now_s)
     for _ in range(2):
-        made.on_check_request(ASKED, now_s, can_run=True)
+        made.on_check_request(CHECK, now_s, can_run=True)
     return made
 
 
@@ -70,20 +70,20 @@ def test_a_mode_is_registered_once_px4_has_evaluated_an_answer() -> None:
     assert controllers["flag_control_position_enabled"]
     assert controllers["flag_control_allocation_enabled"]
     assert (made.registration.state, made.registration.mode) == ("registering", None)
-    made.on_check_request(ASKED, 0.3, can_run=True)
+    made.on_check_request(CHECK, 0.3, can_run=True)
     assert made.registration.state == "registering"
-    made.on_check_request(ASKED, 0.6, can_run=True)
+    made.on_check_request(CHECK, 0.6, can_run=True)
     assert (made.registration.state, made.registration.mode) == ("registered", "external_1")
     assert made.registration.nav_state == 23
 
 
 def test_each_arming_check_is_answered_at_once_with_the_requirements() -> None:
-    reply = fields(registered().on_check_request(ASKED, 0.9, can_run=True), CHECK_REPLY)
+    reply = fields(registered().on_check_request(CHECK, 0.9, can_run=True), CHECK_REPLY)
     assert (reply["request_id"], reply["registration_id"]) == (115, 0)
     needs = {name for name, value in reply.items() if name.startswith("mode_req_") and value}
     assert needs == {"mode_req_attitude", "mode_req_local_position", "mode_req_prevent_arming"}
     assert reply["can_arm_and_run"]
-    assert not fields(registered().on_check_request(ASKED, 0.9, can_run=False), CHECK_REPLY)[
+    assert not fields(registered().on_check_request(CHECK, 0.9, can_run=False), CHECK_REPLY)[
         "can_arm_and_run"
     ]
 
@@ -94,11 +94,11 @@ def test_a_mode_that_is_not_ready_prevents_arming_but_never_interrupts_a_flight(
     status = {"nav_state": 4, "arming_state": 1, "failsafe_defer_state": 0, "can_set_nav_states_mask": MASK}
     for armed in (False, True):
         made.on_status({**status, "arming_state": 2 if armed else 1})
-        reply = fields(made.on_check_request(ASKED, 0.9, can_run=True), CHECK_REPLY)
+        reply = fields(made.on_check_request(CHECK, 0.9, can_run=True), CHECK_REPLY)
         assert reply["can_arm_and_run"] == armed
 
 
-def test_the_reply_differs_from_the_recorded_one_only_in_what_it_states() -> None:
+def test_a_check_reply_differs_from_the_recorded_one_only_in_the_declared_requirements() -> None:
     theirs = MESSAGES["ArmingCheckReply"].decode(RECORDED[CHECK_REPLY])
     ours = fields(
         registered().on_check_request({"request_id": theirs["request_id"]}, 0.9, can_run=True), CHECK_REPLY
@@ -125,7 +125,7 @@ def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
     assert made.registration.state == "refused"
     assert "did not answer" in made.registration.why
     assert made.step(now_s + 10) == []
-    assert made.on_check_request(ASKED, now_s, can_run=True) == []
+    assert made.on_check_request(CHECK, now_s, can_run=True) == []
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_a_refusal_ends_the_registration(refusal: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("other", [{"request_id": 7}, {"name": (79, *[0] * 24)}])
-def test_a_reply_to_another_program_is_not_ours(other: dict[str, Any]) -> None:
+def test_a_reply_to_another_program_is_ignored(other: dict[str, Any]) -> None:
     made = mode()
     made.step(0.0)
     assert made.on_reply({**REGISTERED, **other}, 0.02) == []
@@ -169,7 +169,7 @@ def test_without_arming_check_requests_the_mode_is_lost() -> None:
     assert made.registration.state == "lost"
     assert "restarted" in made.registration.why
     assert made.registration.mode is None
-    assert made.on_check_request(ASKED, 5.0, can_run=True) == []
+    assert made.on_check_request(CHECK, 5.0, can_run=True) == []
     assert made.completed(success=True) == []
 
 
@@ -198,7 +198,7 @@ def test_a_removed_mode_is_unregistered_as_recorded_and_answers_nothing() -> Non
     made = registered()
     ((topic, data),) = made.remove()
     assert (topic, data) == (UNREGISTER, RECORDED[UNREGISTER])
-    assert made.on_check_request(ASKED, 2.0, can_run=True) == []
+    assert made.on_check_request(CHECK, 2.0, can_run=True) == []
     assert made.remove() == []
     assert mode().remove() == []
 
@@ -280,13 +280,13 @@ def with_executor(executor_id: int = 1) -> ExternalMode:
     assert fields(made.step(0.0), REGISTER)["register_mode_executor"]
     made.on_reply({**REGISTERED, "mode_executor_id": executor_id}, 0.02)
     for _ in range(2):
-        made.on_check_request(ASKED, 0.3, can_run=True)
+        made.on_check_request(CHECK, 0.3, can_run=True)
     return made
 
 
 def test_a_mode_with_an_executor_permits_arming_and_is_removed_with_it() -> None:
     made = with_executor()
-    assert not fields(made.on_check_request(ASKED, 0.6, can_run=True), CHECK_REPLY)["mode_req_prevent_arming"]
+    assert not fields(made.on_check_request(CHECK, 0.6, can_run=True), CHECK_REPLY)["mode_req_prevent_arming"]
     assert made.registration.executor is not None
     assert fields(made.remove(), UNREGISTER)["mode_executor_id"] == 1
     assert made.registration.executor is None

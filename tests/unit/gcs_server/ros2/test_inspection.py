@@ -19,7 +19,7 @@ def status_key(namespace: str = "px4_1") -> TopicKey:
 
 
 class FakePort:
-    """A domain whose announcements and messages the test gives."""
+    """A fake DDS domain: the test sets its announcements and messages."""
 
     def __init__(self) -> None:
         self.announced: list[Announcement] = []
@@ -47,7 +47,7 @@ class FakePort:
         return self.messages.pop(key, []), self.overflowed
 
 
-class Inspected:
+class InspectionSetup:
     """A session with its port and time."""
 
     def __init__(self) -> None:
@@ -65,11 +65,11 @@ class Inspected:
 
 
 @pytest.fixture
-def inspected() -> Inspected:
-    return Inspected()
+def inspected() -> InspectionSetup:
+    return InspectionSetup()
 
 
-def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(inspected: Inspected) -> None:
+def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(inspected: InspectionSetup) -> None:
     key = status_key()
     inspected.port.announce(key)
     inspected.port.announce(key, publishes=False)
@@ -86,7 +86,7 @@ def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(inspected:
     assert topic.problem is None
 
 
-def test_a_topic_of_unknown_type_is_listed_without_being_read(inspected: Inspected) -> None:
+def test_a_topic_of_unknown_type_is_listed_without_being_read(inspected: InspectionSetup) -> None:
     key = TopicKey("rt/camera/image", "sensor_msgs::msg::dds_::Image_")
     inspected.port.announce(key)
     inspected.read("px4_1")
@@ -95,7 +95,7 @@ def test_a_topic_of_unknown_type_is_listed_without_being_read(inspected: Inspect
     assert inspected.port.read == set()
 
 
-def test_one_topic_with_two_types_is_shown_twice(inspected: Inspected) -> None:
+def test_one_topic_with_two_types_is_shown_twice(inspected: InspectionSetup) -> None:
     wrong = TopicKey(status_key().name, "px4_msgs::msg::dds_::VehicleAttitude_")
     inspected.port.announce(status_key(), wrong)
     inspected.read("px4_1")
@@ -103,7 +103,7 @@ def test_one_topic_with_two_types_is_shown_twice(inspected: Inspected) -> None:
     assert [topic.type for topic in shown] == ["px4_msgs/msg/VehicleAttitude", "px4_msgs/msg/VehicleStatus"]
 
 
-def test_a_malformed_message_is_named_and_a_good_one_clears_it(inspected: Inspected) -> None:
+def test_a_malformed_message_is_reported_until_a_valid_one_arrives(inspected: InspectionSetup) -> None:
     key = status_key()
     inspected.port.announce(key)
     inspected.read("px4_1", messages={key: [HEADER + bytes(5)]})
@@ -114,7 +114,7 @@ def test_a_malformed_message_is_named_and_a_good_one_clears_it(inspected: Inspec
     assert inspected.topics()[f"/px4_1{STATUS}"].problem is None
 
 
-def test_topics_of_other_vehicles_are_neither_read_nor_shown(inspected: Inspected) -> None:
+def test_topics_of_other_vehicles_are_neither_read_nor_shown(inspected: InspectionSetup) -> None:
     own, other, nobodys = status_key(), status_key("px4_2"), TopicKey("rt/clock", "x::msg::dds_::Clock_")
     inspected.port.announce(other, own, nobodys)
     inspected.read("px4_1")
@@ -122,14 +122,14 @@ def test_topics_of_other_vehicles_are_neither_read_nor_shown(inspected: Inspecte
     assert inspected.port.read == {own}
 
 
-def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(inspected: Inspected) -> None:
+def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(inspected: InspectionSetup) -> None:
     inspected.port.announce(status_key(""), status_key("px4_1"), TopicKey("rt/fmu/in/x", "x"))
     inspected.read("")
     assert list(inspected.topics("")) == ["/fmu/in/x", STATUS]
     assert list(inspected.topics("px4_1")) == [f"/px4_1{STATUS}"]
 
 
-def test_reading_ends_when_nobody_looks_or_the_topic_ends(inspected: Inspected) -> None:
+def test_reading_ends_when_no_client_inspects_or_the_topic_ends(inspected: InspectionSetup) -> None:
     first, second = status_key(), status_key("px4_2")
     inspected.port.announce(first, second)
     inspected.read("px4_1", "px4_2")
@@ -142,14 +142,14 @@ def test_reading_ends_when_nobody_looks_or_the_topic_ends(inspected: Inspected) 
     assert inspected.topics("px4_2") == {}
 
 
-def test_a_topic_that_dds_cannot_read_says_why(inspected: Inspected) -> None:
+def test_a_topic_that_dds_cannot_read_states_the_reason(inspected: InspectionSetup) -> None:
     inspected.port.refused = "DDS cannot read this topic (out of resources)."
     inspected.port.announce(status_key())
     inspected.read("px4_1")
     assert inspected.topics()[f"/px4_1{STATUS}"].problem == "DDS cannot read this topic (out of resources)."
 
 
-def test_a_flood_gives_a_lower_limit_of_the_rate(inspected: Inspected) -> None:
+def test_a_flood_gives_a_lower_limit_of_the_rate(inspected: InspectionSetup) -> None:
     key = status_key()
     inspected.port.announce(key)
     inspected.port.overflowed = True
@@ -161,7 +161,7 @@ def test_a_flood_gives_a_lower_limit_of_the_rate(inspected: Inspected) -> None:
 
 
 def test_endpoints_topics_and_names_are_limited(
-    monkeypatch: pytest.MonkeyPatch, inspected: Inspected
+    monkeypatch: pytest.MonkeyPatch, inspected: InspectionSetup
 ) -> None:
     monkeypatch.setattr(inspection, "MAX_ENDPOINTS", 300)
     inspected.port.announce(TopicKey("rt/" + "x" * 300, "y"))

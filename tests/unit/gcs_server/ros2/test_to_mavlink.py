@@ -204,7 +204,7 @@ def test_a_position_off_the_earth_is_malformed(converted: Converted, lat: float)
 
 @pytest.mark.parametrize("topic", [each.name for each in SUBSCRIPTIONS if each.type != "VehicleCommandAck"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38, -3e38])
-def test_extreme_numbers_cause_no_other_error_of_the_conversion(topic: str, value: float) -> None:
+def test_extreme_numbers_are_converted_or_refused_as_malformed(topic: str, value: float) -> None:
     converted = Converted()
     converted.give(LOCAL)
     converted.give(LANDED, landed=True)
@@ -224,7 +224,7 @@ def test_before_the_first_status_no_message_is_converted() -> None:
     assert converter.address is None
 
 
-def test_a_text_names_what_a_mode_needs(converted: Converted) -> None:
+def test_texts_name_the_missing_requirements_of_a_mode(converted: Converted) -> None:
     flags = {
         "global_position_invalid": True,
         "mode_req_global_position": 1 << 5,

@@ -50,10 +50,10 @@ def test_without_a_position_the_mission_is_not_ready() -> None:
 
 
 def test_a_mission_is_compiled_once_at_a_time_and_not_continuously() -> None:
-    prepared, there = Preparation(FIRST, HERE), replace(HERE, position_ned_m=(30.0, 0.0, 0.0))
-    assert prepared.update(5.0, there)
-    assert not prepared.update(9.0, there)
-    prepared.succeeded(SECOND, there, 10.0)
+    prepared, moved = Preparation(FIRST, HERE), replace(HERE, position_ned_m=(30.0, 0.0, 0.0))
+    assert prepared.update(5.0, moved)
+    assert not prepared.update(9.0, moved)
+    prepared.succeeded(SECOND, moved, 10.0)
     assert not prepared.update(10.1, HERE)
     assert prepared.update(10.0 + MIN_INTERVAL_S, HERE)
     prepared.succeeded(SECOND, HERE, 12.0)

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 STEP_S = 0.05
 SCAN_EVERY = 4
 """5 Hz."""
-VELOCITY_LAG_S, MOST_M_S2 = 0.5, 3.0
+VELOCITY_LAG_S, MAX_ACCELERATION_M_S2 = 0.5, 3.0
 """The time constant with which a velocity is followed, and the greatest acceleration."""
 RANGE_M = 20.0
 SECTORS = 72
@@ -51,7 +51,7 @@ class BoxObstacle:
             max(-d - self.height_m, 0.0),
         )
 
-    def met_m(self, at_ned_m: Array, directions: Array) -> Array:
+    def ray_distance_m(self, at_ned_m: Array, directions: Array) -> Array:
         """Distance (R,) along rays (R, 3) to the box; infinite for rays that miss it."""
         low = np.array([self.north_m[0], self.east_m[0], -self.height_m])
         high = np.array([self.north_m[1], self.east_m[1], 0.0])
@@ -103,7 +103,7 @@ class Course:
     def _measure(self, directions: Array) -> tuple[float | None, ...]:
         found = np.full(len(directions), np.inf)
         for block in self.blocks:
-            found = np.minimum(found, block.met_m(self.at, directions))
+            found = np.minimum(found, block.ray_distance_m(self.at, directions))
         with np.errstate(divide="ignore"):
             ground = np.where(directions[:, 2] > 1e-9, -self.at[2] / directions[:, 2], np.inf)
         found = np.minimum(found, ground)
@@ -112,11 +112,11 @@ class Course:
     def _scan(self) -> None:
         headings = self.yaw + np.arange(SECTORS if self.around else 1) * 2 * math.pi / SECTORS
         level = np.stack([np.cos(headings), np.sin(headings), np.zeros(len(headings))], axis=1)
-        self.scans = (self._seen(level, math.radians(2.5)),)
+        self.scans = (self._scan_of(level, math.radians(2.5)),)
         if self.down:
-            self.scans += (self._seen(DOWN, 0.0),)
+            self.scans += (self._scan_of(DOWN, 0.0),)
 
-    def _seen(self, directions: Array, half_angle_rad: float) -> Scan:
+    def _scan_of(self, directions: Array, half_angle_rad: float) -> Scan:
         rays = tuple((float(n), float(e), float(d)) for n, e, d in directions)
         return Scan(self.now_s, rays, self._measure(directions), RANGE_M, half_angle_rad)
 
@@ -128,16 +128,16 @@ class Course:
         self.adjusted = self.avoider.adjust(self.now_s, here, wanted, self.scans, self.allowed)
         motion = self.adjusted.motion or Position(wanted.position_ned_m)
         if isinstance(motion, Position):
-            asked = 0.95 * (np.array(motion.position_ned_m) - self.at)
+            velocity_setpoint = 0.95 * (np.array(motion.position_ned_m) - self.at)
             if self.adjusted.motion is None:
-                asked += np.array(wanted.velocity_ned_m_s)
-            size = math.hypot(asked[0], asked[1])
-            asked[:2] *= min(1.0, 5.0 / size) if size else 1.0
-            asked[2] = min(1.5, max(-3.0, asked[2]))
+                velocity_setpoint += np.array(wanted.velocity_ned_m_s)
+            size = math.hypot(velocity_setpoint[0], velocity_setpoint[1])
+            velocity_setpoint[:2] *= min(1.0, 5.0 / size) if size else 1.0
+            velocity_setpoint[2] = min(1.5, max(-3.0, velocity_setpoint[2]))
         else:
-            asked = np.array(motion.velocity_ned_m_s)
-        change = (asked - self.velocity) / VELOCITY_LAG_S
-        change *= min(1.0, MOST_M_S2 / max(float(np.linalg.norm(change)), 1e-9))
+            velocity_setpoint = np.array(motion.velocity_ned_m_s)
+        change = (velocity_setpoint - self.velocity) / VELOCITY_LAG_S
+        change *= min(1.0, MAX_ACCELERATION_M_S2 / max(float(np.linalg.norm(change)), 1e-9))
         self.velocity = self.velocity + change * STEP_S
         self.at = self.at + (self.velocity + self.drift) * STEP_S
         yaw = wanted.yaw_ned_rad if self.adjusted.yaw_ned_rad is None else self.adjusted.yaw_ned_rad

@@ -51,7 +51,7 @@ def test_a_velocity_towards_an_obstacle_is_limited_to_the_braking_speed():
     assert at_the_line.velocity_ned_m_s == pytest.approx((0.0, 0.0, 0.0))
 
 
-def test_the_body_frame_and_slow_or_other_directions():
+def test_body_velocities_are_limited_and_slow_velocities_or_other_directions_are_not():
     body = limited(VelocityBody((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_frd_m_s
     assert body[0] == pytest.approx(
         limited(Velocity((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_ned_m_s[0]
@@ -61,7 +61,7 @@ def test_the_body_frame_and_slow_or_other_directions():
         assert (result.setpoint, result.notes) == (free, ())
 
 
-def test_a_target_behind_an_obstacle_is_moved_before_it():
+def test_a_target_behind_an_obstacle_is_moved_in_front_of_it():
     result = limited(Position((30.0, 0.0, -5.0)), seen(4.0))
     north, east, down = result.setpoint.position_ned_m
     assert 0.0 < north <= 4.0 - MARGIN_M
@@ -83,7 +83,7 @@ def test_within_the_margin_the_vehicle_is_moved_back_if_there_is_room():
     assert limited(Position((30.0, 0.0, -5.0)), surroundings).setpoint.position_ned_m == (0.0, 0.0, -5.0)
 
 
-def test_a_place_on_earth_becomes_a_local_one():
+def test_a_limited_global_position_becomes_a_local_position():
     origin = LocalOrigin(47.4, 8.5, 480.0)
     result = limited(
         PositionGlobal(47.4 + 30.0 / 111_195.0, 8.5, 485.0), seen(4.0), bounds=Bounds(origin=origin)
@@ -106,7 +106,7 @@ def test_the_sensor_range_counts_as_an_obstacle():
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(10.0 - MARGIN_M)
     assert result.notes == ("speed reduced to the range of the obstacle sensor",)
     sideways = Velocity((0.0, 12.0, 0.0))
-    assert limited(sideways, seen(None, range_m=10.0)).setpoint == sideways, "no sensor looks there"
+    assert limited(sideways, seen(None, range_m=10.0)).setpoint == sideways, "no sensor measures there"
 
 
 def test_measured_ground_stops_neither_landing_nor_take_off():
@@ -141,7 +141,7 @@ def test_measurements_are_used_for_two_seconds_at_the_same_height():
         assert surroundings.points_ne_m.tolist() == ([[3.5, 0.0]] if kept else [])
 
 
-def test_without_a_position_the_newest_measurements_count():
+def test_without_a_position_only_the_newest_measurements_are_used():
     scan = Scan(NOW_S - 0.5, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
     surroundings = BrakeMemory().update(NOW_S, (scan,), None, (2.0, 0.0, 0.0))
     assert surroundings.points_ne_m.tolist() == [[3.0, 0.0]]
@@ -166,12 +166,12 @@ def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_then_forgotten()
 @pytest.mark.parametrize(
     "wanted", [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates(STILL, 0.5), Acceleration((0.0, 0.0, 0.0))]
 )
-def test_setpoints_without_position_control_are_taken_over_before_an_obstacle(wanted):
+def test_setpoints_without_position_control_are_stopped_before_an_obstacle(wanted):
     fast = VehicleMotion((0.0, 0.0, -5.0), (4.0, 0.0, 0.0), 0.0)
     near = seen(5.0, velocity=fast.velocity_ned_m_s)
     assert "hit an obstacle" in limited(wanted, near, fast).stop
     assert limited(wanted, seen(15.0, velocity=fast.velocity_ned_m_s), fast).stop is None
-    assert limited(wanted, seen(0.5)).stop is None, "it has stopped"
+    assert limited(wanted, seen(0.5)).stop is None, "the vehicle has stopped"
     assert limited(wanted, None, fast).stop is None
 
 

@@ -19,7 +19,7 @@ def payloads(*messages):
     return {m.get_msgId(): encode_payload(m) for m in messages}
 
 
-def test_unknown_is_none():
+def test_unknown_values_are_decoded_as_none():
     gps = d.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 65535, 65535, 0, 0, 255)
     value, _ = decoders.gps(payloads(gps))
     assert value == samples.Gps(3, None, None, None)
