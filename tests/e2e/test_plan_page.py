@@ -171,7 +171,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         hold_space(page)
         expect(card.get_by_role("status")).to_have_text("Aborted")
         page.reload()
-        expect(card.get_by_role("table", name="Flown beside planned")).to_contain_text("Battery used")
+        expect(card.get_by_role("table", name="Flown compared with planned")).to_contain_text("Battery used")
         expect(card.get_by_role("img", name="Distance from the planned path over time")).to_be_visible()
         assert in_both_themes(page) == []
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)

@@ -278,7 +278,7 @@ def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser
         room.get_by_role("button", name="Versions of Tower").click()
         room.get_by_role("button", name=re.compile(r"^Version 1 3 items")).click()
         expect(room).to_contain_text("Version 1 of 2, saved by e2e.")
-        room.get_by_role("button", name="Restore it").click()
+        room.get_by_role("button", name="Restore this version").click()
         expect(room).to_contain_text("Saved as version 3.")
     assert len(station.gcs.request("GET", path)["plan"]["items"]) == 3
 

@@ -107,7 +107,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${distanceText(goal.distance_m)} to ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : `, about ${Math.round(goal.time_s)} s`}, and holds there. The vehicle is at ${altitudeNow(facts)} now.${end}`,
+            effect: `Flies ${distanceText(goal.distance_m)} to this position at ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : ` in about ${Math.round(goal.time_s)} s`} and holds there. The vehicle is at ${altitudeNow(facts)} now.${end}`,
             verb: 'Go',
             danger: false,
           };

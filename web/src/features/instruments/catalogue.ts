@@ -114,10 +114,10 @@ const LABELS: Readonly<Record<string, string>> = {
   'mission.count': 'Mission items',
   'mission.reached': 'Mission item reached',
   'obstacle_distance.frame': 'Obstacle sensor frame',
-  'obstacle_distance.first_deg': 'Obstacle sensor first direction',
-  'obstacle_distance.step_deg': 'Obstacle sensor step',
-  'obstacle_distance.range_min_m': 'Obstacle sensor range min',
-  'obstacle_distance.range_max_m': 'Obstacle sensor range max',
+  'obstacle_distance.first_deg': 'Obstacle sensor angle offset',
+  'obstacle_distance.step_deg': 'Obstacle sensor angle increment',
+  'obstacle_distance.range_min_m': 'Obstacle sensor minimum range',
+  'obstacle_distance.range_max_m': 'Obstacle sensor maximum range',
   'wind.speed_m_s': 'Wind speed',
 };
 /** Fields that are not offered: masks, ids and quaternions. */

@@ -135,6 +135,6 @@ export function stateText(list: Parameters['list'] | null): string {
     case 'outdated':
       return `${list.received}, read before the connection was lost`;
     default:
-      return `${list.received}${list.source === 'cache' ? ', unchanged since they were read' : ''}`;
+      return `${list.received}${list.source === 'cache' ? ' from the cache, unchanged on the vehicle' : ''}`;
   }
 }

@@ -157,7 +157,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   trigger_distance: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
     shutter_ms: shutter,
-    at_once: choice(1, 'First picture', { 1: 'immediately', 0: 'after the distance' }),
+    at_once: choice(1, 'First picture', { 1: 'immediately', 0: 'after this distance' }),
     camera,
   },
   trigger_interval: { interval_ms: field(1000, 'Time between pictures', { min: -1 }), shutter_ms: shutter, camera },
@@ -205,7 +205,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   oblique_survey: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
     interval_ms: field(0, 'Minimum time between pictures', { min: 0, whole: true }),
-    positions: field(3, 'Camera positions', { min: 0, max: 100, whole: true }),
+    positions: field(3, 'Number of camera positions', { min: 0, max: 100, whole: true }),
     roll_deg: field(30, 'Roll to each side', WHOLE_ANGLE),
     pitch_deg: field(-90, 'Pitch', WHOLE_ANGLE),
     shutter_ms: shutter,

@@ -61,7 +61,7 @@ export function interruptedText({ interrupted_item, count }: ResumeOffer, at: st
 function wayText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
   const { text, unit } = metres(distance_m);
   const far = distance_m === null ? '' : `${text} ${unit} `;
-  return `Arms, climbs where it stands to ${metres(altitude_m).text} m ${REFERENCES[altitude_reference]} and flies ${far}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
+  return `Arms, climbs at its current position to ${metres(altitude_m).text} m ${REFERENCES[altitude_reference]} and flies ${far}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
 }
 
 /** @param despite texts of the accepted errors. */

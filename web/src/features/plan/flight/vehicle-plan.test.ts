@@ -239,13 +239,13 @@ describe('an interrupted flight', () => {
     expect(resumeQuestion('1 Quad', offer, [])).toEqual({
       title: 'Resume the mission of 1 Quad at item 7 of 20',
       effect:
-        'Arms, climbs where it stands to 40.0 m above home and flies 212 m straight to item 7 (waypoint). It flies the rest of the mission from there. PX4 does not repeat item 2. Hold pauses the mission.',
+        'Arms, climbs at its current position to 40.0 m above home and flies 212 m straight to item 7 (waypoint). It flies the rest of the mission from there. PX4 does not repeat item 2. Hold pauses the mission.',
       verb: 'Resume',
       danger: false,
     });
     const unknown = resumeQuestion('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
     expect(unknown.effect).toBe(
-      'Arms, climbs where it stands to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. Despite an error: It leaves the fence. Hold pauses the mission.',
+      'Arms, climbs at its current position to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. Despite an error: It leaves the fence. Hold pauses the mission.',
     );
     expect(unknown.danger).toBe(true);
   });

@@ -78,7 +78,7 @@ function gimbal(mission: Mission, node: StepNode): Fix<Mission> {
   const steepest_rad = Math.PI / 2;
   const pitch_rad = Math.max(-steepest_rad, Math.min(steepest_rad, Number(node.step['pitch_rad'] ?? 0)));
   const sweep_pitch_rad = Math.min(Number(node.step['sweep_pitch_rad'] ?? 0), steepest_rad - Math.abs(pitch_rad));
-  return { text: 'Stay within straight up and down', plan: setStep(mission, node, { ...node.step, pitch_rad, sweep_pitch_rad }) };
+  return { text: 'Limit the gimbal pitch to ±90°', plan: setStep(mission, node, { ...node.step, pitch_rad, sweep_pitch_rad }) };
 }
 
 function heights(mission: Mission, node: StepNode, frame: Frame, text: string, to: (up_m: number) => number): Fix<Mission> | null {

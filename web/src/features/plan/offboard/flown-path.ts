@@ -17,11 +17,11 @@ const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
 /** Names of `duration_s`: of an offboard mission it excludes take-off and landing, which PX4 flies by itself. */
-const TIMES = { setpoints: 'Time by setpoints', armed: 'Time armed' } as const;
+const TIMES = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const;
 
 /** Where the planned values come from. */
 const SOURCES: Readonly<Record<FlownPath['planned_by'], string>> = {
-  mission: 'Time by setpoints: without take-off and landing, which PX4 flies by itself. Length: of the whole flight.',
+  mission: 'Time with setpoints: without take-off and landing, which PX4 flies by itself. Length: of the whole flight.',
   dry_run: 'Planned: the dry run. Both times are from arming to disarming.',
   plan: 'Planned: straight lines between the items, and the estimated time of flight. Flown: from arming to disarming.',
 };

@@ -61,7 +61,7 @@ describe('who commands the vehicle', () => {
   it('is stated while a flight mode with an executor is flown', () => {
     expect(chargeText(FLOWN)).toBeNull();
     expect(chargeText(as({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
-    expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain('Somebody else commands the vehicle');
+    expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain('the mission no longer commands the vehicle');
     expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'done' }))).toBeNull();
   });
 });

@@ -44,8 +44,8 @@ export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' 
 export function chargeText(flown: Flown): string | null {
   if (isOver(flown) || flown.executor_in_charge === null) return null;
   return flown.executor_in_charge
-    ? 'The mission commands the vehicle. Any other mode ends this.'
-    : 'Somebody else commands the vehicle: PX4 accepts no command of the mission.';
+    ? 'The mission commands the vehicle until another mode is selected.'
+    : 'Another mode was selected, so the mission no longer commands the vehicle: PX4 accepts no command from it.';
 }
 
 /** The commands that are possible in the present state. */

@@ -103,7 +103,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   distance_m: number('Camera to ground', 'm', 0.1, 100_000, { placeholder: 'altitude' }),
   front_percent: number('Front overlap', '%', 0, 95),
   side_percent: number('Side overlap', '%', 0, 95),
-  orientation: choice('Picture across the line', options({ landscape: 'long side', portrait: 'short side' })),
+  orientation: choice('Side of the picture across the line', options({ landscape: 'long side', portrait: 'short side' })),
   sensor_width_mm: number('Sensor width', 'mm', 0.1, 1000, { step: 0.1 }),
   sensor_height_mm: number('Sensor height', 'mm', 0.1, 1000, { step: 0.1 }),
   focal_length_mm: number('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
@@ -111,7 +111,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   image_height_px: number('Picture height', 'px', 1, 1_000_000, { decimals: 0 }),
   heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'best' }),
   turnaround_m: number('Turnaround', 'm', 0, 1000),
-  crosshatch: { label: 'Second set of lines across', of: 'switch' },
+  crosshatch: { label: 'Second set of lines at right angles', of: 'switch' },
   speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'vehicle’s', step: 0.5 }),
   width_m: number('Width', 'm', 0.1, 10_000),
   offset_m: number('Distance from the edge', 'm', -10_000, 10_000),
@@ -120,7 +120,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   direction: choice('Direction', options({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
   start_deg: number('Start, bearing', '°', -360, 360),
   looks_at_center: { label: 'Camera looks at the centre', of: 'switch' },
-  look_at_m: number('Altitude looked at', 'm', -12_000, 100_000),
+  look_at_m: number('Altitude of the point looked at', 'm', -12_000, 100_000),
   base_m: number('Altitude of the base', 'm', -12_000, 100_000),
   height_m: number('Height of the structure', 'm', 0.1, 10_000),
   lowest_m: number('Lowest round above base', 'm', 0.1, 10_000),
@@ -141,14 +141,14 @@ const pictures = (...more: RowName[]): SectionSpec => ({ title: 'Pictures', rows
 const HEIGHT: readonly RowName[] = ['altitude_m', 'reference'];
 const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   survey: [
-    { title: 'Height', rows: [...HEIGHT, 'distance_m'] },
+    { title: 'Altitude', rows: [...HEIGHT, 'distance_m'] },
     pictures('orientation'),
     { title: 'Lines', rows: ['heading_deg', 'turnaround_m', 'speed_m_s', 'crosshatch'] },
     CAMERA_DATA,
   ],
   corridor: [
     { title: 'Corridor', rows: ['width_m', 'turnaround_m'] },
-    { title: 'Height', rows: [...HEIGHT, 'distance_m'] },
+    { title: 'Altitude', rows: [...HEIGHT, 'distance_m'] },
     pictures('orientation'),
     CAMERA_DATA,
   ],
