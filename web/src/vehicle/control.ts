@@ -74,7 +74,7 @@ export function forceHint(control: Control, key: string | null, denied: boolean)
 const WHO: Readonly<Record<string, string>> = {
   pilot: 'the RC pilot',
   station: 'another ground station',
-  unknown: 'not this server',
+  unknown: 'an unknown source, not this server',
   failsafe: 'the failsafe',
 };
 

@@ -106,7 +106,7 @@ const text =
   (step) => [
     { name, label, of: 'text', value: (step[name] as string | null | undefined) ?? '', set: (old, next) => ({ ...old, [name]: next === '' ? null : next }) },
   ];
-const place =
+const position =
   (name: string, label: string): Spec =>
   (step, { frame }) =>
     positionFields<Step>(step[name] as MissionPosition, frame, (old, next) => ({ ...old, [name]: next }), label, name);
@@ -143,7 +143,7 @@ const heading: Spec = (step, context) => {
     },
   ];
   if (now === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Direction from north', ANGLE));
-  if (now === 'look_at') rows.push(...place('look_at', 'Heading towards')(step, context));
+  if (now === 'look_at') rows.push(...position('look_at', 'Heading towards')(step, context));
   return rows;
 };
 
@@ -172,7 +172,7 @@ const PATH: readonly Spec[] = [
   avoidance,
 ];
 const ROUND: readonly Spec[] = [
-  place('center', 'Centre'),
+  position('center', 'Centre'),
   number('radius_m', 'Radius', METRES),
   number('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
   toggle('clockwise', 'Clockwise, seen from above', true),
@@ -270,7 +270,7 @@ const gimbal: Spec = (step, context) => {
   ];
   const add = (...specs: readonly Spec[]): void => specs.forEach((spec) => rows.push(...spec(step, context)));
   const track = step['track'];
-  if (track === 'look_at') add(place('place', 'Look at'));
+  if (track === 'look_at') add(position('place', 'Look at'));
   else if (track !== 'release') add(number('pitch_rad', 'Pitch, up is positive', { min: -90, max: 90 }));
   if (track === 'fixed' || track === 'sweep') add(number('yaw_rad', 'Yaw from the nose', ANGLE));
   if (track === 'sweep')
@@ -292,14 +292,14 @@ const names =
   };
 
 const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
-  take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'At most', { ...SECONDS, placeholder: '60' })],
+  take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '60' })],
   fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH],
   hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
   orbit: [...ROUND, ...PATH],
   helix: [...ROUND, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
   spiral: [...ROUND, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
   figure_eight: [
-    place('center', 'Centre'),
+    position('center', 'Centre'),
     number('length_m', 'Length', METRES),
     number('width_m', 'Width of a loop', METRES),
     number('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
@@ -321,12 +321,12 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
     number('interval_s', 'Every', { min: 0.1, max: 3600 }),
     number('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
   ],
-  wait: [until, number('timeout_s', 'At most', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
+  wait: [until, number('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
   repeat: [number('times', 'Times', { min: 1, max: 1000 })],
   branch: [condition('condition')],
   call: [names('mission', 'Steps of', 'missions', 'choose …')],
-  land: [number('timeout_s', 'At most', { ...SECONDS, placeholder: '300' })],
-  meet: [text('meeting', 'Meeting'), number('timeout_s', 'At most', { ...SECONDS, placeholder: '120' })],
+  land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
+  meet: [text('meeting', 'Name of the meeting'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
 };
 /** Integer fields: typed fractions are rounded. */
 const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);
@@ -340,7 +340,7 @@ export function fieldsOf(step: Step, context: Context): Field<Step>[] {
 /** The rows of one point of a trajectory. */
 export function pointFields(point: MissionPosition, { frame }: Context): Field<MissionPosition>[] {
   return [
-    ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Place', 'point'),
+    ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
     numberField(point, 'corner_m', 'Corner distance', { min: 0, max: 1000, placeholder: '1' }),

@@ -86,7 +86,7 @@ describe('a mode', () => {
     });
     expect(modeText(as({ state: 'registering', mode: null }), null).tone).toBe('dim');
     const compiling = as({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });
-    expect(modeText(compiling, 'external_1')).toEqual({ text: 'PX4 does not arm in it now: The mission is being compiled.', tone: 'caution' });
+    expect(modeText(compiling, 'external_1')).toEqual({ text: 'PX4 does not arm in this mode now: The mission is being compiled.', tone: 'caution' });
     expect(modeText(as({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({ text: 'not registered: PX4 restarted', tone: 'caution' });
   });
 

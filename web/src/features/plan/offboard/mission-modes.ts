@@ -47,7 +47,7 @@ export function registerProblem(name: string, mission: Mission, open: readonly F
   return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to fix or accept below: ${errors[0]?.text ?? ''}`;
 }
 
-/** How somebody starts the mission of a mode. */
+/** How the mission of a mode is started. */
 function startText(mode: MissionMode): string {
   return mode.takes_off ? 'select it on the ground and arm; the vehicle then takes off by itself' : 'select it in flight; the mission then starts at once';
 }
@@ -59,14 +59,14 @@ export function modeText(mode: MissionMode, present: string | null): { text: str
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
       if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
-      if (!mode.ready) return { text: `PX4 does not arm in it now: ${mode.reason}`, tone: 'caution' };
+      if (!mode.ready) return { text: `PX4 does not arm in this mode now: ${mode.reason}`, tone: 'caution' };
       return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
   }
 }
 
-/** Whether the page can select the mode now: in the air, and on the ground, where a mission with a take-off begins. */
+/** Whether the page can select the mode now: it is registered, and the vehicle is in another mode. */
 export function canSelect(mode: MissionMode, present: string | null): boolean {
   return mode.state === 'registered' && mode.mode !== null && mode.mode !== present;
 }

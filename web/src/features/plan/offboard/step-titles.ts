@@ -97,7 +97,11 @@ export function detailOf(step: Step): string {
       if (step['track'] !== 'look_at' && step['track'] !== 'release') parts.push(`pitch ${deg(step['pitch_rad'])}`);
       break;
     case 'photo':
-      parts.push(step['count'] === 1 || step['count'] === undefined ? 'one' : `${String(step['count'])} every ${fixed(number(step['interval_s']) ?? 1, 1)} s`);
+      parts.push(
+        step['count'] === 1 || step['count'] === undefined
+          ? '1 picture'
+          : `${String(step['count'])} pictures every ${fixed(number(step['interval_s']) ?? 1, 1)} s`,
+      );
       if (step['component'] != null) parts.push(`camera ${String(step['component'])}`);
       break;
     case 'wait':
