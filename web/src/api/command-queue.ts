@@ -1,6 +1,6 @@
 /**
  * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
- * arrive after it and would undo it. So each request waits for the answer to the one before, but not for
+ * arrive after that setpoint and undo it. So each request waits for the answer to the previous request, but not for
  * long: an old request must not move the vehicle unexpectedly.
  */
 

@@ -56,7 +56,7 @@ export interface LayerPicture {
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
   readonly solids?: readonly LayerSolid[];
-  /** A point of the ground, whose altitude is that of all ground; missing: the layer is not shown in the 3D view. */
+  /** A position on the ground; its altitude is used for all ground. Missing: the layer is not shown in the 3D view. */
   readonly ground?: Required<LayerPosition>;
 }
 

@@ -24,7 +24,7 @@ export interface SceneDryRun {
   id: string;
   /** Null: only its path and corridor are shown. */
   t_s: number | null;
-  /** The camera follows its vehicle instead of the real one. */
+  /** The camera follows the simulated vehicle instead of the real one. */
   follow: boolean;
 }
 

@@ -9,7 +9,7 @@ const KEY = 'gcs-shortcuts';
 export class Shortcuts {
   on = $state(true);
 
-  /** @param kept the browser's storage, which keeps the setting. */
+  /** @param storage the browser's storage, which keeps the setting. */
   constructor(private readonly storage: SettingStorage) {
     this.on = storage.getItem(KEY) !== 'off';
   }

@@ -7,7 +7,7 @@ export interface FlightClock {
   airborneSince_unix_s: number | null;
   /** False if the page connected during the flight: the time shown is then a lower bound. */
   exact: boolean;
-  /** Whether it has been seen on the ground. */
+  /** Whether the vehicle has been seen on the ground. */
   seenGround: boolean;
   /** Duration of the last flight that ended, for the value grid after landing [s]. */
   last_s: number | null;

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { ANSWER_MS, retryDelayMs, SILENT_MS, TelemetrySocket, type SocketLike, type SocketState } from './socket';
+import { ANSWER_TIMEOUT_MS, retryDelayMs, SILENT_MS, TelemetrySocket, type SocketLike, type SocketState } from './socket';
 import type { Frame } from './wire';
 
 class FakeSocket implements SocketLike {
@@ -79,7 +79,7 @@ describe('telemetry socket', () => {
     first?.onmessage?.({ data: '{"type":"samples","samples":[]}' });
     seconds(SILENT_MS / 1000 - 1);
     expect(socket.state.phase).toBe('open');
-    seconds(ANSWER_MS / 1000 + 1);
+    seconds(ANSWER_TIMEOUT_MS / 1000 + 1);
     expect(socket.state.phase).toBe('waiting');
     expect(first?.closed).toBe(true);
   });

@@ -29,7 +29,7 @@ const OPEN_DEADLINE_MS = 8000;
 /** Without frames for this long, although vehicles are known, the page subscribes again, so that the server sends all values. */
 export const SILENT_MS = 6000;
 /** Without an answer for this long the connection counts as lost; the browser may not notice an unplugged network. */
-export const ANSWER_MS = 4000;
+export const ANSWER_TIMEOUT_MS = 4000;
 const CHECK_INTERVAL_MS = 1000;
 
 /** Delay before the given attempt [ms]: doubles up to 8 s. */
@@ -124,7 +124,7 @@ export class TelemetrySocket {
     this.watchTimer = this.deps.setTimer(() => {
       if (socket !== this.socket) return;
       const now_ms = this.deps.nowMs();
-      if (this.resubscribedAt_ms !== null && now_ms - this.resubscribedAt_ms >= ANSWER_MS) return this.onConnectionLost(socket);
+      if (this.resubscribedAt_ms !== null && now_ms - this.resubscribedAt_ms >= ANSWER_TIMEOUT_MS) return this.onConnectionLost(socket);
       if (this.resubscribedAt_ms === null && this.expectsFrames() && now_ms - this.receivedAt_ms >= SILENT_MS) {
         this.resubscribedAt_ms = now_ms;
         this.subscribe(socket);

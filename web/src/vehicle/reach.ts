@@ -14,9 +14,9 @@ export function carries(facts: { readonly reach: Reach | null }, feature: Featur
 /** Lines for the details of the link: the protocols, and which of them carries telemetry, commands and setpoints. */
 export function reachLines(reach: Reach | null): [string, string][] {
   if (reach === null || reach.protocols.length === 0) return [];
-  const ways = [...new Set([reach.telemetry, reach.commands, reach.setpoints])];
+  const protocols = [...new Set([reach.telemetry, reach.commands, reach.setpoints])];
   const lines: [string, string][] = [['Protocol', reach.protocols.join(' and ')]];
-  if (ways.length > 1) {
+  if (protocols.length > 1) {
     lines.push(['Telemetry', reach.telemetry ?? '–'], ['Commands', reach.commands ?? '–'], ['Setpoints', reach.setpoints ?? '–']);
   }
   if (reach.missing.length > 0) lines.push(['Needs MAVLink', reach.missing.map((each) => each.replace('_', ' ')).join(', ')]);

@@ -165,7 +165,7 @@ export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start
     case 'kill':
       return api.post('/vehicles/{v}/kill', { ...params, body: { confirm: `motors stop, vehicle ${id} falls` } });
     case 'goto': {
-      if (goal === null) throw new Error('goto takes a goal');
+      if (goal === null) throw new Error('goto needs a goal');
       const { lat_deg, lon_deg, alt_home_m } = goal;
       return api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, alt_home_m } });
     }

@@ -98,7 +98,7 @@ export class GimbalControl {
     this.target = clamped;
     const lock = this.lock(facts);
     const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
-    // With lock the API counts yaw from north.
+    // With yaw lock the API's yaw is relative to north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap(clamped.yaw_deg + (vehicleYaw * 180) / Math.PI) : clamped.yaw_deg;
     const body = { pitch_deg: round(clamped.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
     this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: false } }) });
@@ -129,14 +129,14 @@ export class GimbalControl {
   turn(facts: VehicleFacts, pitch: number, yaw: number): void {
     this.target = null;
     this.turning = facts;
-    this.rates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
+    this.sendRates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
   }
 
   /** The arrow was released: both axes stop. */
   stop(): void {
     const turning = this.turning;
     this.turning = null;
-    if (turning !== null) this.rates(turning, 0, 0);
+    if (turning !== null) this.sendRates(turning, 0, 0);
   }
 
   /** The facts with the selected gimbal of the vehicle; initially the first. */
@@ -153,10 +153,10 @@ export class GimbalControl {
 
   setLock(facts: VehicleFacts, lock: boolean): void {
     this.lockChosen = lock;
-    this.rates(facts, 0, 0);
+    this.sendRates(facts, 0, 0);
   }
 
-  private rates(facts: VehicleFacts, pitch: number, yaw: number): void {
+  private sendRates(facts: VehicleFacts, pitch: number, yaw: number): void {
     const body = { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) };
     this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...ofGimbal(facts), body }) });
   }

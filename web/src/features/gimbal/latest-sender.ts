@@ -1,6 +1,6 @@
 /**
- * Sends the newest of a fast series of requests: one at a time. Earlier waiting requests are skipped, the last one
- * never.
+ * Sends a fast series of requests one at a time. A waiting request is replaced by a newer one; the last request is
+ * always sent.
  */
 
 export class LatestSender<T> {
@@ -11,10 +11,10 @@ export class LatestSender<T> {
 
   push(value: T): void {
     this.waiting = { value };
-    if (!this.busy) void this.drain();
+    if (!this.busy) void this.sendWaiting();
   }
 
-  private async drain(): Promise<void> {
+  private async sendWaiting(): Promise<void> {
     this.busy = true;
     try {
       while (this.waiting !== null) {

@@ -38,7 +38,7 @@ export interface Imported {
   readonly notes: readonly string[];
 }
 
-/** A pattern with its items or steps; the positions and lines are those of the map. */
+/** A pattern with its items or steps; `path` and `lines` are drawn on the map. */
 export interface MadePattern {
   readonly plan: Document;
   readonly path: readonly Readonly<Schemas['PatternPosition']>[];
@@ -47,7 +47,7 @@ export interface MadePattern {
   readonly notes: readonly string[];
 }
 
-export interface GroundPlan {
+export interface ResolvedPlan {
   readonly plan: Plan;
   /** Numbers of resolved altitudes, unresolved altitudes and added waypoints. */
   readonly resolved: number;
@@ -59,6 +59,7 @@ export interface GroundPlan {
 /** A mission with a stored one inserted. */
 export interface InsertedMission {
   readonly plan: Mission;
+  /** Name of the list of steps that the call step flies. */
   readonly called: string;
   readonly notes: readonly string[];
 }
@@ -142,7 +143,7 @@ export class PlanApi {
    * @param tolerance_m largest deviation of the lines from their height above ground; waypoints are added to meet it.
    * Null: none are added.
    */
-  followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<GroundPlan>> {
+  followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<ResolvedPlan>> {
     return fromApi(this.api.post('/plans/ground', { body: { plan: toApi(plan), tolerance_m } }));
   }
 
@@ -154,9 +155,9 @@ export class PlanApi {
   }
 
   /**
-   * Inserts a stored mission: a list of its steps, and a call of it at a path of the mission.
-   * @param in_air leave out its take-off and last landing.
-   * @param positions null: refused (field `positions`) if the planned starts differ and that makes a difference.
+   * Inserts a stored mission: its steps become a list of the mission, and a call step at the path `at` flies this list.
+   * @param in_air leave out the take-off and the last landing of the stored mission.
+   * @param positions null: the server refuses (field `positions`) if the planned starts differ and this changes the path.
    */
   insert(plan: Mission, at: Path, plan_id: string, in_air: boolean, positions: Positions | null): Promise<Outcome<InsertedMission>> {
     return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...at], plan_id, in_air, positions } }));

@@ -3,7 +3,7 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, GroundPlan, Imported, PlanApi, PlanVersion } from './api';
+import type { Area, Check, Format, ResolvedPlan, Imported, PlanApi, PlanVersion } from './api';
 import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditions';
 import { EMPTY, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
@@ -355,7 +355,7 @@ function nameOf(name: string): string {
   return name.trim() === '' ? 'Plan' : name.trim();
 }
 
-function groundNotice({ resolved, unknown, added, notes }: GroundPlan): Notice {
+function groundNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice {
   const missing =
     unknown === 0
       ? []

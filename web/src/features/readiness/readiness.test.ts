@@ -58,8 +58,8 @@ test('unknown values are not guessed', () => {
 });
 
 test('blocking findings come first, each with the modes that it blocks', () => {
-  const dull: Cause = { ...battery, id: 4, cause: 'Wind.' };
-  const rows = findings({ ...report, findings: [dull, ...report.findings] });
+  const notBlocking: Cause = { ...battery, id: 4, cause: 'Wind.' };
+  const rows = findings({ ...report, findings: [notBlocking, ...report.findings] });
   expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
     [2, 'Offboard'],
     [1, 'Position'],

@@ -46,7 +46,7 @@ export function readReadiness(value: unknown): Readiness | null {
   return typeof report === 'object' && report !== null && Array.isArray(report.modes) && Array.isArray(report.findings) ? report : null;
 }
 
-/** One sentence: arming in the current mode while disarmed, flying in it while armed. */
+/** Whether the vehicle can be armed in the current mode (while disarmed) or can fly in it (while armed). */
 export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
   if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const now = readiness.modes.find((m) => m.mode === mode);

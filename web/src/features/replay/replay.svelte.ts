@@ -49,7 +49,7 @@ export class ReplayControl {
   private pendingCommand: ReplayCommand | null = null;
   private isSending = false;
   private answered_ms = 0;
-  private framesSince = 0;
+  private framesSinceAnswer = 0;
 
   constructor(private readonly deps: ReplayDeps) {}
 
@@ -137,7 +137,7 @@ export class ReplayControl {
     }
     if (this.problem !== null) this.requested_unix_s = null;
     this.answered_ms = performance.now();
-    this.framesSince = 0;
+    this.framesSinceAnswer = 0;
     this.isSending = false;
   }
 
@@ -148,8 +148,8 @@ export class ReplayControl {
     if (this.requested_unix_s === null || this.isSending) return;
     const shown = this.shown;
     const there = shown !== null && hasArrived(shown, this.requested_unix_s);
-    this.framesSince += 1;
-    const hasTimedOut = this.framesSince > SEEK_TIMEOUT_FRAMES && performance.now() - this.answered_ms > SEEK_TIMEOUT_MS;
+    this.framesSinceAnswer += 1;
+    const hasTimedOut = this.framesSinceAnswer > SEEK_TIMEOUT_FRAMES && performance.now() - this.answered_ms > SEEK_TIMEOUT_MS;
     if (there || hasTimedOut) this.requested_unix_s = null;
   }
 

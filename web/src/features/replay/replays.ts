@@ -94,7 +94,7 @@ export function jumpTimes(marks: VehicleMarks | null): number[] {
   return [...new Set(all)].sort((a, b) => a - b);
 }
 
-/** The next such time after `unix_s`, or the previous one; null if there is none. */
+/** The next jump time after `unix_s`, or the previous one; null if there is none. */
 export function neighbour(all: readonly number[], unix_s: number, way: 1 | -1): number | null {
   const margin_s = 0.3;
   return (way === 1 ? all.find((t) => t > unix_s + margin_s) : all.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;

@@ -11,6 +11,7 @@ import type { Palette } from './map-draw';
 
 const SOURCE = 'edited';
 const PREFIX = 'edited-';
+/** Image pixels per CSS pixel of an icon. */
 const RATIO = 2;
 /** Radius of a point's disc. */
 export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13, ghost: 16 };

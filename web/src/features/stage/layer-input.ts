@@ -7,8 +7,9 @@ import { mapLayers } from '../../app/map-layers.svelte';
 import type { Pixel } from '../../vehicle/geo';
 import { LayerGesture, targetAt, type GrabTarget, type LayerView } from './layer-gesture';
 
+/** Distance within which a pointer reaches a point [px]. */
 const REACH_PX = 14;
-/** Larger for touch, because a finger is less precise. */
+/** The same for touch: larger, because a finger is less precise. */
 const TOUCH_REACH_PX = 26;
 /** Events from which MapLibre makes pans, clicks and zooms. */
 const MAP_EVENTS = ['mousedown', 'touchstart', 'click', 'dblclick', 'contextmenu'] as const;

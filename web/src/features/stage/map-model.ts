@@ -79,7 +79,8 @@ function requestedTarget(kind: MapTarget['kind'], what: string, requested: Reque
       };
 }
 
-function look(facts: VehicleFacts): number | null {
+/** Direction of the camera, clockwise from north; null: not known. */
+function cameraDirection_rad(facts: VehicleFacts): number | null {
   const gimbal = facts.gimbal;
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (gimbal === null || gimbal.stale) return null;
@@ -134,7 +135,7 @@ export function mapVehicles(
       label: label(facts),
       trail: vehicle.trail.points,
       home: facts.home?.value ?? null,
-      look_rad: look(facts),
+      look_rad: cameraDirection_rad(facts),
       detectedObstacles: facts.lost ? [] : detectedObstacles(vehicle, facts, here),
       targets: targets.filter((t): t is MapTarget => t !== null),
     });

@@ -45,24 +45,24 @@ export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number |
 
 /** Flight time [s]: the longer of the horizontal flight and the climb; null if a required speed is not known. */
 export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
-  const way = distance_m(facts, mapPoint);
-  if (way === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
+  const away_m = distance_m(facts, mapPoint);
+  if (away_m === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
   const climb = alt_home_m - facts.global.value.alt_home_m;
   const rate = climb > 0 ? speeds.up_m_s : speeds.down_m_s;
   if (Math.abs(climb) > 0.5 && (rate === null || rate <= 0)) return null;
-  return Math.max(way / speeds.level_m_s, rate === null ? 0 : Math.abs(climb) / rate);
+  return Math.max(away_m / speeds.level_m_s, rate === null ? 0 : Math.abs(climb) / rate);
 }
 
 /** Why "Go here" is not possible now; null if it is. */
 export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | null {
   if (facts.replayed) return IS_REPLAY;
   if (facts.lost) return NO_CONNECTION;
-  const way = distance_m(facts, mapPoint);
-  if (way === null || facts.global?.stale === true) return NO_POSITION;
+  const away_m = distance_m(facts, mapPoint);
+  if (away_m === null || facts.global?.stale === true) return NO_POSITION;
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
-  const { text, unit } = metres(way);
-  return way > MAX_GO_DISTANCE_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${MAX_GO_DISTANCE_M} m.` : null;
+  const { text, unit } = metres(away_m);
+  return away_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${MAX_GO_DISTANCE_M} m.` : null;
 }
 
 /**
@@ -71,10 +71,10 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | n
 export function lookAngles(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
   if (facts.global === null || yaw_deg === null) return null;
-  const way = groundDistance_m(facts.global.value, mapPoint);
+  const away_m = groundDistance_m(facts.global.value, mapPoint);
   const down = facts.global.value.alt_home_m - point_home_m;
   const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, mapPoint) * 180) / Math.PI);
-  return { pitch_deg: (-Math.atan2(down, way) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
+  return { pitch_deg: (-Math.atan2(down, away_m) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
 }
 
 function whyNoCamera(facts: VehicleFacts): string | null {
@@ -112,7 +112,7 @@ export function altitudeInRange(value_m: number): number | null {
 
 const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
 
-/** Distance and direction to a place: "34 m north-east". */
+/** Distance and direction to a position: "34 m north-east". */
 export function distanceText(from: GeoPosition, to: GeoPosition): string {
   const { text, unit } = metres(groundDistance_m(from, to));
   const point = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';

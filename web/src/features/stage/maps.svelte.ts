@@ -7,13 +7,13 @@ class Maps {
   list = $state.raw<readonly OfflineMap[]>([]);
   /** Files that cannot be shown, each with its reason. */
   unreadable = $state.raw<readonly string[]>([]);
-  private asked = false;
+  private isRequested = false;
 
-  async ask(api: ApiClient): Promise<void> {
-    if (this.asked) return;
-    this.asked = true;
+  async load(api: ApiClient): Promise<void> {
+    if (this.isRequested) return;
+    this.isRequested = true;
     const answer = await api.get('/maps');
-    this.asked = answer.ok;
+    this.isRequested = answer.ok;
     if (!answer.ok) return;
     this.list = answer.value.maps.map((file) => offlineMap(file, location.origin));
     this.unreadable = answer.value.unreadable;

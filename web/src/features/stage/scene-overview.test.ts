@@ -27,7 +27,7 @@ describe('the camera of the 3D view, when a plan is opened', () => {
     expect(overview.next(CHASE, 'chase', false, false)).toBeNull();
   });
 
-  it('stays where a flying vehicle or a dry run has it, also after their end', () => {
+  it('is not moved while a vehicle flies or the camera follows a dry run, nor afterwards', () => {
     const overview = new SceneOverview();
     overview.request('chase');
     expect(overview.next(CHASE, 'chase', false, true)).toBeNull();

@@ -53,7 +53,8 @@ export class SceneOverview {
 
   /**
    * The move of the camera in this frame; after `show`, the caller reports the new pose to `moved`.
-   * @param follows a vehicle flies, or the camera follows a dry run: their camera is not moved, and gets its pose back.
+   * @param follows whether a vehicle is flying, or the camera follows a dry run. The overview then shows nothing, and the
+   *   camera returns to its pose before the overview.
    */
   next(now: CameraPose, mode: string, inset: boolean, follows: boolean): CameraMove {
     if (this.shown !== null && !isSame(this.shown.set, now)) [this.shown, this.grows] = [null, false];

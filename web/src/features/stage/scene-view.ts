@@ -36,7 +36,7 @@ const HANDLE_PX = 40;
 const LOW_ANGLE_RAD = 0.07;
 /** Least elevation of the camera that shows all positions. */
 const OVERVIEW_RAD = 0.5;
-/** A single position is shown with its surroundings [m]. */
+/** Smallest radius that the overview shows, so that a single position is shown with its surroundings [m]. */
 const LEAST_RADIUS_M = 12;
 /** Below this angle between the line of sight and the vertical, heights cannot be changed. */
 const STEEP_ANGLE_RAD = 0.18;
@@ -156,7 +156,7 @@ export class SceneView implements LayerView {
     return { eye: this.inScene(eye), target: this.inScene(target) };
   }
 
-  /** A point of the scene, where the camera is moved, from a point of the world. */
+  /** Converts a point of the world to the page's scene, in which the camera is moved. */
   private inScene(enu: Vector): Vector {
     const [x, y, z] = apply(this.camera.world, [...enu, 1]);
     return [x, y, z];
@@ -176,7 +176,7 @@ export class SceneView implements LayerView {
     return unit(minus(this.inWorld([x, y, z]), this.eye));
   }
 
-  /** A point of the world from a point of the scene: the world is only moved and turned. */
+  /** Converts a point of the page's scene to the world, which is moved and rotated in the scene, but not scaled. */
   private inWorld(at: Vector): Vector {
     const m = this.camera.world;
     const from = minus(at, [m[12] ?? 0, m[13] ?? 0, m[14] ?? 0]);
@@ -194,12 +194,13 @@ export class SceneView implements LayerView {
     return [this.eye[0] + ray[0] * length_m, this.eye[1] + ray[1] * length_m, this.eye[2] + ray[2] * length_m];
   }
 
+  /** The point below a pixel on the level plane at this height. */
   private onLevel(at: Pixel, up_m: number): Vector | null {
     const ray = this.rayOf(at);
     return this.along(ray, (up_m - this.eye[2]) / ray[2]);
   }
 
-  /** On the upright plane through a point that faces the camera. */
+  /** The point below a pixel on the vertical plane that contains `point` and faces the camera. */
   private onUpright(at: Pixel, point: Vector, sight: Vector): Vector | null {
     const [ray, facing] = [this.rayOf(at), unit([sight[0], sight[1], 0])];
     return this.along(ray, dot(minus(point, this.eye), facing) / dot(ray, facing));

@@ -11,7 +11,7 @@ class Links {
   list = $state.raw<readonly LinkLine[]>([]);
   notices = $state.raw<readonly StationNotice[]>([]);
   known = $state(false);
-  /** Received data rate; null before two answers. */
+  /** Received data rate; null until the server has answered twice. */
   rate_bytes_s = $state<number | null>(null);
   /** Recent packet loss; null if no packets came. */
   lost_percent = $state<number | null>(null);

@@ -14,7 +14,7 @@ export interface Row {
   facts: VehicleFacts;
   /** Index in the whole fleet, which selects its identity colour. */
   index: number;
-  /** Its state in one or two text. */
+  /** State of the vehicle in one or two words. */
   text: string;
   tone: 'danger' | 'caution' | 'dim';
   percent: number | null;

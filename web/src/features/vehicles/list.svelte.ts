@@ -25,7 +25,7 @@ class VehicleList {
     this.result = null;
   }
 
-  /** Sends Hold to all of them in one request, without a confirmation (Hold never needs one). */
+  /** Sends Hold to these vehicles in one request, without a confirmation (Hold never needs one). */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
     if (this.holding || vehicles.length === 0) return;
     this.result = null;

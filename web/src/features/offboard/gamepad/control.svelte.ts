@@ -16,7 +16,7 @@ export interface GamepadHost {
   yaw_ned_rad: () => number | null;
   hoverThrust: () => number;
   send: (setpoint: AnySetpoint) => void;
-  /** The last setpoint has been sent. */
+  /** Called after the last setpoint of the sticks was sent. */
   release: () => void;
 }
 
@@ -43,14 +43,14 @@ export class GamepadControl {
     this.host = host;
     const poll = (): void => this.poll();
     const timer = setInterval(poll, 1000 / RATE_HZ);
-    const leaving = ['blur', 'pagehide', 'gamepaddisconnected', 'gamepadconnected'] as const;
-    for (const name of leaving) window.addEventListener(name, poll);
+    const events = ['blur', 'pagehide', 'gamepaddisconnected', 'gamepadconnected'] as const;
+    for (const name of events) window.addEventListener(name, poll);
     document.addEventListener('visibilitychange', poll);
     poll();
     return () => {
       this.disengage();
       clearInterval(timer);
-      for (const name of leaving) window.removeEventListener(name, poll);
+      for (const name of events) window.removeEventListener(name, poll);
       document.removeEventListener('visibilitychange', poll);
       this.host = null;
     };

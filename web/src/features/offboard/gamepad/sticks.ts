@@ -7,7 +7,7 @@ export interface Sticks {
   forward: number;
   right: number;
   up: number;
-  /** Clockwise from above. */
+  /** Clockwise, seen from above. */
   turn: number;
 }
 

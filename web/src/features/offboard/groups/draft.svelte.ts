@@ -73,7 +73,7 @@ class GroupDraft {
     });
   }
 
-  /** Renews the flown setpoints with the validity of their own kind; they stay renewed if the form says so. */
+  /** Renews the flown setpoints with the validity of their own kind; this page keeps renewing them if the form says so. */
   async renew(group: Group): Promise<void> {
     const flown: Draft = { ...this.now, motion: axesKindOf(group) };
     this.tried = true;

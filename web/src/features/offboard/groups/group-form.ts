@@ -44,7 +44,7 @@ const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, '
 
 export type Problems = Readonly<Record<string, string>>;
 
-function outside(text: string, [least, most, unit]: readonly [number, number, string]): string | null {
+function rangeProblem(text: string, [least, most, unit]: readonly [number, number, string]): string | null {
   const value = parseTyped(text);
   return value !== null && value >= least && value <= most ? null : `From ${least} to ${most} ${unit}.`;
 }
@@ -54,12 +54,12 @@ export function problemsOf(draft: Draft, flying: boolean): Problems {
   const found: Record<string, string> = {};
   const add = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
   AXES.forEach((axis, i) => add(`axis${i}`, parseTyped(draft.axes[draft.motion][i] ?? '') === null ? `${axis}: enter a number.` : null));
-  add('valid', outside(draft.valid_s[draft.motion], RANGES.valid));
+  add('valid', rangeProblem(draft.valid_s[draft.motion], RANGES.valid));
   if (flying) return found;
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
-  add('apart', outside(draft.separation_m, RANGES.apart));
-  if (draft.startIn_s.trim() !== '') add('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
+  add('apart', rangeProblem(draft.separation_m, RANGES.apart));
+  if (draft.startIn_s.trim() !== '') add('start', rangeProblem(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
   return found;
 }
 
@@ -112,7 +112,7 @@ export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Setpoi
   };
 }
 
-/** The body that starts a group; the instant is counted from `now_unix_s`, the server's clock. */
+/** The body that starts a group. The start time is `now_unix_s`, by the server's clock, plus the typed time. */
 export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, now_unix_s: number): GroupBody {
   const { valid_for_s, on_expiry } = validityOf(draft);
   const startIn_s = parseTyped(draft.startIn_s);

@@ -131,7 +131,7 @@ export class GroupController {
     });
   }
 
-  /** Shows a refusal by this page, or of a renewal, beside the buttons. */
+  /** Shows a problem, for example a refused renewal, beside the buttons. */
   async showProblem(what: string, vehicleName: string, problem: Problem): Promise<void> {
     await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
   }

@@ -48,6 +48,7 @@ class SetpointEditor {
   private vehicle: string | null = null;
   private readonly log = new SentLog();
   private socket: { id: string; stream: SetpointStream } | null = null;
+  /** Lines of the log whose setpoints have no answer yet, by sequence number. */
   private readonly waiting = new Map<number, number>();
 
   /** Resets the state when another vehicle is selected. */
@@ -273,7 +274,7 @@ class SetpointEditor {
     if (this.live) this.sendLive(event['released'] === true);
   }
 
-  /** While a handle is held the setpoint is valid for a moment; after release it is an ordinary position setpoint. */
+  /** While a handle is held, a setpoint is valid for 2 s; after its release it is an ordinary position setpoint. */
   sendLive(released: boolean): void {
     const setpoint = this.dragSetpoint();
     if (setpoint === null || this.socket === null) return;

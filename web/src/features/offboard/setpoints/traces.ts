@@ -92,8 +92,8 @@ export class Traces {
     this.revision += 1;
   }
 
-  add(seen: TelemetrySample): void {
-    const { local, attitude, target, unix_s } = seen;
+  add(sample: TelemetrySample): void {
+    const { local, attitude, target, unix_s } = sample;
     this.push('position', unix_s, upwards(target?.position_ned_m ?? null), upwards(local?.position_ned_m ?? null));
     this.push('velocity', unix_s, upwards(target?.velocity_ned_m_s ?? null), upwards(local?.velocity_ned_m_s ?? null));
     const now: MaybeVector3 = attitude === null ? NOTHING : [attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad];
@@ -105,16 +105,16 @@ export class Traces {
   columns(quantity: Quantity, axis: 0 | 1 | 2, now_unix_s: number): Columns {
     const from = now_unix_s - WINDOW_S;
     const rows = this.rows[quantity].filter((r) => r.t_s >= from);
-    const turns = quantity === 'attitude' && axis === 2;
+    const isHeading = quantity === 'attitude' && axis === 2;
     return [
       rows.map((r) => r.t_s - now_unix_s),
       column(
         rows.map((r) => r.target[axis]),
-        turns,
+        isHeading,
       ),
       column(
         rows.map((r) => r.actual[axis]),
-        turns,
+        isHeading,
       ),
     ];
   }
@@ -130,8 +130,8 @@ export class Traces {
 }
 
 /** A heading that wraps leaves a gap instead of a line across the plot. */
-function column(values: (number | null)[], turns: boolean): (number | null)[] {
-  if (!turns) return values;
+function column(values: (number | null)[], isHeading: boolean): (number | null)[] {
+  if (!isHeading) return values;
   return values.map((v, i) => {
     const before = values[i - 1];
     return v !== null && before != null && Math.abs(v - before) > 180 ? null : v;

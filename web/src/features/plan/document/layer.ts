@@ -28,7 +28,7 @@ export interface Sketch {
   readonly tone: Tone;
 }
 
-/** @param ground position from which altitudes above home count. */
+/** @param ground position of home, to which altitudes above home are relative. */
 export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
   const inSpace = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
     lat_deg: at.lat_deg,
@@ -65,7 +65,7 @@ export function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
 
 /**
  * Draws the geofence, the obstacles, and the area that is being drawn.
- * @param home_amsl_m from which altitudes above home count.
+ * @param home_amsl_m altitude of home.
  */
 export function fencePicture(
   plan: SharedParts,

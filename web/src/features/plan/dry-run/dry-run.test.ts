@@ -190,7 +190,7 @@ describe('a dry run', () => {
     expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
   });
 
-  it('varies many flights by default as the server does', () => {
+  it('has the server’s default variations of the conditions', () => {
     const server = [...schema.matchAll(/DryRunSpread: \{[\s\S]*?\n {8}\};/g)][0]?.[0] ?? '';
     const { spread } = asDryRun(DEFAULT_CONDITIONS);
     for (const [name, value] of Object.entries(spread)) expect(server, name).toMatch(new RegExp(`@default ${value}\\s+\\*/\\s+readonly ${name}:`));

@@ -114,7 +114,7 @@ const PLAN_EDITS: Edits = {
   'resolve altitudes': ({ plans }) => plans.followGround(5),
 };
 
-/** Edits of what both kinds of documents have. */
+/** Edits of the parts that both kinds of documents have. */
 const SHARED_EDITS: Edits = {
   'add an inclusion zone': ({ editor }) => editor.addZone(true, AREA),
   'add an exclusion zone': ({ editor }) => editor.addZone(false, AREA.slice(0, 3)),
@@ -235,7 +235,7 @@ const EDITS: readonly (readonly [string, (session: Session) => unknown])[] = [
 ];
 
 describe('undo', () => {
-  it('returns over every kind of edit to the start, byte for byte, and redo to the end', async () => {
+  it('restores every earlier document byte for byte, and redo every later one, over every kind of edit', async () => {
     const session = new Session();
     const { editor } = session;
     const text = (): string => JSON.stringify(editor.draft);

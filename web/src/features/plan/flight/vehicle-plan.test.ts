@@ -185,14 +185,14 @@ describe('flying the plan on the vehicle', () => {
     const refusal = { code: 'plan_findings', detail: 'Errors.', codes: ['separation'], reasons: ['lead, step 2: They come too near.'] };
     const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
     const found = new StartErrors();
-    const cast = { lead: '1', left: '2' };
-    found.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, cast);
-    expect([found.findings(EMPTY, { ...cast }), found.codes(EMPTY, cast)]).toEqual([refusal.reasons, []]);
+    const vehicles = { lead: '1', left: '2' };
+    found.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, vehicles);
+    expect([found.findings(EMPTY, { ...vehicles }), found.codes(EMPTY, vehicles)]).toEqual([refusal.reasons, []]);
     found.accepted = true;
-    expect(found.codes(EMPTY, cast)).toEqual(['separation']);
-    expect([found.codes({ ...EMPTY }, cast), found.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
-    found.setOutcome({ ok: true, value: null }, EMPTY, cast);
-    expect(found.findings(EMPTY, cast)).toEqual([]);
+    expect(found.codes(EMPTY, vehicles)).toEqual(['separation']);
+    expect([found.codes({ ...EMPTY }, vehicles), found.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
+    found.setOutcome({ ok: true, value: null }, EMPTY, vehicles);
+    expect(found.findings(EMPTY, vehicles)).toEqual([]);
   });
 
   it('lists the accepted errors, and confirms as a dangerous action', () => {
@@ -235,7 +235,7 @@ describe('an interrupted flight', () => {
     expect(interruptedText(offer, '12 min ago')).toBe('Interrupted on the way to item 9 of 20, 12 min ago.');
   });
 
-  it('asks with the altitude and the length of the way there, and with everything that is different', () => {
+  it('asks for a confirmation that states the altitude and the distance to the item, and everything that is different', () => {
     expect(resumeQuestion('1 Quad', offer, [])).toEqual({
       title: 'Resume the mission of 1 Quad at item 7 of 20',
       effect:

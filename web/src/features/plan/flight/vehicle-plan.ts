@@ -30,7 +30,7 @@ export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, cu
   return `On ${name}: ${older}.`;
 }
 
-/** The values of the telemetry that change what the server says about the plan on the vehicle, as one text. */
+/** The telemetry values on which the server's answer about the plan on the vehicle depends, as one text. */
 export function reportedState(status: Status | null, mission: Schemas['Mission'] | null, flight: WaypointFlight | null): string {
   return JSON.stringify([status?.armed, status?.mode, mission?.current, mission?.mission_id, flight?.state, flight?.started_unix_s]);
 }

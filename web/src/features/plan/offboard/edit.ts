@@ -185,7 +185,7 @@ export function idAt(mission: Mission, path: Path): string | null {
   return node === undefined ? null : stepId(node.place);
 }
 
-/** Inserts steps where the first one is added. */
+/** Inserts steps, in their order, at the path of the first one. */
 function insertSteps(mission: Mission, added: readonly Step[], after: StepNode | null): { mission: Mission; places: string[] } {
   const path = pathToInsert(mission, added[0]?.step, after);
   const [list, index] = [listOf(path), indexOf(path)];

@@ -88,7 +88,7 @@ describe('figures', () => {
   };
   const nominal = { battery_start_share: 0.8, battery_end_share: 0.69 };
 
-  it('show flown beside planned', () => {
+  it('show the planned and the flown values', () => {
     expect(row('Time with setpoints', null)).toEqual(['01:05', '01:15']);
     expect(row('Length', null)).toEqual(['64.0 m', '53.4 m']);
     expect(row('Battery used', null)).toEqual(['not known', '12 %']);

@@ -1,4 +1,4 @@
-/** An ended offboard mission beside its plan: figures, plots and map. Pure. */
+/** An ended mission compared with its plan: figures, plots and map. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';
@@ -16,7 +16,7 @@ type Vector = readonly number[];
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
-/** Names of `duration_s`: of an offboard mission it excludes take-off and landing, which PX4 flies by itself. */
+/** Labels of `duration_s`: for an offboard mission it excludes take-off and landing, which PX4 flies by itself. */
 const TIMES = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const;
 
 /** Where the planned values come from. */
@@ -34,7 +34,9 @@ interface PathDistance {
 
 /** The flown figures of a mission, and the planned ones; null: not known. */
 export interface Figures {
+  /** Largest distance from the planned path. */
   readonly largest_m: number | null;
+  /** 95 % of the distances are not larger. */
   readonly within_m: number | null;
   readonly rows: readonly FigureRow[];
 }

@@ -13,12 +13,12 @@ export interface StoredMission {
 
 export class MissionInsertion {
   isOpen = $state(false);
-  /** Leave out its take-off and last landing. */
+  /** Leave out the take-off and the last landing of the stored mission. */
   inAir = $state(true);
   busy = $state(false);
-  /** Why it was not inserted. */
+  /** Why the stored mission was not inserted. */
   problem = $state.raw<string | null>(null);
-  /** The mission whose positions the person must decide about. */
+  /** The stored mission for which the person must choose how its positions are inserted. */
   undecided = $state.raw<StoredMission | null>(null);
   private requests = 0;
 
@@ -45,7 +45,7 @@ export class MissionInsertion {
   }
 
   /**
-   * Inserts it after the selection, as one change.
+   * Inserts the stored mission after the selection, as one change.
    * @param positions null: the person has not decided.
    * @returns null: nothing was inserted, see `problem`.
    */

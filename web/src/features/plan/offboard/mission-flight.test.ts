@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import {
-  chargeText,
+  executorText,
   corridorFor,
   corridorForRoles,
   corridorText,
@@ -59,10 +59,10 @@ const error = (text: string): Finding => ({
 
 describe('who commands the vehicle', () => {
   it('is stated while a flight mode with an executor is flown', () => {
-    expect(chargeText(FLOWN)).toBeNull();
-    expect(chargeText(as({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
-    expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain('the mission no longer commands the vehicle');
-    expect(chargeText(as({ mode: 'external_1', executor_in_charge: false, state: 'done' }))).toBeNull();
+    expect(executorText(FLOWN)).toBeNull();
+    expect(executorText(as({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
+    expect(executorText(as({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain('the mission no longer commands the vehicle');
+    expect(executorText(as({ mode: 'external_1', executor_in_charge: false, state: 'done' }))).toBeNull();
   });
 });
 

@@ -41,7 +41,7 @@ export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' 
 }
 
 /** Who commands the vehicle during a mission whose flight mode has an executor; null: its mode has none, or it is over. */
-export function chargeText(flown: Flown): string | null {
+export function executorText(flown: Flown): string | null {
   if (isOver(flown) || flown.executor_in_charge === null) return null;
   return flown.executor_in_charge
     ? 'The mission commands the vehicle until another mode is selected.'

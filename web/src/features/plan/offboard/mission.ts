@@ -72,14 +72,14 @@ export interface StepNode {
 
 /** Larger trees are cut off: calls multiply their steps. */
 const MAX_NODES = 3000;
-const DEEPEST = 24;
+const MAX_DEPTH = 24;
 
 /** All steps in order, nested ones below their parent. */
 export function nodesOf(mission: Mission): StepNode[] {
   const found: StepNode[] = [];
   const walk = (steps: readonly Step[], path: Path, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
     steps.forEach((step, index) => {
-      if (found.length >= MAX_NODES || depth > DEEPEST) return;
+      if (found.length >= MAX_NODES || depth > MAX_DEPTH) return;
       const place = `${prefix}${index + 1}`;
       const here = [...path, index];
       found.push({ place, path: here, step, depth, mark: String(index + 1), heading: index === 0 ? heading : '' });

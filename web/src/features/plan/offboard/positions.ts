@@ -81,7 +81,7 @@ export function raisedBy(position: MissionPosition, by_m: number): MissionPositi
   return { ...position, [field]: [north_m, east_m, roundCm(down_m - by_m)] };
 }
 
-/** The height of a point as text, from where its frame counts it. */
+/** The altitude of a point as text: AMSL, above home or above the start, depending on its frame. */
 export function heightText(position: MissionPosition, frame: Frame): string {
   if (position.alt_amsl_m != null) return `${fixed(position.alt_amsl_m, 1)} m AMSL`;
   return `${fixed(geoPointOf(position, frame).up_m, 1)} m above ${frameOfPosition(position) === 'home' ? 'home' : 'the start'}`;

@@ -65,7 +65,7 @@ export class PatternDrawing implements LayerEditor {
     this.kind === null || this.missing > 0 ? null : requestOf(this.kind, this.rings, this.values),
   );
   private readonly document: PlanKind = $derived.by(() => kindOf(this.editor.document));
-  /** Identifies what the server is asked; null: the shape is not complete, or a value is missing. */
+  /** Identifies the request to the server; null: the shape is not complete, or a value is missing. */
   readonly key: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.document, this.vehicle]) : null));
   readonly isCurrent = $derived(this.key !== null && this.preview?.key === this.key);
   /** The generated pattern, of the present or an earlier shape. */
@@ -178,7 +178,7 @@ export class PatternDrawing implements LayerEditor {
     return true;
   }
 
-  /** Asks the server for the present pattern. An answer to an earlier question is discarded. */
+  /** Requests the present pattern from the server. The answer to an earlier request is discarded. */
   async refresh(): Promise<void> {
     const [key, kind, request] = [this.key, this.kind, this.request];
     if (key === null || kind === null || request?.ok !== true || this.isCurrent) return;

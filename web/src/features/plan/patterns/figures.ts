@@ -15,7 +15,7 @@ export function areaText(area_m2: number): string {
 }
 
 /**
- * A pattern without pictures has no pictures, resolution and area.
+ * Leaves out figures that the pattern does not have, such as the resolution of a pattern without pictures.
  * @param spacing name of the distance between lines or rounds.
  */
 export function figuresOf(figures: MadePattern['figures'], spacing: string): Figure[] {

@@ -10,12 +10,12 @@ import { midpoints, pointId, type Rings, type ShapeKind, type ShapePoint } from 
 /** Above this number of points, midpoints would cover the corners. */
 const MAX_MIDPOINTS = 60;
 
-/** Larger than the error of positions in JSON, smaller than any line [m]. */
+/** Nearer positions are the same [m]: larger than the error of positions in JSON, smaller than any line. */
 const SAME_M = 0.01;
 
 /**
- * @param radius_m of an orbit, whose circle is drawn until the server has generated it; null: of no orbit.
- * @param ground position from which altitudes above home count.
+ * @param radius_m radius of an orbit, whose circle is drawn until the server has generated its path; null: no orbit.
+ * @param ground position of home, to which altitudes above home are relative.
  */
 export function shapePicture(
   rings: Rings,
@@ -59,8 +59,8 @@ function patternLines(made: MadePattern | null, isCurrent: boolean, home_amsl_m:
 }
 
 /**
- * The lines with the altitudes of the path, on which they are in the same order. Each begins at a position of the path;
- * the path may have more positions along it, where it follows the ground.
+ * The lines with the altitudes of the path, which contains them in the same order. Each line begins at a position of the
+ * path. Where the path follows the ground, it may have more positions along a line.
  */
 export function linesOnPath(path: readonly Required<LayerPosition>[], lines: MadePattern['lines']): LayerPosition[][] {
   let from = 0;

@@ -40,7 +40,7 @@ const STEPS = ['To survey line 1', 'Survey line 1'].map((name) => ({ step: 'fly'
 
 type Answer = readonly [number, unknown];
 
-/** A drawing with a fake server, which gives these answers in order and records the questions. */
+/** A drawing with a fake server, which gives these answers in order and records the requests. */
 function drawn(kind: PatternKind, ...answers: readonly Answer[]) {
   const asked: { url: string; body: Record<string, unknown> }[] = [];
   const api = new ApiClient('p', undefined, (url, init) => {
@@ -298,7 +298,7 @@ describe('the preview of a pattern', () => {
     expect(drawing.made?.figures.photos).toBe(41);
   });
 
-  it('discards an answer to an earlier question', async () => {
+  it('discards the answer to an earlier request', async () => {
     const { drawing } = drawn('survey', [200, MADE], [200, { ...MADE, figures: { ...FIGURES, photos: 5 } }]);
     drawing.draw(AREA);
     const first = drawing.refresh();
@@ -315,7 +315,7 @@ describe('the preview of a pattern', () => {
     expect(asked[0]?.url).toContain(`tolerance_m=${GROUND_TOLERANCE_M}`);
   });
 
-  it('asks nothing while the shape is incomplete, and keeps the camera for the next load of the page', async () => {
+  it('sends no request while the shape is incomplete, and keeps the camera for the next load of the page', async () => {
     const { drawing, asked, memory, api, editor } = drawn('survey');
     drawing.press(at(0));
     await drawing.refresh();

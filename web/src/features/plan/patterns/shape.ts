@@ -51,11 +51,11 @@ export interface ShapePoint {
   readonly index: number;
 }
 
-const FEWEST: Readonly<Record<ShapeKind, number>> = { area: 3, line: 2, point: 1 };
+const MIN_POINTS: Readonly<Record<ShapeKind, number>> = { area: 3, line: 2, point: 1 };
 
 /** Number of points that the shape still needs; a hole without points counts as none. */
 export function missingPoints(rings: Rings, kind: ShapeKind): number {
-  return Math.max(0, ...rings.map((ring, i) => (i > 0 && ring.length === 0 ? 0 : FEWEST[kind] - ring.length)));
+  return Math.max(0, ...rings.map((ring, i) => (i > 0 && ring.length === 0 ? 0 : MIN_POINTS[kind] - ring.length)));
 }
 
 const plain = ({ lat_deg, lon_deg }: GeoPosition): GeoPosition => ({ lat_deg, lon_deg });
@@ -105,7 +105,7 @@ export function rectangle(around: GeoPosition, half_east_m: number, half_north_m
   return corners.map(([east, north]) => positionAt(around, { east_m: east * half_east_m, north_m: north * half_north_m }));
 }
 
-/** Only areas have holes, and a point is a single one. */
+/** The rings that a kind of pattern can use: only a survey has holes, and an orbit has only one point. */
 export function fitting(rings: Rings, kind: PatternKind): Rings {
   const { shape } = PATTERNS[kind];
   const [first = [], ...holes] = rings;

@@ -138,23 +138,23 @@ interface SectionSpec {
 }
 const CAMERA_DATA: SectionSpec = { title: 'Camera data', rows: CAMERA_NAMES, folded: true };
 const pictures = (...more: RowName[]): SectionSpec => ({ title: 'Pictures', rows: ['camera', ...more, 'front_percent', 'side_percent'] });
-const HEIGHT: readonly RowName[] = ['altitude_m', 'reference'];
+const ALTITUDE: readonly RowName[] = ['altitude_m', 'reference'];
 const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   survey: [
-    { title: 'Altitude', rows: [...HEIGHT, 'distance_m'] },
+    { title: 'Altitude', rows: [...ALTITUDE, 'distance_m'] },
     pictures('orientation'),
     { title: 'Lines', rows: ['heading_deg', 'turnaround_m', 'speed_m_s', 'crosshatch'] },
     CAMERA_DATA,
   ],
   corridor: [
     { title: 'Corridor', rows: ['width_m', 'turnaround_m'] },
-    { title: 'Altitude', rows: [...HEIGHT, 'distance_m'] },
+    { title: 'Altitude', rows: [...ALTITUDE, 'distance_m'] },
     pictures('orientation'),
     CAMERA_DATA,
   ],
-  perimeter: [{ title: 'Path', rows: [...HEIGHT, 'offset_m', 'rounds'] }],
+  perimeter: [{ title: 'Path', rows: [...ALTITUDE, 'offset_m', 'rounds'] }],
   orbit: [
-    { title: 'Path', rows: ['radius_m', ...HEIGHT, 'rounds', 'direction', 'start_deg'] },
+    { title: 'Path', rows: ['radius_m', ...ALTITUDE, 'rounds', 'direction', 'start_deg'] },
     { title: 'Camera', rows: ['looks_at_center', 'look_at_m'] },
   ],
   structure: [
@@ -206,7 +206,7 @@ export function cameraOf(values: PatternValues): CameraValues {
   return Object.fromEntries(CAMERA_NAMES.map((name) => [name, values[name]])) as unknown as CameraValues;
 }
 
-/** Why the server is not asked yet. */
+/** Why the request cannot be sent yet. */
 export interface FieldProblem {
   readonly place: ProblemPlace;
   readonly text: string;

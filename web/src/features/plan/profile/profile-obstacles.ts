@@ -21,14 +21,14 @@ export interface PathPosition {
 export function obstacleSpans(way: readonly PathPosition[], obstacles: readonly Obstacle[], home: PlannedHome | null): ObstacleSpan[] {
   const reference = way[0]?.at;
   if (reference === undefined) return [];
-  const places = way.map(({ at }) => eastNorth(reference, at));
+  const positions = way.map(({ at }) => eastNorth(reference, at));
   return obstacles.flatMap((obstacle) => {
     const top_m = alt_home_m(obstacle.top, home);
     if (top_m === null) return [];
     const ring = obstacle.polygon.map((corner) => eastNorth(reference, corner));
     const found: ObstacleSpan[] = [];
     way.slice(1).forEach(({ along_m: end_m }, i) => {
-      const [a, b, start_m] = [places[i], places[i + 1], way[i]?.along_m ?? 0];
+      const [a, b, start_m] = [positions[i], positions[i + 1], way[i]?.along_m ?? 0];
       if (a === undefined || b === undefined) return;
       for (const [first, last] of insideParts(a, b, ring)) {
         const [from_m, to_m] = [start_m + first * (end_m - start_m), start_m + last * (end_m - start_m)];
@@ -63,7 +63,7 @@ function insideParts(a: EastNorth, b: EastNorth, ring: readonly EastNorth[]): [n
   });
 }
 
-/** Whether a place is inside a polygon (even-odd rule). */
+/** Whether a position is inside a polygon (even-odd rule). */
 function isInside({ east_m, north_m }: EastNorth, ring: readonly EastNorth[]): boolean {
   return ring.reduce((inside, from, i) => {
     const to = ring[(i + 1) % ring.length] ?? from;
