@@ -26,7 +26,7 @@ REAL_TIME_MARKS = ("browser", "realtime")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
-    """Searches for no garbage while modules are imported, and not in them later."""
+    """Disables garbage collection during imports, and exempts the imported modules from it later."""
     gc.disable()
     try:
         return (yield)

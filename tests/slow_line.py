@@ -23,8 +23,8 @@ class Line:
     def __init__(self, now_s: Callable[[], float], baud: int = 57600) -> None:
         self._now_s = now_s
         self._bytes_per_s = baud / 10
-        self._waiting: deque[int] = deque()
-        self._left_at_s = now_s()
+        self._buffered: deque[int] = deque()
+        self._advanced_at_s = now_s()
         self._credit = 0.0
         self._parser = FrameParser()
         self._sent_frames: list[tuple[float, object]] = []
@@ -32,15 +32,15 @@ class Line:
 
     def write(self, data: bytes) -> int:
         self._advance()
-        room = DRIVER_BYTES - len(self._waiting)
+        room = DRIVER_BYTES - len(self._buffered)
         if room <= 0:
             raise BlockingIOError
-        self._waiting.extend(data[:room])
+        self._buffered.extend(data[:room])
         return min(room, len(data))
 
     def in_driver(self) -> int:
         self._advance()
-        return len(self._waiting)
+        return len(self._buffered)
 
     def stall(self, for_s: float) -> None:
         """Sends nothing for this time."""
@@ -60,18 +60,18 @@ class Line:
 
     def _advance(self) -> None:
         now_s = self._now_s()
-        begin_s = max(self._left_at_s, min(self.stalled_until_s, now_s))
-        self._left_at_s = now_s
-        if not self._waiting:
+        begin_s = max(self._advanced_at_s, min(self.stalled_until_s, now_s))
+        self._advanced_at_s = now_s
+        if not self._buffered:
             self._credit = 0.0
             return
         self._credit += (now_s - begin_s) * self._bytes_per_s
-        count = min(int(self._credit), len(self._waiting))
+        count = min(int(self._credit), len(self._buffered))
         first_s = now_s - self._credit / self._bytes_per_s
         self._credit -= count
         for n in range(count):
             at_s = first_s + (n + 1) / self._bytes_per_s
-            for frame in self._parser.feed(bytes([self._waiting.popleft()]), at_s):
+            for frame in self._parser.feed(bytes([self._buffered.popleft()]), at_s):
                 self._sent_frames.append((at_s, frame))
-        if not self._waiting:
+        if not self._buffered:
             self._credit = 0.0

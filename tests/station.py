@@ -106,7 +106,7 @@ def wait_for_start(process: subprocess.Popen[bytes], ready: Callable[[], object]
     """Waits until a server is ready.
 
     Raises:
-        TimeoutError: it was not ready in time, or its process ended; with what it wrote to `output`.
+        TimeoutError: it was not ready in time, or its process ended. The message contains `output`.
     """
     try:
         wait_until(lambda: process.poll() is not None or ready(), "the server's start")

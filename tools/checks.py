@@ -1,7 +1,6 @@
 """Runs all checks except the tests, two at a time: style, imports, types, and the page's checks.
 
-`python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group, which are
-those of `style` and the check of types. A check
+`python -m tools.checks` runs all, `python -m tools.checks lint` the checks of that group. A check
 that passes prints its time, a check that fails prints its whole output. Checks run at a low priority, so that
 they do not slow down tests that run at the same time.
 """

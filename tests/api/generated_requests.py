@@ -44,7 +44,7 @@ TEXTS = [
 
 
 @dataclass
-class Made:
+class GeneratedRequest:
     """One request."""
 
     method: str
@@ -54,11 +54,11 @@ class Made:
     headers: dict[str, str] = field(default_factory=dict[str, str])
 
 
-class Maker:
+class RequestGenerator:
     """Generates requests.
 
     Args:
-        description: OpenAPI.
+        description: the OpenAPI description.
         seed: seed of the random choices.
     """
 
@@ -66,35 +66,43 @@ class Maker:
         self._schemas = description["components"]["schemas"]
         self._random = random.Random(seed)
 
-    def requests(self, method: str, path: str, operation: dict[str, Any], count: int) -> Iterator[Made]:
+    def requests(
+        self, method: str, path: str, operation: dict[str, Any], count: int
+    ) -> Iterator[GeneratedRequest]:
         """Requests for one operation."""
         for number in range(count):
             wrong = number % 3 == 2
-            made = Made(method.upper(), path)
+            request = GeneratedRequest(method.upper(), path)
             for parameter in operation.get("parameters", []):
                 text = self._text(parameter["schema"], wrong)
                 if parameter["in"] == "path":
                     if parameter["name"] in ("v", "g") and self._random.random() < 0.8:
                         text = "1"
-                    made.path = made.path.replace(f"{{{parameter['name']}}}", quote(text, safe="") or "1")
+                    request.path = request.path.replace(
+                        f"{{{parameter['name']}}}", quote(text, safe="") or "1"
+                    )
                 elif parameter["in"] == "query" and (
                     parameter.get("required") or self._random.random() < 0.5
                 ):
-                    made.query[parameter["name"]] = text
+                    request.query[parameter["name"]] = text
             content = operation.get("requestBody", {}).get("content", {}).get("application/json")
             if content is not None:
                 value = self.value(content["schema"])
-                made.body = json.dumps(self._invalidated(value) if wrong else value).encode()
+                request.body = json.dumps(self._invalidated(value) if wrong else value).encode()
             if self._random.random() < 0.05:
-                made.body = self._random.choice([b"", b"{", b"\xff\xfe", b"[" * 50_000, b"9" * 5000, b"null"])
-            made.headers["Content-Type"] = "application/json"
+                request.body = self._random.choice(
+                    [b"", b"{", b"\xff\xfe", b"[" * 50_000, b"9" * 5000, b"null"]
+                )
+            request.headers["Content-Type"] = "application/json"
             if self._random.random() < 0.05:
-                made.headers["Content-Type"] = self._random.choice(
+                request.headers["Content-Type"] = self._random.choice(
                     ["text/plain", "multipart/form-data", "a/b; é"]
                 )
             if self._random.random() < 0.3:
-                made.headers["Range"] = self._random.choice(["bytes=0-9", "bytes=9999999-", "bytes=-", "x=1"])
-            yield made
+                request.headers["Range"] = self._random.choice(
+                    ["bytes=0-9", "bytes=9999999-", "bytes=-", "x=1"]
+                )
+            yield request
 
     def value(self, schema: dict[str, Any], depth: int = 0) -> Any:
         """A value that the schema allows, as far as the schema can express it."""

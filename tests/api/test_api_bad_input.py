@@ -1,5 +1,5 @@
-"""The API without a vehicle: errors name the invalid input, refusals are problem+json, other sites are
-refused."""
+"""The API without a vehicle: errors name the invalid input, refusals are problem+json, requests
+from other origins are refused."""
 
 import asyncio
 import json
@@ -150,7 +150,7 @@ def test_changes_of_a_group_are_events_of_the_server(client):
     assert (event["text"], event["group"]["id"]) == ("Group 4 has begun.", "4")
 
 
-def test_links_can_be_refused_added_and_removed(client):
+def test_links_are_added_and_removed_and_a_bad_url_is_refused(client):
     assert client.post("/api/v1/links", json={"url": "carrier-pigeon://x"}).status_code == 422
     added = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "any"})
     assert added.status_code == 201

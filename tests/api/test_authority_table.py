@@ -47,9 +47,9 @@ def path_of(call):
 
 
 def test_each_route_and_message_has_exactly_one_row_and_each_row_has_a_call(app):
-    there = {call for call, _ in calls_of(app)}
-    assert len(there) > 75
-    assert there | MESSAGES == set(BY_CALL)
+    existing = {call for call, _ in calls_of(app)}
+    assert len(existing) > 75
+    assert existing | MESSAGES == set(BY_CALL)
     assert len(BY_CALL) == sum(len(row.calls) for row in ALL), "no call is in two rows"
     assert len(BY_NAME) == len(ALL)
 

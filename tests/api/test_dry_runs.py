@@ -35,15 +35,15 @@ ROLES = {
         "left": {"start_ned_m": [0, 10, 0], "steps": MISSION["steps"]},
     },
 }
-CROWD = {**ROLES, "roles": {**ROLES["roles"], "right": ROLES["roles"]["lead"]}}
-UNPLACED = {**ROLES, "roles": {role: {"steps": MISSION["steps"]} for role in ROLES["roles"]}}
+THREE_ROLES = {**ROLES, "roles": {**ROLES["roles"], "right": ROLES["roles"]["lead"]}}
+ROLES_WITHOUT_POSITIONS = {**ROLES, "roles": {role: {"steps": MISSION["steps"]} for role in ROLES["roles"]}}
 MAST = {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
 WORKER = """
 import json, sys
 request = json.loads(sys.stdin.readline())
 print(json.dumps({"text": "half", "progress": 0.5}), flush=True)
 names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
-nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "asked": request}
+nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "request": request}
 result = {"nominal": nominal, "monte_carlo": None, "together": None, "assumed": []}
 print(json.dumps({"result": result}), flush=True)
 """
@@ -57,18 +57,18 @@ def client(tmp_path, monkeypatch):
         yield client
 
 
-def flown(client, body):
-    begun = client.post("dry_runs", json=body)
-    assert begun.status_code == 202, begun.text
-    operation = begun.json()
-    assert begun.headers["location"] == f"/api/v1/operations/{operation['id']}"
+def run(client, body):
+    started = client.post("dry_runs", json=body)
+    assert started.status_code == 202, started.text
+    operation = started.json()
+    assert started.headers["location"] == f"/api/v1/operations/{operation['id']}"
     with contextlib.suppress(GcsError):
         client.portal.call(client.app.state.station.operations.wait, operation["id"])
     return client.get(f"operations/{operation['id']}").json()
 
 
 def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
-    asked = {
+    request = {
         "plan": PLAN,
         "conditions": {"wind_ned_m_s": [0, 4, 0], "gusts_m_s": 1},
         "flights": 20,
@@ -79,11 +79,11 @@ def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
         "endurance_s": 900,
         "seed": 7,
     }
-    operation = flown(client, asked)
+    operation = run(client, request)
     assert operation["state"] == "succeeded"
     assert operation["result"]["errors"] == 1
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
-    given = view["nominal"]["asked"]
+    given = view["nominal"]["request"]
     assert (view["kind"], view["vehicle"], view["plan_id"]) == ("waypoint_plan", None, None)
     assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
     assert given["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
@@ -94,19 +94,19 @@ def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
 
 
 def test_a_stored_plan_and_an_offboard_mission_are_flown(client):
-    kept = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
-    view = client.get(f"dry_runs/{flown(client, {'plan_id': kept['id']})['result']['dry_run']}").json()
-    assert (view["plan_id"], view["version"], view["name"]) == (kept["id"], 1, "Tower")
-    operation = flown(client, {"plan": MISSION})
+    stored = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
+    view = client.get(f"dry_runs/{run(client, {'plan_id': stored['id']})['result']['dry_run']}").json()
+    assert (view["plan_id"], view["version"], view["name"]) == (stored["id"], 1, "Tower")
+    operation = run(client, {"plan": MISSION})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     assert view["kind"] == "offboard_mission"
 
 
 def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
-    operation = flown(client, {"plan": ROLES, "flights": 20})
+    operation = run(client, {"plan": ROLES, "flights": 20})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
-    assert (view["vehicles"], view["nominal"]["asked"]["flights"]) == (None, 20)
-    roles = view["nominal"]["asked"]["roles"]
+    assert (view["vehicles"], view["nominal"]["request"]["flights"]) == (None, 20)
+    roles = view["nominal"]["request"]["roles"]
     assert list(roles) == ["lead", "left"]
     lead, left = (roles[role]["aircraft"]["home"] for role in ("lead", "left"))
     assert lead["lat_deg"] == pytest.approx(HOME["lat_deg"])
@@ -136,8 +136,8 @@ def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
         ({"plan": PLAN, "vehicle": "1", "vehicles": {"lead": "1"}}, "vehicles"),
         ({"plan": ROLES, "vehicles": {"lead": "1"}}, "role 'left' has no vehicle"),
         ({"plan": ROLES, "vehicle": "1"}, "name a vehicle for each role"),
-        ({"plan": CROWD, "flights": 134}, "134 flights of 3 vehicles are too many"),
-        ({"plan": UNPLACED}, "The start positions are not known"),
+        ({"plan": THREE_ROLES, "flights": 134}, "134 flights of 3 vehicles are too many"),
+        ({"plan": ROLES_WITHOUT_POSITIONS}, "The start positions are not known"),
     ],
 )
 def test_invalid_dry_runs_are_refused_and_the_error_names_the_field(client, body, field):

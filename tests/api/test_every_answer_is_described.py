@@ -12,7 +12,7 @@ from gcs_server.app import create_app
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
 from gcs_server.plans.work import PlanWork
-from tests.api.generated_requests import Maker
+from tests.api.generated_requests import RequestGenerator
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import FakeAutopilot
@@ -22,12 +22,12 @@ from tests.unit.gcs_server.replay.made_logs import flight, record
 COUNT = int(os.environ.get("GENERATED_REQUESTS", "2"))
 """Requests for each operation; more in `make test-clients`."""
 SEED = 14
-VEHICLES_OWN = {"503", "504"}
+VEHICLE_STATUSES = {"503", "504"}
 """Statuses that the vehicle or its link can cause; no other 5xx is allowed."""
 
 
 class WorkInThread(PlanWork):
-    """All work in this process: on simulated time, the wait for another one computes all the time."""
+    """All work in this process: simulated time would advance in a busy loop while another process works."""
 
     async def run(self, task, arguments, *, small=True, **more):
         return await super().run(task, arguments, small=True, **more)
@@ -40,10 +40,10 @@ def operations():
 
 def described_answer(operation, status):
     """The operation's description of a status; None: it has none."""
-    said = operation["responses"].get(status)
-    if said is not None and "$ref" in said:
-        return description()["components"]["responses"][said["$ref"].rpartition("/")[2]]
-    return said
+    response = operation["responses"].get(status)
+    if response is not None and "$ref" in response:
+        return description()["components"]["responses"][response["$ref"].rpartition("/")[2]]
+    return response
 
 
 def undescribed(operation, answer):
@@ -51,7 +51,7 @@ def undescribed(operation, answer):
     described = described_answer(operation, str(answer.status_code))
     if described is None:
         return f"status {answer.status_code}"
-    if answer.status_code >= 500 and str(answer.status_code) not in VEHICLES_OWN:
+    if answer.status_code >= 500 and str(answer.status_code) not in VEHICLE_STATUSES:
         return f"{answer.status_code}: {answer.text[:200]}"
     given = answer.headers.get("content-type", "").partition(";")[0]
     if answer.content and given not in described.get("content", {}):
@@ -92,25 +92,25 @@ async def with_a_vehicle(data, scenario):
 
 @pytest.mark.parametrize("part", range(4))
 def test_each_answer_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
-    maker = Maker(description(), SEED + part)
-    found, met = {}, set()
+    generator = RequestGenerator(description(), SEED + part)
+    found, statuses = {}, set()
 
     async def scenario(client):
         for method, path, operation in operations()[part::4]:
-            for made in maker.requests(method, path, operation, COUNT):
-                headers = {name: value.encode() for name, value in made.headers.items()}
+            for request in generator.requests(method, path, operation, COUNT):
+                headers = {name: value.encode() for name, value in request.headers.items()}
                 headers["X-Client-Id"] = b"generated"
                 answer = await client.request(
-                    made.method, made.path, params=made.query, content=made.body, headers=headers
+                    request.method, request.path, params=request.query, content=request.body, headers=headers
                 )
-                met.add(answer.status_code)
+                statuses.add(answer.status_code)
                 wrong = undescribed(operation, answer)
                 if wrong is not None:
-                    found[f"{made.method} {path}: {wrong}"] = made
+                    found[f"{request.method} {path}: {wrong}"] = request
 
     in_jumps(lambda: with_a_vehicle(tmp_path, scenario))
     assert found == {}
-    assert {200, 422} <= met, "no request passed the checks"
+    assert {200, 422} <= statuses, "no request passed the checks"
 
 
 def test_answers_of_access_control_and_limits_are_described_at_every_operation():

@@ -19,7 +19,7 @@ HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {"kind": "return_home"}]}
 
 
-def run(tmp_path, story):
+def run(tmp_path, scenario):
     async def work():
         clock = LoopClock(asyncio.get_running_loop())
         app = create_app(settings_for(tmp_path), clock, static=tmp_path / "none")
@@ -39,7 +39,7 @@ def run(tmp_path, story):
         try:
             await asyncio.sleep(5.0)
             async with gcs:
-                await story(gcs, autopilot)
+                await scenario(gcs, autopilot)
         finally:
             autopilot.alive = False
             await server.fleet.close()
@@ -53,24 +53,24 @@ def run(tmp_path, story):
 
 @pytest.mark.story
 def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
-    async def story(gcs, _pilot):
+    async def scenario(gcs, _pilot):
         plans = gcs.plans()
-        kept = await plans.create("Tower", PLAN)
-        saved = await plans.save(kept["id"], "Old tower", kept["plan"], base_version=1)
+        stored = await plans.create("Tower", PLAN)
+        saved = await plans.save(stored["id"], "Old tower", stored["plan"], base_version=1)
         with pytest.raises(Refused) as raised:
-            await plans.save(kept["id"], "Tower", PLAN, base_version=1)
+            await plans.save(stored["id"], "Tower", PLAN, base_version=1)
         assert raised.value.code == "conflict"
-        assert [each["version"] for each in await plans.versions(kept["id"])] == [2, 1]
-        assert (await plans.get(kept["id"], 1))["name"] == "Tower"
+        assert [each["version"] for each in await plans.versions(stored["id"])] == [2, 1]
+        assert (await plans.get(stored["id"], 1))["name"] == "Tower"
         assert (await plans.all())[0]["name"] == saved["name"] == "Old tower"
-        found = await plans.check(kept["plan"], vehicle_id="1")
+        found = await plans.check(stored["plan"], vehicle_id="1")
         assert "parameters_unknown" in {each["code"] for each in found["findings"]}
         file = await plans.write_file(PLAN, "kml")
         read = await plans.read_file(file, "a.kml")
         assert len(read["plan"]["items"]) == 3
-        made = await plans.convert({**PLAN, "planned_home": HOME}, "Mast")
-        assert (await plans.check(made["plan"]))["flight"]["steps"][0]["place"] == "step 1"
-        assert b"step: take_off" in await plans.write_file(made["plan"], "yaml")
+        converted = await plans.convert({**PLAN, "planned_home": HOME}, "Mast")
+        assert (await plans.check(converted["plan"]))["flight"]["steps"][0]["place"] == "step 1"
+        assert b"step: take_off" in await plans.write_file(converted["plan"], "yaml")
         assert "OffboardMission" in (await plans.schema())["title"]
         center = {"lat_deg": 47.4, "lon_deg": 8.5}
         around = await plans.pattern("orbit", center=center, radius_m=20, altitude=AT_20_M)
@@ -79,21 +79,21 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
             "orbit", document="offboard_mission", center=center, radius_m=20, altitude=AT_20_M
         )
         assert [step["step"] for step in circles["plan"]["steps"]] == ["orbit"]
-        await plans.delete(kept["id"], base_version=2)
+        await plans.delete(stored["id"], base_version=2)
         with pytest.raises(Unknown):
-            await plans.get(kept["id"])
+            await plans.get(stored["id"])
 
-    run(tmp_path, story)
+    run(tmp_path, scenario)
 
 
 def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
-    async def story(gcs, autopilot):
+    async def scenario(gcs, autopilot):
         vehicle = await gcs.wait_for_vehicle("1")
         mission = vehicle.mission
-        kept = await gcs.plans().create("Tower", PLAN)
-        done = await mission.upload(plan_id=kept["id"])
+        stored = await gcs.plans().create("Tower", PLAN)
+        done = await mission.upload(plan_id=stored["id"])
         assert done["items"]["mission"] == 3
-        assert (await mission.state())["holds"]["plan"]["id"] == kept["id"]
+        assert (await mission.state())["holds"]["plan"]["id"] == stored["id"]
         assert (await mission.download())["plan_name"]["version"] == 1
         assert (await mission.compare(PLAN))["equal"]
         await mission.start(1)
@@ -107,4 +107,4 @@ def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
         with pytest.raises(Refused, match="has no mission"):
             await mission.start()
 
-    run(tmp_path, story)
+    run(tmp_path, scenario)

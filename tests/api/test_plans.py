@@ -42,7 +42,7 @@ def client(tmp_path):
         yield client
 
 
-def keep(client, name="Tower", plan=PLAN):
+def store(client, name="Tower", plan=PLAN):
     answer = client.post("plans", json={"name": name, "plan": plan}, headers=ANNA)
     assert answer.status_code == 201, answer.text
     return answer.json()
@@ -57,29 +57,29 @@ def event(socket, kind):
 
 def test_a_plan_is_stored_and_listed_with_its_last_author(client):
     assert client.get("plans").json() == {"plans": []}
-    kept = keep(client)
-    assert (kept["version"], kept["changed_by"], kept["item_count"]) == (1, "anna", 3)
-    assert kept["plan"]["items"][1]["lat_deg"] == 47.401
+    stored = store(client)
+    assert (stored["version"], stored["changed_by"], stored["item_count"]) == (1, "anna", 3)
+    assert stored["plan"]["items"][1]["lat_deg"] == 47.401
     listed = client.get("plans").json()["plans"]
-    assert listed == [{key: value for key, value in kept.items() if key != "plan"}]
-    assert client.get(f"plans/{kept['id']}").json() == kept
+    assert listed == [{key: value for key, value in stored.items() if key != "plan"}]
+    assert client.get(f"plans/{stored['id']}").json() == stored
     assert client.get("plans/none").json()["code"] == "unknown_plan"
 
 
 def test_a_conflicting_save_names_the_other_client(client):
-    kept = keep(client)
-    change = {"name": "Tower", "plan": kept["plan"], "base_version": 1}
-    saved = client.put(f"plans/{kept['id']}", json={**change, "name": "Old tower"}, headers=BOB)
+    stored = store(client)
+    change = {"name": "Tower", "plan": stored["plan"], "base_version": 1}
+    saved = client.put(f"plans/{stored['id']}", json={**change, "name": "Old tower"}, headers=BOB)
     assert (saved.status_code, saved.json()["version"], saved.json()["name"]) == (200, 2, "Old tower")
-    late = client.put(f"plans/{kept['id']}", json=change, headers=ANNA)
+    late = client.put(f"plans/{stored['id']}", json=change, headers=ANNA)
     problem = late.json()
     assert (late.status_code, problem["code"], problem["changed_by"]) == (409, "conflict", "bob")
     assert (problem["version"], problem["changed_unix_s"]) == (2, saved.json()["changed_unix_s"])
-    assert client.delete(f"plans/{kept['id']}", params={"base_version": 1}).status_code == 409
-    versions = client.get(f"plans/{kept['id']}/versions").json()["versions"]
+    assert client.delete(f"plans/{stored['id']}", params={"base_version": 1}).status_code == 409
+    versions = client.get(f"plans/{stored['id']}/versions").json()["versions"]
     assert [(each["version"], each["name"]) for each in versions] == [(2, "Old tower"), (1, "Tower")]
-    assert client.get(f"plans/{kept['id']}", params={"version": 1}).json() == kept
-    assert client.delete(f"plans/{kept['id']}", params={"base_version": 2}).status_code == 204
+    assert client.get(f"plans/{stored['id']}", params={"version": 1}).json() == stored
+    assert client.delete(f"plans/{stored['id']}", params={"base_version": 2}).status_code == 204
     assert client.get("plans").json() == {"plans": []}
     lines = [
         (line["client"], line["command"], line["result"]) for line in client.get("journal").json()["entries"]
@@ -90,10 +90,10 @@ def test_a_conflicting_save_names_the_other_client(client):
 
 def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
-        kept = keep(client)
+        stored = store(client)
         change = event(socket, "plan_changed")
-        assert (change["action"], change["client"], change["plan"]["id"]) == ("created", "anna", kept["id"])
-        client.delete(f"plans/{kept['id']}", params={"base_version": 1}, headers=BOB)
+        assert (change["action"], change["client"], change["plan"]["id"]) == ("created", "anna", stored["id"])
+        client.delete(f"plans/{stored['id']}", params={"base_version": 1}, headers=BOB)
         change = event(socket, "plan_changed")
         assert (change["action"], change["client"], change["text"]) == (
             "deleted",
@@ -103,7 +103,7 @@ def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "words"),
+    ("invalid", "words"),
     [
         (
             {"items": [{"kind": "waypoint", "lat_deg": 95, "lon_deg": 8, "altitude": AT_20_M}]},
@@ -115,13 +115,13 @@ def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
         ([], "plan"),
     ],
 )
-def test_an_error_about_an_invalid_plan_names_item_and_fix_and_the_plan_is_not_stored(client, spoilt, words):
-    refused = client.post("plans", json={"name": "x", "plan": spoilt})
+def test_an_error_about_an_invalid_plan_names_item_and_fix_and_the_plan_is_not_stored(client, invalid, words):
+    refused = client.post("plans", json={"name": "x", "plan": invalid})
     assert refused.status_code == 422
     assert refused.json()["field"].startswith("plan")
     assert words in refused.json()["detail"]
     assert client.get("plans").json() == {"plans": []}
-    assert client.post("plans/check", json={"plan": spoilt}).status_code == 422
+    assert client.post("plans/check", json={"plan": invalid}).status_code == 422
 
 
 @pytest.mark.parametrize("name", ["", " ", "a\nb", "x" * 101])
@@ -155,9 +155,9 @@ WALL = {
 
 @pytest.mark.parametrize(("plan", "row", "step"), [(PLAN, 1, None), (MISSION, None, "step 2")])
 def test_obstacles_are_stored_and_checked_with_their_place(client, plan, row, step):
-    kept = keep(client, plan={**plan, "obstacles": [WALL]})
-    assert kept["plan"]["obstacles"][0]["polygon"] == WALL["polygon"]
-    found = client.post("plans/check", json={"plan": kept["plan"]}).json()["findings"]
+    stored = store(client, plan={**plan, "obstacles": [WALL]})
+    assert stored["plan"]["obstacles"][0]["polygon"] == WALL["polygon"]
+    found = client.post("plans/check", json={"plan": stored["plan"]}).json()["findings"]
     finding = next(each for each in found if each["code"] == "obstacle_hit")
     assert "passes through Wall" in finding["text"]
     assert finding["place"] == {"row": row, "zone": None, "rally_point": None, "obstacle": 0, "step": step}
@@ -246,33 +246,33 @@ def test_patterns_become_items(client):
 
 
 def test_an_offboard_mission_is_stored_in_the_same_list_as_plans(client):
-    keep(client)
-    kept = keep(client, "Mast", MISSION)
-    assert (kept["kind"], kept["item_count"], kept["plan"]["name"]) == ("offboard_mission", 3, "Mast")
+    store(client)
+    stored = store(client, "Mast", MISSION)
+    assert (stored["kind"], stored["item_count"], stored["plan"]["name"]) == ("offboard_mission", 3, "Mast")
     listed = client.get("plans").json()["plans"]
     assert [(each["name"], each["kind"]) for each in listed] == [
         ("Mast", "offboard_mission"),
         ("Tower", "waypoint_plan"),
     ]
-    change = {"name": "Old mast", "plan": kept["plan"], "base_version": 1}
-    saved = client.put(f"plans/{kept['id']}", json=change, headers=BOB).json()
+    change = {"name": "Old mast", "plan": stored["plan"], "base_version": 1}
+    saved = client.put(f"plans/{stored['id']}", json=change, headers=BOB).json()
     assert (saved["version"], saved["plan"]["name"]) == (2, "Old mast")
-    assert client.put(f"plans/{kept['id']}", json=change).json()["code"] == "conflict"
-    assert client.get(f"plans/{kept['id']}", params={"version": 1}).json() == kept
+    assert client.put(f"plans/{stored['id']}", json=change).json()["code"] == "conflict"
+    assert client.get(f"plans/{stored['id']}", params={"version": 1}).json() == stored
 
 
 def test_an_error_about_an_invalid_mission_names_step_and_field(client):
-    spoilt = {**MISSION, "steps": [{"step": "hold", "duration_s": "5"}]}
-    refused = client.post("plans", json={"name": "x", "plan": spoilt})
+    invalid = {**MISSION, "steps": [{"step": "hold", "duration_s": "5"}]}
+    refused = client.post("plans", json={"name": "x", "plan": invalid})
     assert refused.status_code == 422
     assert "step 1, field duration_s" in refused.json()["detail"]
     assert client.get("plans").json() == {"plans": []}
 
 
 def test_a_check_of_a_mission_returns_findings_step_times_and_the_path(client):
-    spoilt = {**MISSION, "steps": [*MISSION["steps"][:2], {"step": "take_off", "height_m": 5}]}
+    invalid = {**MISSION, "steps": [*MISSION["steps"][:2], {"step": "take_off", "height_m": 5}]}
     power = {"hover_power_w": 180.0, "battery_wh": 5.0, "mass_kg": 2.0}
-    found = client.post("plans/check", json={"plan": spoilt, "power": power}).json()
+    found = client.post("plans/check", json={"plan": invalid, "power": power}).json()
     places = {each["code"]: (each["severity"], each["place"]["step"]) for each in found["findings"]}
     assert places["takeoff_in_air"] == ("error", "step 3")
     assert places["landing_missing"] == ("warning", "the end")
@@ -297,20 +297,20 @@ def test_a_plan_is_converted_to_a_mission_with_notes(client):
 
 
 def test_a_stored_mission_is_inserted_into_another_one(client):
-    kept = keep(client, "Tower", MISSION)
-    body = {"plan": MISSION, "plan_id": kept["id"], "at": ["steps", 2], "in_air": True}
+    stored = store(client, "Tower", MISSION)
+    body = {"plan": MISSION, "plan_id": stored["id"], "at": ["steps", 2], "in_air": True}
     found = client.post("plans/insert", json=body).json()
     assert [step["step"] for step in found["plan"]["steps"]] == ["take_off", "fly", "call", "land"]
     assert found["plan"]["steps"][2]["mission"] == found["called"] == "Tower"
     assert [step["step"] for step in found["plan"]["missions"]["Tower"]] == ["fly"]
     assert "left out" in found["notes"][0]
-    saved = keep(client, "Two towers", found["plan"])
+    saved = store(client, "Two towers", found["plan"])
     again = {**body, "plan": saved["plan"], "plan_id": saved["id"], "version": 1}
     assert client.post("plans/insert", json=again).json()["called"] == "Two towers"
 
 
-def test_what_cannot_be_inserted_is_refused_by_field(client):
-    mission, plan = keep(client, "Tower", MISSION)["id"], keep(client)["id"]
+def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
+    mission, plan = store(client, "Tower", MISSION)["id"], store(client)["id"]
     far = {**MISSION, "home": {**MISSION["home"], "lat_deg": 47.41}}
     for changes, status, field, words in (
         ({"plan_id": plan}, 422, "plan_id", "POST /plans/convert"),
@@ -341,9 +341,9 @@ def uses_a_table(length):
 
 
 def test_a_mission_that_could_not_be_saved_is_refused(client):
-    kept = keep(client, "Long", uses_a_table(600_000))
+    stored = store(client, "Long", uses_a_table(600_000))
     huge = {**MISSION, "tables": {"other": "x" * 600_000}}
-    answer = client.post("plans/insert", json={"plan": huge, "plan_id": kept["id"], "at": ["steps", 1]})
+    answer = client.post("plans/insert", json={"plan": huge, "plan_id": stored["id"], "at": ["steps", 1]})
     assert (answer.status_code, answer.json()["field"]) == (422, "plan_id")
     assert "only 1044480 can be stored" in answer.json()["detail"]
     assert "fewer rows" in answer.json()["remedy"]

@@ -200,9 +200,9 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     opened = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()
     name = opened["name"]
     assert (opened["recording"], opened["playing"], opened["speed"]) == (NAME, False, 1.0)
-    there = control_replay(client, name, position_unix_s=BEGIN_S + 12.05)
-    assert there["position_unix_s"] == pytest.approx(BEGIN_S + 12.05, abs=1e-3)
-    assert there["vehicles"] == ["1", "7"]
+    replay = control_replay(client, name, position_unix_s=BEGIN_S + 12.05)
+    assert replay["position_unix_s"] == pytest.approx(BEGIN_S + 12.05, abs=1e-3)
+    assert replay["vehicles"] == ["1", "7"]
     vehicle = vehicles(client)["1"]
     assert vehicle["identity"]["replayed"]
     assert vehicle["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(12.0)

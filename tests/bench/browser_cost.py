@@ -62,7 +62,7 @@ def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | Non
 
 
 @dataclass(frozen=True, slots=True)
-class Used:
+class Usage:
     """Use of CPU and messages of one server in one window."""
 
     share: float
@@ -77,7 +77,7 @@ def _read(connection: ClientConnection, received: Counter[str], name: str) -> No
             received[name] += 1
 
 
-def _used(versions: Sequence[Version], opened: str) -> dict[str, Used]:
+def _usage(versions: Sequence[Version], opened: str) -> dict[str, Usage]:
     """By name, over one window."""
     received: Counter[str] = Counter()
     with contextlib.ExitStack() as stack:
@@ -96,12 +96,12 @@ def _used(versions: Sequence[Version], opened: str) -> dict[str, Used]:
         took_s = time.monotonic() - began_s
         pictures = Counter(received)
     return {
-        v.name: Used((b - a) / took_s, pictures[v.name] / took_s)
+        v.name: Usage((b - a) / took_s, pictures[v.name] / took_s)
         for v, a, b in zip(versions, before, after, strict=True)
     }
 
 
-def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Used]]]:
+def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Usage]]]:
     """For each round and each case: what each version used."""
     trees = {"now": (sys.executable, None)}
     if other is not None:
@@ -117,7 +117,7 @@ def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Use
         assert sending.stdout is not None
         sending.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):
-            yield {opened: _used(versions, opened) for opened in OPENS}
+            yield {opened: _usage(versions, opened) for opened in OPENS}
 
 
 def table(rounds: int = ROUNDS, other: Path | None = None) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Dry runs: how fast one and a hundred are flown, and what they predict beside what is flown afterwards."""
+"""Dry runs: the speed of one and of a hundred, and their prediction compared with the flight afterwards."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from .simulator import flying_share
 
 HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 WIND_NED_M_S, GUSTS_M_S = (0.0, 4.0, 0.0), 0.5
-FLOWN_BY = 5
+FLOWN_COUNT = 5
 """Vehicles that fly a plan after its dry run; the noise of each is its own."""
-VEHICLES = tuple(str(FIRST_TEST_INSTANCE + 1 + k) for k in range(FLOWN_BY))
+VEHICLES = tuple(str(FIRST_TEST_INSTANCE + 1 + k) for k in range(FLOWN_COUNT))
 CORNERS_NE_M = ((100.0, 0.0), (100.0, 100.0), (0.0, 100.0), (0.0, 20.0))
 HEIGHT_M = 15.0
 FLIGHTS = 100
-PREDICTED_BY = 10
+PREDICTED_FLIGHTS = 10
 
 _FLY = """
 import json, sys, time
@@ -60,23 +60,23 @@ print(json.dumps([run.duration_s, spent, wall]))
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Flights beside their dry run; times from arming to disarming."""
+    """Flights compared with their dry run; times from arming to disarming."""
 
     predicted_s: float
-    """The median of `PREDICTED_BY` flights: how long a landing takes is a matter of seconds' chance."""
+    """The median of `PREDICTED_FLIGHTS` flights: the duration of a landing varies by seconds."""
     least_s: float
     greatest_s: float
     flown_s: tuple[float, ...]
     """Of each vehicle."""
     predicted_m: float
     flown_m: tuple[float, ...]
-    beside_mean_m: float
+    path_error_mean_m: float
     """Of all vehicles."""
-    beside_greatest_m: float
+    path_error_max_m: float
 
 
 def plan_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) -> dict[str, Any]:
-    """A round of these corners that lands where it began."""
+    """A plan along these corners that lands at its start."""
     origin = LocalOrigin(**HOME)
 
     def at(kind: str, north_m: float, east_m: float, height_m: float) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def mission_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M)
 
 
 def speed(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
-    """How long the flight takes, and the CPU time and the time that its dry run takes [s].
+    """Duration of the flight, and CPU time and elapsed time of its dry run [s].
 
     Args:
         flights: of a Monte Carlo run; 0: once.
@@ -128,7 +128,7 @@ def compare(plan: dict[str, Any]) -> Comparison:
     options = ["--wind", weather, "--home", ",".join(str(value) for value in HOME.values()), "--no-log"]
     with contextlib.ExitStack() as stack:
         url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{udp}"]))
-        for k in range(FLOWN_BY):
+        for k in range(FLOWN_COUNT):
             instance = ["--first-instance", str(FIRST_TEST_INSTANCE + k)]
             stack.enter_context(vehicle(udp, more=[*options, *instance]))
         return asyncio.run(_compare(url, plan))
@@ -140,7 +140,7 @@ async def _compare(url: str, plan: dict[str, Any]) -> Comparison:
         await first.request("POST", "/params/refresh", {"wait": True})
         conditions = {"wind_ned_m_s": list(WIND_NED_M_S), "gusts_m_s": GUSTS_M_S}
         run = await gcs.dry_runs().run(
-            plan, vehicle_id=VEHICLES[0], flights=PREDICTED_BY, settings={"conditions": conditions}
+            plan, vehicle_id=VEHICLES[0], flights=PREDICTED_FLIGHTS, settings={"conditions": conditions}
         )
         async with asyncio.TaskGroup() as group:
             flights = [group.create_task(_fly(gcs, each, plan)) for each in VEHICLES]
@@ -148,38 +148,38 @@ async def _compare(url: str, plan: dict[str, Any]) -> Comparison:
 
 
 async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> Flown:
-    flies = await gcs.wait_for_vehicle(vehicle_id, ready=True)
+    drone = await gcs.wait_for_vehicle(vehicle_id, ready=True)
     is_mission = "steps" in plan
     if not is_mission:
-        await flies.mission.upload(plan)
+        await drone.mission.upload(plan)
     flown = Flown([], [])
     async with asyncio.timeout(600.0), asyncio.TaskGroup() as group:
         group.create_task(_watch(gcs, vehicle_id, flown))
         await flown.begun.wait()
-        await (flies.offboard_mission.start(plan) if is_mission else flies.mission.start())
+        await (drone.offboard_mission.start(plan) if is_mission else drone.mission.start())
     return flown
 
 
 @dataclass(slots=True)
 class Flown:
-    """What the vehicle told while it was armed."""
+    """Positions that the vehicle reported while it was armed."""
 
     t_s: list[float]
     """Its own clock."""
-    places: list[list[float]]
+    positions_ned_m: list[list[float]]
     begun: asyncio.Event = field(default_factory=asyncio.Event)
-    """The first place was told."""
+    """Set when the first position is received."""
     armed_at_s: float = math.nan
     disarmed_at_s: float = math.nan
 
 
 async def _watch(gcs: Gcs, vehicle_id: str, flown: Flown) -> None:
-    """Notes the next flight, until the vehicle says that it is disarmed."""
+    """Records the next flight until the vehicle reports that it is disarmed."""
     async for sample in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
         if sample["type"] == "sample":
             flown.begun.set()
             flown.t_s.append(sample["vehicle_time_boot_s"])
-            flown.places.append(sample["value"]["position_ned_m"])
+            flown.positions_ned_m.append(sample["value"]["position_ned_m"])
         elif sample["vehicle"] != vehicle_id:
             continue  # events of all vehicles arrive
         elif sample["text"].startswith("Armed by"):
@@ -196,8 +196,8 @@ def _compared(run: dict[str, Any], flights: Sequence[Flown]) -> Comparison:
     off_m: list[np.ndarray] = []
     lengths_m: list[float] = []
     for flown in flights:
-        places = np.array(flown.places)
-        track = _in_air(np.array(flown.t_s), places - places[0])
+        positions_ned_m = np.array(flown.positions_ned_m)
+        track = _in_air(np.array(flown.t_s), positions_ned_m - positions_ned_m[0])
         off_m.append(_distance_m(track.position_ned_m, planned.position_ned_m))
         lengths_m.append(track.length_m)
     apart_m = np.concatenate(off_m)
@@ -209,15 +209,15 @@ def _compared(run: dict[str, Any], flights: Sequence[Flown]) -> Comparison:
 
 
 def _distance_m(flown_ned_m: np.ndarray, planned_ned_m: np.ndarray) -> np.ndarray:
-    """(N,) distance of each flown position from the predicted path: how late it was flown is in the times."""
+    """(N,) distance of each flown position from the nearest point of the predicted path [m]."""
     return np.linalg.norm(flown_ned_m[:, None] - planned_ned_m[None], axis=2).min(axis=1)
 
 
-def _in_air(t_s: np.ndarray, places: np.ndarray) -> Track:
-    high = np.flatnonzero(places[:, 2] < -0.5)
+def _in_air(t_s: np.ndarray, positions_ned_m: np.ndarray) -> Track:
+    high = np.flatnonzero(positions_ned_m[:, 2] < -0.5)
     part = slice(int(high[0]), int(high[-1]) + 1)
     count = part.stop - part.start
-    return Track(t_s[part] - t_s[part.start], places[part], np.ones(count), np.full(count, -1), ())
+    return Track(t_s[part] - t_s[part.start], positions_ned_m[part], np.ones(count), np.full(count, -1), ())
 
 
 def table() -> Iterator[str]:
@@ -243,9 +243,9 @@ def _comparison(name: str, found: Comparison) -> Iterator[str]:
     yield f"| {name}: time from arming to disarming, {times} | {late:+.1%} | 3 % |"
     lengths = f"predicted {found.predicted_m:.0f} m, flown {_spread(found.flown_m)} m"
     yield f"| {name}: length, {lengths} | {longer:+.1%} | 3 % |"
-    share = found.beside_greatest_m / found.predicted_m
-    off = f"mean {found.beside_mean_m:.2f} m, greatest {found.beside_greatest_m:.2f} m"
-    yield f"| {name}: flown paths beside the predicted one | {off} ({share:.1%} of the length) | 3 % |"
+    share = found.path_error_max_m / found.predicted_m
+    off = f"mean {found.path_error_mean_m:.2f} m, greatest {found.path_error_max_m:.2f} m"
+    yield f"| {name}: distance of flown paths from the prediction | {off} ({share:.1%} of the length) | 3 % |"
 
 
 def _spread(values: Sequence[float]) -> str:
@@ -263,4 +263,4 @@ SPEEDS = (
         5,
     ),
 )
-"""What, number of further flights, the plan, and the goal (x real time)."""
+"""Title, number of further flights, plan, and goal (x real time)."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 FAULTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "faults"
-THIN = Path(__file__).resolve().parents[1] / "data" / "faults.json"
+REDUCED = Path(__file__).resolve().parents[1] / "data" / "faults.json"
 """Some recordings, reduced to the values that `load` returns."""
 
 TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
@@ -33,7 +33,7 @@ FLAGS = {
 """The compared flags; the recordings have the time of each change."""
 TEXT_CHARS = 50
 """Compared length of a STATUSTEXT's first part."""
-OFTEN = 4
+MAX_REPEATS = 4
 """Number of compared changes of a flag to the same value, and of resets of a kind."""
 EVENTS = (
     "check_estimator_gnss_fusion_stopped", "check_estimator_gnss_fusion_started",
@@ -86,9 +86,9 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
     )
 
 
-def load_thin(name: str) -> Scenario:
+def load_reduced(name: str) -> Scenario:
     """Reads a fault from the reduced recordings in `tests/data`."""
-    kept = json.loads(THIN.read_text(encoding="utf-8"))[name]
+    kept = json.loads(REDUCED.read_text(encoding="utf-8"))[name]
     runs = [
         Course(run["moments_s"], {float(at): values for at, values in run["at"].items()})
         for run in kept.pop("runs")
@@ -103,7 +103,7 @@ def names(folder: Path = FAULTS) -> list[str]:
 
 def record_change(moments: dict[str, float], what: str, t_s: float) -> None:
     """Adds a change of a flag, numbered if it occurred before."""
-    for count in range(1, OFTEN + 1):
+    for count in range(1, MAX_REPEATS + 1):
         key = what if count == 1 else f"{what} ({count})"
         if key not in moments:
             moments[key] = t_s

@@ -50,7 +50,7 @@ class _ScenarioPlayer:
             altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
             self._at(ARM_AT_S + 0.5, self._command, 22, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
         if any(entry["fields"].get("command") == RETURN for entry in scenario.stimulus):
-            self._at(AWAY_AT_S, self._go_away)
+            self._at(AWAY_AT_S, self._fly_north)
         for entry in scenario.stimulus:
             self._plan(entry)
         for second in range(int(scenario.after_boot_s + scenario.ends_s) + 1):
@@ -61,7 +61,7 @@ class _ScenarioPlayer:
     def _at(self, time_s: float, call: Callable[..., None], *arguments: Any) -> None:
         self._due.append((time_s, lambda: call(*arguments)))
 
-    def _go_away(self) -> None:
+    def _fly_north(self) -> None:
         """Flies 60 m to the north: the recorded vehicle returned from there."""
         home = self.sim.simulation.home
         lat, lon = to_global(np.asarray(AWAY_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
@@ -78,7 +78,7 @@ class _ScenarioPlayer:
         elif name == "PARAM_SET":
             self._at(at_s, self.sim.set_parameter, self.row, fields["param_id"], fields["value"])
         elif name == "driver":
-            self._at(at_s, self._drive, fields["command"])
+            self._at(at_s, self._control_driver, fields["command"])
         elif name == "model fault":
             self._at(at_s, self._set_world_faults, fields)
         else:
@@ -107,7 +107,7 @@ class _ScenarioPlayer:
         self._sequence = (self._sequence + 1) & 0xFF
         self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
 
-    def _drive(self, command: str) -> None:
+    def _control_driver(self, command: str) -> None:
         """Stops or starts a sensor's driver, as a console command does."""
         driver, what = command.split()
         self.sim.simulation.set_driver(self.row, Driver(driver), what != "stop")
@@ -140,9 +140,9 @@ class _FlightRecorder:
         self.at: dict[float, dict[str, float]] = {}
         self._origin_m = np.zeros(3)
         self._start_m = np.zeros(3)
-        sim.autopilots[row].announcer.add_listener(self._hear)
+        sim.autopilots[row].announcer.add_listener(self._record_message)
 
-    def _hear(self, item: StatusText | Event) -> None:
+    def _record_message(self, item: StatusText | Event) -> None:
         t_s = self._sim.time_s - self._fault_at_s
         if not 0.0 <= t_s <= self._ends_s:
             return

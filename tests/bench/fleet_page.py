@@ -36,13 +36,13 @@ def flying(count: int) -> Generator[tuple[str, int]]:
     ):
         wait_until(lambda: len(_vehicles(api)) == count, f"{count} vehicles", 120)
 
-        def up(vehicle_id: str) -> None:
+        def take_off(vehicle_id: str) -> None:
             path = f"/vehicles/{vehicle_id}"
             wait_until(lambda: api.post(f"{path}/arm").is_success, f"arming {vehicle_id}", 120)
             api.post(f"{path}/takeoff", json={"alt_home_m": ALT_HOME_M}).raise_for_status()
 
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            list(pool.map(up, [v["id"] for v in _vehicles(api)]))
+            list(pool.map(take_off, [v["id"] for v in _vehicles(api)]))
         yield url, process.pid
 
 
@@ -54,7 +54,7 @@ class Meter:
     """Processor time of the page's main thread and of the server over a window.
 
     Args:
-        page: whose.
+        page: the measured page.
         server_pid: the server's process.
     """
 

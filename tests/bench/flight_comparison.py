@@ -216,8 +216,8 @@ def rms(
 
 def size_of(values: FloatArray) -> float:
     """The distance from the start to the farthest point, with its sign."""
-    way = values - values[0]
-    return float(way[np.argmax(np.abs(way))])
+    offsets = values - values[0]
+    return float(offsets[np.argmax(np.abs(offsets))])
 
 
 def shape_of(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
@@ -225,14 +225,14 @@ def shape_of(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
     farthest = float((values - values[0]).max()) if sign > 0.0 else float((values - values[0]).min())
     ends = float(np.mean(values[-END_ROWS:])) - values[0]
     size = ends if abs(ends) > HOLDS * abs(farthest) else farthest
-    way = (values - values[0]) / size if size else np.zeros_like(values)
-    beyond = np.lib.stride_tricks.sliding_window_view(way >= MOVED, MOVED_ROWS).all(axis=1)
-    moved, risen = np.flatnonzero(beyond), np.flatnonzero(way >= RISEN)
+    offsets = (values - values[0]) / size if size else np.zeros_like(values)
+    beyond = np.lib.stride_tricks.sliding_window_view(offsets >= MOVED, MOVED_ROWS).all(axis=1)
+    moved, risen = np.flatnonzero(beyond), np.flatnonzero(offsets >= RISEN)
     first_s = float(grid[moved[0]]) if len(moved) else math.nan
     rise_s = float(grid[risen[0]]) - first_s if len(risen) else math.nan
-    end = float(np.mean(way[-END_ROWS:]))
-    outside = np.flatnonzero(np.abs(way - end) > SETTLED)
+    end = float(np.mean(offsets[-END_ROWS:]))
+    outside = np.flatnonzero(np.abs(offsets - end) > SETTLED)
     settling_s = (
-        float(grid[outside[-1]]) - grid[0] if len(outside) and outside[-1] < len(way) - 26 else math.nan
+        float(grid[outside[-1]]) - grid[0] if len(outside) and outside[-1] < len(offsets) - 26 else math.nan
     )
-    return Shape(first_s, rise_s, float(way.max()) - end, float(settling_s))
+    return Shape(first_s, rise_s, float(offsets.max()) - end, float(settling_s))

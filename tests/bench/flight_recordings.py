@@ -31,7 +31,7 @@ class Spread:
     attitude_deg: float
     rise_s: float
     comparable: bool
-    """False if its initial state cannot be reproduced from outside."""
+    """False: its initial state cannot be reproduced with messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Recording:
     t_s: FloatArray
     columns: dict[str, FloatArray]
     spread: Spread
-    controllers_told_s: float = math.nan
+    control_change_s: float = math.nan
     """Time at which the controllers received a new kind of setpoint, if a message shows it."""
 
     def at(self, column: str, t_s: float) -> float:
@@ -58,7 +58,7 @@ class Recording:
         for entry in self.stimulus:
             name, start_s = entry["message"], float(entry["t_s"])
             if "setpoints" in entry:
-                # The sender's clock ran 0.5 % faster than the vehicle's, which each row names too.
+                # The sender's clock ran 0.5 % faster than the vehicle's; each row has the vehicle's time.
                 columns, first_ms = entry["setpoint_columns"], entry["setpoints"][0][-1]
                 for row in entry["setpoints"]:
                     named = dict(zip(columns, row, strict=True))

@@ -64,7 +64,7 @@ class CannotStart(Exception):
 
 
 class _StimulusPlayer:
-    """The ground station of one vehicle."""
+    """The ground station of one vehicle: prepares it and sends it the stimulus of one recording."""
 
     def __init__(self, sim: VehicleSim, row: int, recording: Recording, calm: tuple[float, float]) -> None:
         self.sim = sim
@@ -101,14 +101,14 @@ class _StimulusPlayer:
         )
 
     def reposition(self, north_m: float, east_m: float, alt_m: float, yaw_rad: float) -> None:
-        lat_deg, lon_deg = self._place(north_m, east_m)
+        lat_deg, lon_deg = self._lat_lon(north_m, east_m)
         self.send(
             "COMMAND_INT",
             {"command": 192, "param1": -1.0, "param2": 1.0, "param4": yaw_rad, "x": round(lat_deg * 1e7),
              "y": round(lon_deg * 1e7), "z": self.sim.simulation.home.alt_amsl_m + alt_m},
         )  # fmt: skip
 
-    def _place(self, north_m: float, east_m: float) -> tuple[float, float]:
+    def _lat_lon(self, north_m: float, east_m: float) -> tuple[float, float]:
         home = self.sim.simulation.home
         lat = home.lat_deg + math.degrees(north_m / 6371000.0)
         return lat, home.lon_deg + math.degrees(east_m / 6371000.0 / math.cos(math.radians(home.lat_deg)))
@@ -176,7 +176,7 @@ class _StimulusPlayer:
         centre = CENTRE_M.get(self.recording.name)
         if centre is None or name != "COMMAND_INT":
             return fields
-        lat_deg, lon_deg = self._place(*centre)
+        lat_deg, lon_deg = self._lat_lon(*centre)
         return fields | {"x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7)}
 
     def _prepare(self) -> Script:
@@ -225,10 +225,10 @@ class _StimulusPlayer:
         end_s = self.now_s + 3.0
         goal = (0.0, 0.0, -height)
         yield from self._until(lambda: self.now_s > end_s and self._calm(goal), "holding", stream)
-        told_s = self.recording.controllers_told_s % PUBLISH_EVERY_S
-        if math.isnan(told_s):
-            told_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
-        end_s = self.now_s + HOVER_S - told_s
+        phase_s = self.recording.control_change_s % PUBLISH_EVERY_S
+        if math.isnan(phase_s):
+            phase_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
+        end_s = self.now_s + HOVER_S - phase_s
         yield from self._until(lambda: self.now_s > end_s, "holding", stream)
 
     def _orbit(self, height: float) -> Script:
@@ -238,10 +238,10 @@ class _StimulusPlayer:
         early = self.recording.t_s < 0.0
         columns = {name: self.recording.columns[name][early] for name in ("x", "y", "vx", "vy")}
         speed_now = np.hypot(columns["vx"], columns["vy"])
-        # The velocity points along the circle, the centre lies across it.
+        # The velocity is tangential to the circle, the centre lies to its left.
         centre_n = float(np.mean(columns["x"] + STEADY_ORBIT_M * columns["vy"] / speed_now))
         centre_e = float(np.mean(columns["y"] - STEADY_ORBIT_M * columns["vx"] / speed_now))
-        lat_deg, lon_deg = self._place(centre_n, centre_e)
+        lat_deg, lon_deg = self._lat_lon(centre_n, centre_e)
         self.send(
             "COMMAND_INT",
             {"command": 34, "param1": radius, "param2": speed, "param3": behaviour, "param4": NAN,
@@ -251,11 +251,11 @@ class _StimulusPlayer:
         yield from self._wait(30.0)
         goal = math.atan2(self.recording.at("y", 0.0) - centre_e, self.recording.at("x", 0.0) - centre_n)
 
-        def there() -> bool:
+        def at_goal() -> bool:
             now = math.atan2(self.position[1] - centre_e, self.position[0] - centre_n)
             return abs(math.remainder(now - goal, math.tau)) < 0.01
 
-        yield from self._until(there, "coming round")
+        yield from self._until(at_goal, "orbiting to the start of the recording")
 
     def _upload(self, items: list[dict[str, Any]]) -> Script:
         if not items:

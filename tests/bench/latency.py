@@ -69,8 +69,8 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
         listener.send(json.dumps(request))
         for index in range(ROUNDS):
             if index % 50 == 0:
-                beat = mav.heartbeat_encode(2, mavlink.MAV_AUTOPILOT_PX4, 157, 50593792, 4)
-                own.sendto(beat.pack(mav), target)
+                heartbeat = mav.heartbeat_encode(2, mavlink.MAV_AUTOPILOT_PX4, 157, 50593792, 4)
+                own.sendto(heartbeat.pack(mav), target)
             boot_ms = 1000 + index * 20
             attitude = mav.attitude_quaternion_encode(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             sent_at[boot_ms] = time.monotonic()
@@ -89,7 +89,7 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
     return taken
 
 
-def vehicle_is_there(url: str) -> bool:
+def vehicle_is_connected(url: str) -> bool:
     """Whether vehicle 101 is connected to the server."""
     return httpx.get(f"{url}/api/v1/vehicles/101").status_code == 200
 
@@ -101,7 +101,7 @@ def table() -> Iterator[str]:
     link_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
     with server([f"udpin://127.0.0.1:{link_port}"]) as (url, _):
         with vehicle(link_port, tcp_port=tcp_port):
-            wait_until(lambda: vehicle_is_there(url), "the vehicle")
+            wait_until(lambda: vehicle_is_connected(url), "the vehicle")
             own = vehicle_round_trips_s(tcp_port, 101)
             yield f"| parameter read, vehicle's own round trip (TCP) | {len(own)} | {quantiles_ms(own)} |"
             through = rest_round_trips_s(url, f"/api/v1/vehicles/101/params/{PARAMETER}")

@@ -97,7 +97,7 @@ def _part(path: str) -> str | None:
     return "map" if "map-engine" in path or "maplibre" in path else "first load"
 
 
-def _weighs(url: str) -> int:
+def _gzipped_size(url: str) -> int:
     """Size of a file after gzip; files that are already compressed keep their size."""
     body = httpx.get(url).raise_for_status().content
     return min(len(body), len(gzip.compress(body, 6)))
@@ -109,7 +109,7 @@ def _sizes(url: str, requested_urls: set[str]) -> dict[str, int]:
     for file in requested_urls:
         part = _part(urlsplit(file).path)
         if part is not None and file.startswith(f"{url}/"):
-            sizes[part] += _weighs(file)
+            sizes[part] += _gzipped_size(file)
     return sizes
 
 
@@ -133,11 +133,11 @@ def _heap_mb(cdp: CDPSession) -> float:
 
 def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s: float) -> Measured:
     cdp, all_cdp = page.context.new_cdp_session(page), browser.new_browser_cdp_session()
-    cdp.send("Performance.enable", {"timeDomain": "threadTicks"})  # processor time, not waiting for it
+    cdp.send("Performance.enable", {"timeDomain": "threadTicks"})  # CPU time, not elapsed time
     page.wait_for_timeout(WARM_UP_S * 1000)
     heap_start_mb = _heap_mb(cdp)
     before, used, began_s = _metrics(cdp), _processes_s(all_cdp), time.monotonic()
-    # The page runs on its own: nothing is asked of it meanwhile.
+    # No CDP request during the window: its answer would be part of the measured CPU time.
     server_share = cpu_share(server_pid, window_s)
     after, now_used = _metrics(cdp), _processes_s(all_cdp)
     took_s, load = time.monotonic() - began_s, load_average()

@@ -53,8 +53,8 @@ class Relay:
         self._running = False
         self._thread.join(2)
         self._selector.close()
-        for own in (self._vehicle_side, *self._server_sides.values()):
-            own.close()
+        for server_side in (self._vehicle_side, *self._server_sides.values()):
+            server_side.close()
 
     def arrivals_s(self) -> dict[int, list[float]]:
         """Arrival times of the local setpoints so far, by target system."""
@@ -69,7 +69,7 @@ class Relay:
         return list(self.arrivals_s().values())
 
     def sent_at_s(self, north_m: float, since: int) -> float | None:
-        """Arrival time of a local setpoint with this position, of those after the first `since`."""
+        """Arrival time of a local setpoint with this position; skips the first `since` setpoints."""
         wanted = struct.pack("<f", north_m)
         for arrival_s, frame in self.setpoints[since:]:
             if int.from_bytes(frame[7:10], "little") == LOCAL_NED and frame[14:18] == wanted:
@@ -92,18 +92,18 @@ class Relay:
 
     def _to_server(self) -> None:
         data, vehicle = self._vehicle_side.recvfrom(2048)
-        own = self._server_sides.get(vehicle)
-        if own is None:
-            own = self._server_sides[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-            own.bind(("127.0.0.1", 0))
-            self._vehicles[own] = vehicle
-            self._selector.register(own, selectors.EVENT_READ)
-        own.sendto(data, self._server)
+        server_side = self._server_sides.get(vehicle)
+        if server_side is None:
+            server_side = self._server_sides[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            server_side.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            server_side.bind(("127.0.0.1", 0))
+            self._vehicles[server_side] = vehicle
+            self._selector.register(server_side, selectors.EVENT_READ)
+        server_side.sendto(data, self._server)
 
-    def _to_vehicle(self, own: socket.socket) -> None:
-        data, timestamps, _, _ = own.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
+    def _to_vehicle(self, server_side: socket.socket) -> None:
+        data, timestamps, _, _ = server_side.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
         if data[:1] == b"\xfd" and int.from_bytes(data[7:10], "little") in SETPOINT_IDS:
             seconds, nanoseconds = TIMESPEC.unpack(timestamps[0][2])
             self.setpoints.append((seconds + nanoseconds * 1e-9 - self._epoch_s, data))
-        self._vehicle_side.sendto(data, self._vehicles[own])
+        self._vehicle_side.sendto(data, self._vehicles[server_side])

@@ -145,7 +145,7 @@ def _message(topic: str, fields: dict[str, Any]) -> tuple[str, dict[str, Any]]:
 
 
 def _trajectory(fields: dict[str, Any]) -> dict[str, Any]:
-    """NaN becomes a bit of the mask; fields missing in the recording were zero."""
+    """NaN sets the bit of its field in the mask; fields missing in the recording were zero."""
     values: dict[str, Any] = {"coordinate_frame": 1}
     axes = (("x", "y", "z"), ("vx", "vy", "vz"), ("afx", "afy", "afz"))
     kinds = ("position", "velocity", "acceleration")

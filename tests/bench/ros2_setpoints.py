@@ -83,7 +83,7 @@ def over_mavlink(vehicles: int) -> Generator[Station]:
 
 @contextlib.contextmanager
 def over_ros2(vehicles: int) -> Generator[Station]:
-    """Vehicles on ROS 2 topics alone. The tap is one more subscriber, so it exists only while it is used."""
+    """Vehicles on ROS 2 topics only. The tap is one more subscriber, so it exists only while it is used."""
     instances = range(FIRST_TEST_INSTANCE, FIRST_TEST_INSTANCE + vehicles)
     tcp_port = free_port(socket.SOCK_STREAM)  # unused, but a simulator without any port does not start
     with (
@@ -142,16 +142,16 @@ def rows(results: dict[tuple[str, int], Measured]) -> Iterator[str]:
     yield "|---|---|---|---|---|"
     for (protocol, _), found in results.items():
         for api, taken in found.latency_s.items():
-            words = f"{len(taken)} of {SETPOINTS} | {quantiles_ms(taken)}"
-            yield f"| {protocol} | {found.load} | {api} | {words} |"
+            cells = f"{len(taken)} of {SETPOINTS} | {quantiles_ms(taken)}"
+            yield f"| {protocol} | {found.load} | {api} | {cells} |"
     yield "\n| protocol | vehicles | load average | setpoints | skipped | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|---|"
     for (protocol, vehicles), found in results.items():
         measured = [lateness_s(each, RATE_HZ) for each in found.streams_s]
         late = [one for each, _ in measured for one in each]
-        left_out = sum(missed for _, missed in measured)
-        words = f"{len(late)} | {left_out} | {quantiles_ms(late)}"
-        yield f"| {protocol} | {vehicles} | {found.load} | {words} |"
+        skipped = sum(missed for _, missed in measured)
+        cells = f"{len(late)} | {skipped} | {quantiles_ms(late)}"
+        yield f"| {protocol} | {vehicles} | {found.load} | {cells} |"
     yield "\n| protocol | vehicles | load average | server, a vehicle | simulator, a vehicle |"
     yield "|---|---|---|---|---|"
     for (protocol, vehicles), found in results.items():

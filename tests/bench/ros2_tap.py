@@ -24,23 +24,23 @@ from gcs_server.ros2.message_types import SHOWN
 from gcs_server.ros2.topics import wire_name
 
 SETPOINT = "/fmu/in/trajectory_setpoint"
-KEPT = 200
-"""Samples of a topic between two readings."""
-NORTH_AT = 4 + 8
-"""Offset of the position: after the header and the time."""
+MAX_SAMPLES = 200
+"""Maximum number of samples of a topic between two reads."""
+NORTH_OFFSET = 4 + 8
+"""Offset of the north position in a sample [bytes]: after the header and the time."""
 
 
 class Ros2Tap:
     """Reads the setpoint topic of vehicles; runs in a thread of its own.
 
     The time of a setpoint is the one at which the stream's process handed it to DDS (its source timestamp),
-    so a tap that waits for the processor reports no wrong times.
+    so a delay of this thread does not change it.
     """
 
     def __init__(self, domain_id: int, namespaces: Sequence[str]) -> None:
         self._domain = open_domain(domain_id, None)
         participant = DomainParticipant(domain_id)
-        kind, qos = idl_type(SHOWN["TrajectorySetpoint"]), Qos(Policy.History.KeepLast(KEPT))
+        kind, qos = idl_type(SHOWN["TrajectorySetpoint"]), Qos(Policy.History.KeepLast(MAX_SAMPLES))
         topics = {each: Topic(participant, wire_name(SETPOINT, each), kind) for each in namespaces}
         self._readers = {each: DataReader(participant, topic, qos=qos) for each, topic in topics.items()}
         self._waitset = WaitSet(participant)
@@ -66,9 +66,11 @@ class Ros2Tap:
         return list(self._sent_s.values())
 
     def sent_at_s(self, north_m: float, since: int) -> float | None:
-        """Time of a setpoint with this position, of those after the first `since`."""
+        """Time of the first setpoint with this position; the first `since` recorded setpoints are skipped."""
         wanted = struct.pack("<f", north_m)
-        found = (at_s for at_s, cdr in self.setpoints[since:] if cdr[NORTH_AT : NORTH_AT + 4] == wanted)
+        found = (
+            at_s for at_s, cdr in self.setpoints[since:] if cdr[NORTH_OFFSET : NORTH_OFFSET + 4] == wanted
+        )
         return next(found, None)
 
     def clear(self) -> None:
@@ -84,7 +86,7 @@ class Ros2Tap:
             except DDSException:
                 continue
             for namespace, reader in self._readers.items():
-                for sample in reader.take(KEPT):
+                for sample in reader.take(MAX_SAMPLES):
                     self._record(namespace, sample)
 
     def _record(self, namespace: str, sample: Any) -> None:

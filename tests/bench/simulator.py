@@ -20,7 +20,7 @@ WINDOW_S = 8.0
 MANY = 100
 _ATTITUDE, _EXTENDED_SYS_STATE = 30, 245
 
-_STEPS = """
+_PHYSICS_STEPS = """
 import sys, time
 from vehicle_sim.simulation import Simulation
 count, steps = int(sys.argv[1]), int(sys.argv[2])
@@ -37,7 +37,7 @@ for _ in range(steps):
 print((time.process_time() - began) / steps)
 """
 
-_WHOLE = """
+_WHOLE_SIMULATOR = """
 import sys, time
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.fleet import VehicleSim
@@ -73,16 +73,16 @@ def _cpu(script: str, *arguments: object) -> float:
 
 def step_cost_s(vehicles: int) -> float:
     """CPU seconds for a 4 ms step of physics and control in flight."""
-    return _cpu(_STEPS, vehicles, {1: 4000, 10: 3000, 100: 1000}.get(vehicles, 200))
+    return _cpu(_PHYSICS_STEPS, vehicles, {1: 4000, 10: 3000, 100: 1000}.get(vehicles, 200))
 
 
 def flying_share(vehicles: int, links: str, seconds: float, *, log: bool = False) -> float:
     """CPU seconds per simulated second of the whole simulator in flight, without sockets."""
-    return _cpu(_WHOLE, vehicles, links, seconds, "log" if log else "no log")
+    return _cpu(_WHOLE_SIMULATOR, vehicles, links, seconds, "log" if log else "no log")
 
 
 def real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float, float]:
-    """CPU share (1: one core) of the simulator's processes with sockets, and their part of real time.
+    """CPU share (1: one core) of the simulator's processes with sockets, and their speed (1: real time).
 
     The first vehicle's clock, received on the ground-station link, gives the speed.
     """
@@ -111,7 +111,7 @@ def _take_off(station: socket.socket, vehicles: int) -> None:
         TimeoutError: not all vehicles were flying within two minutes.
     """
     station.settimeout(20.0)
-    deadline_s, in_air, asked_at_s = time.monotonic() + 120.0, set[int](), dict[int, float]()
+    deadline_s, in_air, requested_at_s = time.monotonic() + 120.0, set[int](), dict[int, float]()
     while len(in_air) < vehicles:
         if time.monotonic() > deadline_s:
             raise TimeoutError(f"{len(in_air)} of {vehicles} vehicles are flying after two minutes")
@@ -119,8 +119,8 @@ def _take_off(station: socket.socket, vehicles: int) -> None:
         for system, message, payload in _messages(data):
             if message == _EXTENDED_SYS_STATE and payload[1:2] in (b"\x02", b"\x03"):
                 in_air.add(system)
-            if system not in in_air and time.monotonic() - asked_at_s.get(system, 0.0) > 4.0:
-                asked_at_s[system] = time.monotonic()
+            if system not in in_air and time.monotonic() - requested_at_s.get(system, 0.0) > 4.0:
+                requested_at_s[system] = time.monotonic()
                 for command, first in ((400, 1.0), (22, -1.0)):
                     station.sendto(_command(system, command, first), peer)
 
@@ -166,13 +166,13 @@ def table() -> Iterator[str]:
     yield f"| the same with all streams of both links | {1 / with_links:.1f} x real time | |"
     logging = flying_share(1, "gcs,api", 20.0, log=True)
     yield f"| the same with its onboard log | {1 / logging:.1f} x real time | |"
-    share, kept = real_time(1, api=True)
-    yield f"| one vehicle in real time on its sockets | {share:.1%} of a core, {kept:.1%} kept | 15 % |"
+    share, speed = real_time(1, api=True)
+    yield f"| one vehicle on its sockets | {share:.1%} of a core, {speed:.1%} of real time | 15 % |"
     flying = flying_share(MANY, "gcs", 3.0)
     yield f"| {MANY} in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
     for how in ("on the ground", "in flight"):
-        share, kept = real_time(MANY, api=False, flying=how == "in flight")
-        yield f"| {MANY} {how}, on their sockets | {share:.0%} of a core, {kept:.1%} kept | 100 % kept |"
+        share, speed = real_time(MANY, api=False, flying=how == "in flight")
+        yield f"| {MANY} {how}, on their sockets | {share:.0%} of a core, {speed:.1%} | 100 % of real time |"
     yield ""
     yield "| vehicles | physics and control in flight, µs a step | µs a vehicle | fastest factor |"
     yield "|---|---|---|---|"

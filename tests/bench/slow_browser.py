@@ -24,7 +24,7 @@ from .process import cpu_share, load_average, resident_mb
 VEHICLES = 10
 WARM_UP_S = 4.0
 WINDOW_S = 20.0
-CASES = (("nobody", 0, 0), ("one that reads", 1, 0), ("one that reads, one that does not", 1, 1))
+CASES = (("none", 0, 0), ("one that reads", 1, 0), ("one that reads, one that does not", 1, 1))
 
 
 def open_telemetry(url: str) -> ClientConnection:
@@ -55,7 +55,7 @@ def _read(connection: ClientConnection) -> None:
             pass
 
 
-def _measure(readers: int, sleepers: int) -> tuple[float, float, float]:
+def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
     """The server's (CPU share, memory at the start, at the end [MB])."""
     port = free_port()
     seconds = str(WARM_UP_S * 2 + WINDOW_S + 1)
@@ -65,7 +65,7 @@ def _measure(readers: int, sleepers: int) -> tuple[float, float, float]:
             assert feed.stdout is not None
             feed.stdout.readline()  # the feed is encoded and starts
             time.sleep(WARM_UP_S)
-            for index in range(readers + sleepers):
+            for index in range(readers + not_reading):
                 for stream in (open_telemetry(url), open_scene(url)):
                     # Without a close frame: a client that does not read would not receive the answer.
                     open_ones.callback(stream.socket.close)
@@ -80,9 +80,9 @@ def _measure(readers: int, sleepers: int) -> tuple[float, float, float]:
 def table() -> Iterator[str]:
     """Rows of Markdown, as they become known."""
     yield f"{VEHICLES} × 100 msg/s; each browser has the telemetry of all at 20 Hz and the 3D view.\n"
-    yield f"| looks on | load average | server CPU | memory MB, over {WINDOW_S:.0f} s |"
+    yield f"| open browsers | load average | server CPU | memory MB, over {WINDOW_S:.0f} s |"
     yield "|---|---|---|---|"
-    for name, readers, sleepers in CASES:
-        share, start_mb, end_mb = _measure(readers, sleepers)
+    for name, readers, not_reading in CASES:
+        share, start_mb, end_mb = _measure(readers, not_reading)
         grown = f"{start_mb:.0f} → {end_mb:.0f} ({end_mb - start_mb:+.1f})"
         yield f"| {name} | {load_average()} | {share:.1%} | {grown} |"

@@ -35,7 +35,7 @@ BAUD = 57_600
 RATE_HZ = 50.0
 STOPS = 60
 STALL_S, STALLS = 5.0, 3
-WAITING = 40
+QUEUED_FRAMES = 40
 """Parameter requests are sent so that this many frames are always queued."""
 MSG_PARAM_REQUEST_READ, MSG_COMMAND_LONG, MSG_SETPOINT = 20, 76, 84
 MAV_CMD_COMPONENT_ARM_DISARM, FORCE = 400, 21196.0
@@ -70,7 +70,7 @@ class SlowPort:
         with self._lock:
             self._line.stall(for_s)
 
-    def sent(self, msg_id: int) -> list[tuple[float, Any]]:
+    def sent_frames(self, msg_id: int) -> list[tuple[float, Any]]:
         with self._lock:
             return [(at_s, frame) for at_s, frame in self._line.sent_frames if frame.msg_id == msg_id]
 
@@ -110,7 +110,7 @@ def _stream(connection: Connection, began_s: float) -> Generator[None]:
 async def _load_parameters(connection: Connection) -> None:
     (peer,), number = connection.link.peers(), 0
     while True:
-        while connection.link.info().frames_waiting < WAITING:
+        while connection.link.info().frames_waiting < QUEUED_FRAMES:
             number = (number + 1) % 30_000
             payload = struct.pack("<hBB16s", number, 1, 1, b"")
             connection.sender.send(MSG_PARAM_REQUEST_READ, payload, peer)
@@ -129,7 +129,7 @@ class Result:
 
 
 async def _measure(port: SlowPort) -> Result:
-    clock, chance = SystemClock(), random.Random(1)
+    clock, rng = SystemClock(), random.Random(1)
     supervisor = Supervisor(clock)
     router = Router(clock, supervisor, RouterSettings())
     router.add_link(f"serial://{port.device}?baud={BAUD}", "radio")
@@ -145,22 +145,22 @@ async def _measure(port: SlowPort) -> Result:
         for number in range(STOPS):
             requested_s = time.monotonic()
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
-            await asyncio.sleep(chance.uniform(0.1, 0.25))
-            after_s.append(port.sent(MSG_COMMAND_LONG)[number][0] - requested_s)
+            await asyncio.sleep(rng.uniform(0.1, 0.25))
+            after_s.append(port.sent_frames(MSG_COMMAND_LONG)[number][0] - requested_s)
         for number in range(STALLS):
             ends_s = time.monotonic() + STALL_S
             port.stall(STALL_S)
-            await asyncio.sleep(STALL_S - chance.uniform(0.1, 0.8))
+            await asyncio.sleep(STALL_S - rng.uniform(0.1, 0.8))
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
             await asyncio.sleep(ends_s + 1.0 - time.monotonic())
-            after_stall_s.append(port.sent(MSG_COMMAND_LONG)[STOPS + number][0] - ends_s)
+            after_stall_s.append(port.sent_frames(MSG_COMMAND_LONG)[STOPS + number][0] - ends_s)
     load.cancel()
     seconds, info = time.monotonic() - began_s - STALLS * STALL_S, router.links()[0]
     ages_s = [
         at_s - began_s - struct.unpack_from("<I", frame.payload)[0] / 1e6
-        for at_s, frame in port.sent(MSG_SETPOINT)
+        for at_s, frame in port.sent_frames(MSG_SETPOINT)
     ]
-    parameters = len(port.sent(MSG_PARAM_REQUEST_READ))
+    parameters = len(port.sent_frames(MSG_PARAM_REQUEST_READ))
     await router.close()
     await supervisor.close()
     return Result(after_s, after_stall_s, ages_s, seconds, parameters, port.lost(), info)

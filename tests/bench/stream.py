@@ -28,8 +28,8 @@ MAVSDK_RATE_HZ = 20.0
 def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], int]:
     """Lateness of each arrival [s] on a schedule with a fixed period, and the number of skipped deadlines.
 
-    An arrival belongs to the deadline after that of the previous arrival; deadlines that passed in between
-    are skipped, as the stream does. The phase of the schedule is unknown. No arrival is early, so the
+    Each arrival is late for the first deadline after that of the previous arrival; deadlines that passed in
+    between are skipped, as the stream does. The phase of the schedule is unknown. No arrival is early, so the
     schedule begins at the earliest phase: half of all arrivals lie close together (on the shortest arc of a
     period), and a few come up to a quarter of a period before them.
     """
@@ -40,21 +40,21 @@ def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], in
     before_s = ((dense_s - phase) % period_s for phase in phases)
     start_s = dense_s - max(before for before in before_s if before < period_s / 4)
     late: list[float] = []
-    left_out, served = 0, None
+    skipped, served = 0, None
     for arrival in arrivals_s:
         slot = math.floor((arrival - start_s) / period_s + 1e-6)
         due = slot if served is None else served + 1
         late.append(arrival - start_s - due * period_s)
-        left_out += slot - due
+        skipped += slot - due
         served = slot
-    return late, left_out
+    return late, skipped
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
     """The load while the streams run."""
 
-    words: str
+    title: str
     streams: int = 1
     other_vehicles: int = 0
     """Each sends 100 messages a second on a second link."""
@@ -188,15 +188,15 @@ def mavsdk_idle_s() -> list[float]:
         return _only(relay)
 
 
-def row(words: str, streams: list[list[float]], rate_hz: float) -> str:
+def row(title: str, streams: list[list[float]], rate_hz: float) -> str:
     """One row of Markdown."""
     late: list[float] = []
-    left_out = 0
+    skipped = 0
     for arrivals in streams:
         each, missed = lateness_s(arrivals, rate_hz)
         late += each
-        left_out += missed
-    return f"| {words} | {load_average()} | {len(late)} | {left_out} | {quantiles_ms(late)} |"
+        skipped += missed
+    return f"| {title} | {load_average()} | {len(late)} | {skipped} | {quantiles_ms(late)} |"
 
 
 def table() -> Iterator[str]:
@@ -207,10 +207,10 @@ def table() -> Iterator[str]:
         try:
             seen = measure(load)
         except ApiError as error:  # the machine is too slow for this load
-            yield f"| {load.words} | {load_average()} | – | – | not measured: {str(error).splitlines()[0]} |"
+            yield f"| {load.title} | {load_average()} | – | – | not measured: {str(error).splitlines()[0]} |"
             continue
-        yield row(load.words, seen.streams, RATE_HZ)
-        yield row("an offboard mission in flight beside it", [seen.mission], RATE_HZ)
+        yield row(load.title, seen.streams, RATE_HZ)
+        yield row("an offboard mission in flight at the same time", [seen.mission], RATE_HZ)
         if load.mavsdk:
-            yield row("MAVSDK's streamer at its 20 Hz, beside all that", [seen.mavsdk], MAVSDK_RATE_HZ)
+            yield row("MAVSDK's streamer at its 20 Hz, at the same time", [seen.mavsdk], MAVSDK_RATE_HZ)
     yield row("MAVSDK's streamer, idle", [mavsdk_idle_s()], MAVSDK_RATE_HZ)

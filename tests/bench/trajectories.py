@@ -42,7 +42,7 @@ class Flight:
     acceleration: np.ndarray
 
 
-def places(count: int, seed: int = 4) -> np.ndarray:
+def positions(count: int, seed: int = 4) -> np.ndarray:
     """A random walk with steps of about 20 m, (N, 3)."""
     rng = np.random.default_rng(seed)
     return np.cumsum(rng.normal(0.0, 1.0, (count, 3)) * (15.0, 15.0, 2.0), axis=0)
@@ -176,8 +176,8 @@ def worst_speed(v: np.ndarray) -> float:
 
 def worst_acceleration(a: np.ndarray) -> float:
     """The largest acceleration as a part of its limit."""
-    across = np.hypot(a[:, 0], a[:, 1]).max() / LIMITS.acceleration_m_s2
-    return float(max(across, np.abs(a[:, 2]).max() / LIMITS.vertical_acceleration_m_s2))
+    horizontal = np.hypot(a[:, 0], a[:, 1]).max() / LIMITS.acceleration_m_s2
+    return float(max(horizontal, np.abs(a[:, 2]).max() / LIMITS.vertical_acceleration_m_s2))
 
 
 def _norms(values: np.ndarray) -> np.ndarray:
@@ -206,7 +206,7 @@ def table() -> Iterator[str]:
             yield f"| {name} | | not installed | | | |"
             continue
         for count in COUNTS:
-            yield f"| {name} | {count} | {_row(solve, places(count), order)}"
+            yield f"| {name} | {count} | {_row(solve, positions(count), order)}"
 
 
 def _row(solve: Callable[[np.ndarray], Flight], points: np.ndarray, order: str) -> str:

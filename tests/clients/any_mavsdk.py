@@ -65,7 +65,7 @@ class Drone:
                         return value
         except TimeoutError:
             pass
-        raise SystemExit(f"no {what} within {within_s} s; last came {last}")
+        raise SystemExit(f"no {what} within {within_s} s; the last value was {last}")
 
     async def until_mode(self, mode: str) -> None:
         """Waits for a flight mode by its name, such as "RETURN_TO_LAUNCH"."""
@@ -106,6 +106,6 @@ async def connected(port: int) -> AsyncIterator[Drone]:
 
 async def _ready(drone: Drone) -> Drone:
     began_s = time.monotonic()
-    await drone.until("health", lambda h: h.is_armable and h.is_home_position_ok, "leave to arm", READY_S)
+    await drone.until("health", lambda h: h.is_armable and h.is_home_position_ok, "ready to arm", READY_S)
     await drone.until("home", lambda _: True, "home", max(1.0, READY_S - (time.monotonic() - began_s)))
     return drone

@@ -14,7 +14,7 @@ from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.frames import quaternion_from_euler
 from vehicle_sim.server import Ports, SimServer
 
-ORDER = (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK, Side.DOWN)
+SIDES = (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK, Side.DOWN)
 
 
 def run(port: int, speed: float) -> None:
@@ -22,7 +22,7 @@ def run(port: int, speed: float) -> None:
     fleet = VehicleSim(links=())
 
     def turn(message: StatusText | Event) -> None:
-        for done, side in itertools.pairwise(ORDER):
+        for done, side in itertools.pairwise(SIDES):
             if isinstance(message, StatusText) and f"{done.value} side done" in message.text:
                 fleet.simulation.turn_by_hand(0, quaternion_from_euler(*side.roll_pitch_rad, 0.0))
 

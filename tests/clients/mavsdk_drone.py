@@ -65,8 +65,8 @@ async def until(
                 if holds(value):
                     return value
     except TimeoutError:
-        raise TimeoutError(f"no {what} within {within_s} s; last came {last}") from None
-    raise TimeoutError(f"the stream ended before {what}; last came {last}")
+        raise TimeoutError(f"no {what} within {within_s} s; the last value was {last}") from None
+    raise TimeoutError(f"the stream ended before {what}; the last value was {last}")
 
 
 async def first(stream: AsyncIterator[T], within_s: float = 10) -> T:

@@ -35,14 +35,14 @@ async def first(stream: AsyncIterator[Any]) -> Any:
     raise SystemExit("the stream ended without a value")
 
 
-async def request_mode(drone: Drone, ask: Callable[[], Awaitable[None]], mode: str) -> None:
-    """Asks for a flight mode, up to three times.
+async def request_mode(drone: Drone, request: Callable[[], Awaitable[None]], mode: str) -> None:
+    """Requests a flight mode, up to three times.
 
     PX4 acknowledges DO_SET_MODE twice. MAVSDK takes the second acknowledgement for that of its next
     DO_SET_MODE, if this is queued, and then never sends it.
     """
     for within_s in (15.0, 15.0, 60.0):
-        await ask()
+        await request()
         with suppress(SystemExit):
             await drone.until("flight_mode", lambda now: now.name == mode, f"mode {mode}", within_s)
             return
@@ -121,13 +121,13 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     leader = asyncio.ensure_future(lead())
     low_and_away: list[Any] = []
 
-    def near(place: Any) -> bool:
+    def has_arrived(place: Any) -> bool:
         north_m = (place.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
         if north_m > 3.0 and place.relative_altitude_m < 12.0:
             low_and_away.append(place)
         return north_m > 30.0
 
-    await drone.until("position", near, "the way to the target")
+    await drone.until("position", has_arrived, "the way to the target")
     check(not low_and_away, f"moved over the ground before its height was reached: {low_and_away[:1]}")
 
     # Eight metres above a target that is thirty metres below the ground.
@@ -177,7 +177,7 @@ async def sticks_with_gaps(drone: Drone, _: Path) -> None:
     pilot_task.cancel()
 
 
-async def files_ten_times_over(drone: Drone, folder: Path) -> None:
+async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
     """Ten rounds of directories, uploads, and downloads with and without burst: no session stays open."""
     ftp = drone.ftp
 
@@ -186,26 +186,26 @@ async def files_ten_times_over(drone: Drone, folder: Path) -> None:
             async for _ in steps:
                 pass
 
-    async def download(back: Path, burst: bool) -> None:
+    async def download(downloaded: Path, burst: bool) -> None:
         for attempts_left in (2, 1, 0):
             try:
-                return await done(ftp.download("/round/note.txt", str(back), burst))
+                return await done(ftp.download("/round/note.txt", str(downloaded), burst))
             except Exception as error:
                 # If an answer takes half a second, MAVSDK 3 opens the file again under another number while
                 # the only session is in use. It closes that session and reports an error; a retry succeeds.
                 if "PROTOCOL_ERROR" not in str(error) or not attempts_left:
                     raise
 
-    for turn in range(10):
+    for round_number in range(10):
         sent = folder / "note.txt"
-        sent.write_bytes(bytes((turn + k) % 251 for k in range(1200)))
+        sent.write_bytes(bytes((round_number + k) % 251 for k in range(1200)))
         await ftp.create_directory("/round")
         await done(ftp.upload(str(sent), "/round"))
         check(await ftp.are_files_identical(str(sent), "/round/note.txt"), "other bytes arrived")
-        back = folder / f"back{turn}"
-        back.mkdir()
-        await download(back, bool(turn % 2))
-        check((back / "note.txt").read_bytes() == sent.read_bytes(), "other bytes came back")
+        downloaded = folder / f"back{round_number}"
+        downloaded.mkdir()
+        await download(downloaded, bool(round_number % 2))
+        check((downloaded / "note.txt").read_bytes() == sent.read_bytes(), "other bytes came back")
         listed = await ftp.list_directory("/round")
         names = getattr(listed, "entries" if drone.version == 4 else "files")
         check(len(names) == 1, f"one file was written, the list has {names}")
@@ -251,7 +251,7 @@ PROGRAMS: dict[str, Callable[[Drone, Path], Awaitable[None]]] = {
         mission_started_after_its_upload,
         follow_a_target_at_a_safe_height,
         sticks_with_gaps,
-        files_ten_times_over,
+        files_in_ten_rounds,
         accelerometer_calibrated_on_all_sides,
     )
 }

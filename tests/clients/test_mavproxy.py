@@ -22,12 +22,12 @@ WAYPOINTS = f"""QGC WPL 110
 2\t0\t3\t21\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_PER_DEGREE}\t{LON}\t0\t1
 """
 
-Say = Callable[[str], None]
-Shows = Callable[[bytes, str], None]
+TypeCommand = Callable[[str], None]
+WaitForOutput = Callable[[bytes, str], None]
 
 
 @contextmanager
-def mavproxy(watched: Watched, folder: Path, modules: str) -> Generator[tuple[Say, Shows]]:
+def mavproxy(watched: Watched, folder: Path, modules: str) -> Generator[tuple[TypeCommand, WaitForOutput]]:
     """Runs MAVProxy on the vehicle's TCP port; yields functions to type a command and to wait for its
     output."""
     program = Path(sys.executable).parent / "mavproxy.py"
@@ -62,12 +62,14 @@ def test_mavproxy_loads_parameters_arms_and_takes_off(watched: Watched, tmp_path
         watched.drone.until(
             lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=60, what="lift-off"
         )
-        watched.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="the top")
+        watched.drone.until(
+            lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="the take-off altitude"
+        )
         type_command("long NAV_LAND 0 0 0 nan nan nan nan")
         watched.drone.until_disarmed(timeout_s=120)
 
 
-TROUBLE = (b"request timed out", b"no sessions available", b"Remove failed", b"Create directory failed")
+FTP_ERRORS = (b"request timed out", b"no sessions available", b"Remove failed", b"Create directory failed")
 """Error messages of MAVProxy about a vehicle's FTP sessions."""
 
 
@@ -82,8 +84,8 @@ def test_mavproxy_connects_and_creates_directories_at_the_first_request(
             wait_for_output(f"Creating directory folder{n}".encode(), "the command")
         type_command("ftp list /")
         wait_for_output(b"folder9", "the last directory in the list")
-        said = (tmp_path / "mavproxy.txt").read_bytes()
-        assert [words for words in TROUBLE if words in said] == []
+        output = (tmp_path / "mavproxy.txt").read_bytes()
+        assert [words for words in FTP_ERRORS if words in output] == []
 
 
 def test_mavproxy_uploads_waypoints_which_are_flown_and_reads_them_back(

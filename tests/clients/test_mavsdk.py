@@ -58,7 +58,7 @@ def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
     assert reached(seen, roll_deg=45, pitch_deg=0)
     assert reached(seen, roll_deg=0, pitch_deg=45)
     assert {tuple(value["primary_control"] or ()) for value in seen} > {()}, "control requested and released"
-    # The program has its acknowledgement; the heartbeat that shows it is sent once per second.
+    # The program ends after the acknowledgement; the next heartbeat shows disarmed within a second.
     watched.drone.until_disarmed(timeout_s=10)
 
 

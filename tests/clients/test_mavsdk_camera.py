@@ -29,19 +29,19 @@ async def _photograph(folder: Path) -> None:
         (model,) = listed.cameras
         assert (model.vendor_name, model.model_name) == ("Simulated", "Simulated camera")
         assert (model.horizontal_resolution_px, model.vertical_resolution_px) == (WIDTH_PX, HEIGHT_PX)
-        number = model.component_id
+        camera_id = model.component_id
 
-        await camera.set_mode(number, Mode.PHOTO)
-        assert await camera.get_mode(number) is Mode.PHOTO
+        await camera.set_mode(camera_id, Mode.PHOTO)
+        assert await camera.get_mode(camera_id) is Mode.PHOTO
         update = await until(
-            camera.storage(), lambda storage: storage.component_id == number, "its storage", 20
+            camera.storage(), lambda storage: storage.component_id == camera_id, "its storage", 20
         )
         assert update.storage.total_storage_mib == pytest.approx(32 * 1024)
         assert update.storage.storage_id == 1
 
         taken = _Collector(camera.capture_info())
         await asyncio.sleep(0.5)
-        await camera.take_photo(number)
+        await camera.take_photo(camera_id)
         await _within(lambda: len(taken.values) == 1, "the first picture")
         picture = taken.values[0]
         home = await first(drone.telemetry.home())
@@ -52,22 +52,22 @@ async def _photograph(folder: Path) -> None:
             pass
         assert (folder / Path(path).name).read_bytes()[:2] == b"\xff\xd8", "a JPEG"
 
-        await camera.start_photo_interval(number, 1.0)
+        await camera.start_photo_interval(camera_id, 1.0)
         await _within(lambda: len(taken.values) >= 4, "a series of pictures")
-        await camera.stop_photo_interval(number)
+        await camera.stop_photo_interval(camera_id)
         taken.task.cancel()
-        photos = await camera.list_photos(number, PhotosRange.ALL)
+        photos = await camera.list_photos(camera_id, PhotosRange.ALL)
         assert [photo.index for photo in photos] == list(range(len(photos)))
         assert len(photos) >= 4
 
-        await camera.zoom_range(number, 50.0)
-        await _refused(camera.start_video(number))
-        await _refused(camera.track_point(number, 0.5, 0.5, 0.1))
-        await camera.reset_settings(number)
-        await camera.format_storage(number, 1)
-        with pytest.raises(FtpError) as gone:
+        await camera.zoom_range(camera_id, 50.0)
+        await _refused(camera.start_video(camera_id))
+        await _refused(camera.track_point(camera_id, 0.5, 0.5, 0.1))
+        await camera.reset_settings(camera_id)
+        await camera.format_storage(camera_id, 1)
+        with pytest.raises(FtpError) as missing:
             await drone.ftp.list_directory(str(Path(path).parent))
-        assert gone.value._result.result is FtpResult.Result.FILE_DOES_NOT_EXIST
+        assert missing.value._result.result is FtpResult.Result.FILE_DOES_NOT_EXIST
 
 
 class _Collector:
@@ -91,10 +91,10 @@ async def _within(holds: Any, what: str, seconds: float = 20.0) -> None:
         raise TimeoutError(f"no {what} within {seconds} s") from None
 
 
-async def _refused(order: Any) -> None:
+async def _refused(request: Any) -> None:
     """Video and tracking are refused."""
     with pytest.raises(CameraError) as refused:
-        await order
+        await request
     assert refused.value._result.result in (
         CameraResult.Result.ACTION_UNSUPPORTED, CameraResult.Result.DENIED, CameraResult.Result.ERROR,
         CameraResult.Result.PROTOCOL_UNSUPPORTED,

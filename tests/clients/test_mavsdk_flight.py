@@ -32,11 +32,11 @@ def distance_m(at: Position, lat_deg: float, lon_deg: float) -> float:
     )
 
 
-async def _mode(drone: System, mode: FlightMode) -> None:
+async def _until_mode(drone: System, mode: FlightMode) -> None:
     await until(drone.telemetry.flight_mode(), lambda now: now is mode, f"mode {mode}")
 
 
-def test_goto_orbit_and_return() -> None:
+def test_goto_orbit_and_return_are_flown() -> None:
     asyncio.run(_goto_orbit_and_return())
 
 
@@ -56,8 +56,8 @@ async def _goto_orbit_and_return() -> None:
 
         lat, lon = offset(home, 15.0, 5.0)
         await drone.action.goto_location(lat, lon, home.absolute_altitude_m + 10.0, 90.0)
-        there = await until(drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "there")
-        assert there.relative_altitude_m == pytest.approx(10.0, abs=1.5)
+        arrived_at = await until(drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "there")
+        assert arrived_at.relative_altitude_m == pytest.approx(10.0, abs=1.5)
         await until(drone.telemetry.heading(), lambda h: abs(h.heading_deg - 90.0) < 5.0, "heading east")
 
         await drone.action.set_current_speed(4.0)
@@ -76,11 +76,11 @@ async def _goto_orbit_and_return() -> None:
         await until(drone.telemetry.position(), is_full_circle, "a whole circle at 6 m")
 
         await drone.action.hold()
-        await _mode(drone, FlightMode.HOLD)
+        await _until_mode(drone, FlightMode.HOLD)
         await drone.action.set_return_to_launch_altitude(14.0)
         assert await drone.action.get_return_to_launch_altitude() == pytest.approx(14.0)
         await drone.action.return_to_launch()
-        await _mode(drone, FlightMode.RETURN_TO_LAUNCH)
+        await _until_mode(drone, FlightMode.RETURN_TO_LAUNCH)
         await until(drone.telemetry.position(), lambda p: p.relative_altitude_m > 12.5, "the return altitude")
         await until(drone.telemetry.armed(), lambda armed: not armed, "home and disarmed")
         end = await first(drone.telemetry.position())
@@ -99,7 +99,7 @@ async def _follow() -> None:
         assert (await drone.follow_me.get_config()).follow_distance_m == pytest.approx(6.0)
         await take_off(drone, 8.0)
         await drone.follow_me.start()
-        await _mode(drone, FlightMode.FOLLOW_ME)
+        await _until_mode(drone, FlightMode.FOLLOW_ME)
         assert await drone.follow_me.is_active()
 
         arrived = asyncio.Event()
@@ -128,7 +128,7 @@ async def _follow() -> None:
         assert last.latitude_deg == pytest.approx(lat, abs=1e-6)
         leader.cancel()
         await drone.follow_me.stop()
-        await _mode(drone, FlightMode.HOLD)
+        await _until_mode(drone, FlightMode.HOLD)
         await land(drone)
 
 
@@ -149,14 +149,14 @@ async def _manual() -> None:
         await asyncio.sleep(0.3)
         await take_off(drone, 5.0)
         await drone.manual_control.start_position_control()
-        await _mode(drone, FlightMode.POSCTL)
+        await _until_mode(drone, FlightMode.POSCTL)
         wanted[:] = [0.6, 0.0, 0.5, 0.0]
         ned = drone.telemetry.position_velocity_ned
         await until(ned(), lambda n: n.velocity.north_m_s > 1.5, "forward flight by stick")
         wanted[:] = [0.0, 0.0, 0.5, 0.0]
         await until(ned(), lambda n: abs(n.velocity.north_m_s) < 0.4, "a stop after the stick is released")
         await drone.manual_control.start_altitude_control()
-        await _mode(drone, FlightMode.ALTCTL)
+        await _until_mode(drone, FlightMode.ALTCTL)
         wanted[:] = [0.0, 0.0, 1.0, 0.0]
         await until(ned(), lambda n: n.velocity.down_m_s < -1.5, "a climb by throttle")
         wanted[:] = [0.0, 0.0, 0.5, 0.0]

@@ -30,7 +30,7 @@ async def all_of(stream: AsyncIterator[Any]) -> list[Any]:
     return [value async for value in stream]
 
 
-def test_parameters_console_files_and_logs(tmp_path: Path) -> None:
+def test_parameters_console_files_and_logs_are_read_and_written(tmp_path: Path) -> None:
     asyncio.run(_stores(tmp_path))
 
 
@@ -75,10 +75,10 @@ async def _files(drone: System, folder: Path) -> None:
     await all_of(ftp.upload(str(sent), "/notes"))
     assert await ftp.are_files_identical(str(sent), "/notes/note.txt")
     for burst in (False, True):
-        back = folder / f"back-{burst}"
-        back.mkdir()
-        await all_of(ftp.download("/notes/note.txt", str(back), burst))
-        assert (back / "note.txt").read_bytes() == sent.read_bytes()
+        downloaded = folder / f"back-{burst}"
+        downloaded.mkdir()
+        await all_of(ftp.download("/notes/note.txt", str(downloaded), burst))
+        assert (downloaded / "note.txt").read_bytes() == sent.read_bytes()
     await ftp.rename("/notes/note.txt", "/notes/other.txt")
     assert [name for name in (await ftp.list_directory("/notes")).files if "other.txt" in name]
     await ftp.remove_file("/notes/other.txt")
@@ -104,7 +104,7 @@ RATES = (
 NOT_IN_PX4 = ("actuator_control_target", "raw_imu")
 
 
-def test_every_telemetry_stream_and_all_vehicle_information() -> None:
+def test_every_telemetry_stream_sends_a_value_and_the_vehicle_information_is_read() -> None:
     asyncio.run(_streams())
 
 
@@ -146,11 +146,11 @@ async def _calibrate() -> None:
             # The vehicle stays on its first side.
             await all_of(drone.calibration.calibrate_accelerometer())
         assert failed.value._result.result is CalibrationResult.Result.FAILED
-        begun = asyncio.ensure_future(all_of(drone.calibration.calibrate_magnetometer()))
+        calibration = asyncio.ensure_future(all_of(drone.calibration.calibrate_magnetometer()))
         await asyncio.sleep(2.0)
         await drone.calibration.cancel()
         with pytest.raises(CalibrationError) as cancelled:
-            await begun
+            await calibration
         assert cancelled.value._result.result is CalibrationResult.Result.CANCELLED
 
 
@@ -162,15 +162,15 @@ async def _gimbal() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         gimbal = drone.gimbal
         listed = await until(gimbal.gimbal_list(), lambda found: found.gimbals, "a gimbal", 40)
-        number = listed.gimbals[0].gimbal_id
-        await gimbal.take_control(number, ControlMode.PRIMARY)
+        gimbal_id = listed.gimbals[0].gimbal_id
+        await gimbal.take_control(gimbal_id, ControlMode.PRIMARY)
         owner = await until(
             gimbal.control_status(),
             lambda status: status.control_mode is ControlMode.PRIMARY,
             "control of it",
         )
         assert owner.sysid_primary_control == 245
-        await gimbal.set_angles(number, 0.0, -20.0, 30.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
+        await gimbal.set_angles(gimbal_id, 0.0, -20.0, 30.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
         await until(
             gimbal.attitude(),
             lambda a: (
@@ -179,18 +179,18 @@ async def _gimbal() -> None:
             ),
             "the requested angles",
         )
-        await gimbal.set_angular_rates(number, 0.0, 10.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
+        await gimbal.set_angular_rates(gimbal_id, 0.0, 10.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
         await until(gimbal.attitude(), lambda a: a.euler_angle_forward.pitch_deg > -5.0, "upward rotation")
         home = await first(drone.telemetry.home())
         await gimbal.set_roi_location(
-            number, home.latitude_deg, home.longitude_deg + 1e-3, home.absolute_altitude_m
+            gimbal_id, home.latitude_deg, home.longitude_deg + 1e-3, home.absolute_altitude_m
         )
         await until(
             gimbal.attitude(),
             lambda a: not math.isclose(a.euler_angle_forward.yaw_deg, 30.0, abs_tol=5.0),
-            "a look",
+            "the gimbal turning to the position",
         )
-        await gimbal.release_control(number)
+        await gimbal.release_control(gimbal_id)
         await until(
             gimbal.control_status(), lambda status: status.control_mode is ControlMode.NONE, "its release"
         )

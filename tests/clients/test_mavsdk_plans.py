@@ -57,8 +57,8 @@ async def _mission() -> None:
         plan = MissionPlan([item(0.0, fly_through=False), item(25.0), item(40.0, fly_through=False)])
         async for progress in mission.upload_mission_with_progress(plan):
             assert 0.0 <= progress.progress <= 1.0
-        down = await mission.download_mission()
-        assert [round(each.latitude_deg, 6) for each in down.mission_items] == [
+        downloaded = await mission.download_mission()
+        assert [round(each.latitude_deg, 6) for each in downloaded.mission_items] == [
             round(each.latitude_deg, 6) for each in plan.mission_items
         ]
         await drone.action.arm()
@@ -91,8 +91,8 @@ async def _raw() -> None:
         await asyncio.sleep(0.2)
         items = [raw(0, 22, up_m=10.0), raw(1, 16, north_m=20.0, up_m=10.0), raw(2, 21)]
         await plans.upload_mission(items)
-        back = await plans.download_mission()
-        assert [(each.seq, each.command, each.x, each.z) for each in back] == [
+        downloaded = await plans.download_mission()
+        assert [(each.seq, each.command, each.x, each.z) for each in downloaded] == [
             (each.seq, each.command, each.x, each.z) for each in items
         ]
         assert await changed
@@ -154,8 +154,8 @@ async def _imported() -> None:
         await plans.start_mission()
         await until(drone.telemetry.in_air(), lambda flies: flies, "the take-off")
         await until(drone.telemetry.armed(), lambda armed: not armed, "the landing at its end")
-        there = await first(drone.telemetry.position())
-        assert there.latitude_deg == pytest.approx(LAT + 1.5e-4, abs=1.5e-5)
+        landed_at = await first(drone.telemetry.position())
+        assert landed_at.latitude_deg == pytest.approx(LAT + 1.5e-4, abs=1.5e-5)
 
 
 def test_a_fence_of_polygon_and_circle_is_stored_and_cleared() -> None:
@@ -172,11 +172,11 @@ async def _fence() -> None:
             [Circle(Point(LAT + 5e-4, LON), 15.0, FenceType.EXCLUSION)],
         )
         await drone.geofence.upload_geofence(sent)
-        kept = await drone.geofence.download_geofence()
-        assert [len(polygon.points) for polygon in kept.polygons] == [4]
-        assert kept.polygons[0].fence_type is FenceType.INCLUSION
-        assert kept.circles[0].radius == pytest.approx(15.0)
-        assert kept.circles[0].fence_type is FenceType.EXCLUSION
+        stored = await drone.geofence.download_geofence()
+        assert [len(polygon.points) for polygon in stored.polygons] == [4]
+        assert stored.polygons[0].fence_type is FenceType.INCLUSION
+        assert stored.circles[0].radius == pytest.approx(15.0)
+        assert stored.circles[0].fence_type is FenceType.EXCLUSION
         await drone.geofence.clear_geofence()
         empty = await drone.geofence.download_geofence()
         assert (empty.polygons, empty.circles) == ([], [])

@@ -7,7 +7,7 @@ event).
 - `rules.py` lists the differences caused by the recording and not by the vehicle, each with its bound.
 - An arming report must have the content of one that was valid in that time: PX4 sends them at times of its
 own.
-- State messages (such as HEARTBEAT) in the recording must be among the simulator's of that time.
+- Each recorded state message (such as HEARTBEAT) must equal one that the simulator sent in that time.
 - The recording sampled mode, arming and landed state after the dialogue at 1 Hz: any value of the last second
 is accepted.
 """
@@ -106,8 +106,8 @@ RATE_TOLERANCE = 0.1
 THINNED_TO = (16, 32)
 """Of a long series of one kind the recordings keep the first twelve and the last four, twice if it was
 interrupted."""
-FOUND, CALIBRATED = ("CAL_", "SENS_BOARD_"), 0.3
-"""Offsets measured by a calibration: noise, in the parameter's unit."""
+CALIBRATED, CALIBRATION_TOLERANCE = ("CAL_", "SENS_BOARD_"), 0.3
+"""Prefixes of parameters that a calibration measures, and their tolerance in the parameter's unit."""
 FULL_TURN = {
     "MOUNT_ORIENTATION.yaw_absolute": 360.0, "VFR_HUD.heading": 360, "GLOBAL_POSITION_INT.hdg": 36000,
     "ATTITUDE.yaw": math.tau,
@@ -145,24 +145,24 @@ def compare(dialogue: Dialogue, answer: Answer, hashes: rules.Hashes | None = No
     out: list[Row] = []
     out += _reports(theirs, answer)
     out += _states(theirs, answer)
-    mine = [h for h in answer.received if h.name not in STATE_MESSAGES and not _in_report(h)]
-    rest = [h for h in theirs if h.name not in STATE_MESSAGES and not _in_report(h)]
-    mine, rest = (
+    ours = [h for h in answer.received if h.name not in STATE_MESSAGES and not _in_report(h)]
+    real = [h for h in theirs if h.name not in STATE_MESSAGES and not _in_report(h)]
+    ours, real = (
         [
             h
             for h in side
             if h.name != "PARAM_VALUE" or h.values["param_id"] not in answer.set_before or _reads(dialogue)
         ]
-        for side in (mine, rest)
+        for side in (ours, real)
     )
     summary = dialogue.get("summary", {})
     thinned = "received_total" in dialogue or "kept" in summary or "messages_received" in summary
-    mine = rules.ends(mine, dialogue.get("note"))
-    mine, rest = rules.without_begun_before(mine), rules.without_begun_before(rest)
-    mine = rules.without_edge(mine, rest, dialogue["window_s"])
-    for kind in dict.fromkeys(h.name for h in (*rest, *mine)):
+    ours = rules.ends(ours, dialogue.get("note"))
+    ours, real = rules.without_earlier_repeats(ours), rules.without_earlier_repeats(real)
+    ours = rules.without_edge(ours, real, dialogue["window_s"])
+    for kind in dict.fromkeys(h.name for h in (*real, *ours)):
         cut = "received_total" in dialogue and sum(h.name == kind for h in theirs) in THINNED_TO
-        out += _align(kind, _joined(rest, kind), _joined(mine, kind), thinned, cut)
+        out += _align(kind, _joined(real, kind), _joined(ours, kind), thinned, cut)
     out = (hashes or rules.Hashes()).without_hashes(out)
     out += _end(dialogue, answer)
     return [Difference(name, *row) for row in out]
@@ -263,7 +263,7 @@ def _align(
         missing += theirs[i0:i1]
         if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not cut):
             extra += ours[j0:j1]
-    for real, own in rules.overtaken(missing, extra, _key):
+    for real, own in rules.swapped(missing, extra, _key):
         out += _fields(kind, real.values, own.values)
     out += [(kind, _row_name("missing", h), _key(h), "–") for h in missing]
     out += [(kind, _row_name("extra", h), "–", _key(h)) for h in extra]
@@ -321,8 +321,8 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
         turn = FULL_TURN.get(f"{kind}.{name}")
         if turn is not None:
             b = a + math.remainder(b - a, turn)
-        if name == "param_value" and "int_value" not in real and str(real["param_id"]).startswith(FOUND):
-            a, b, found = value, own[name], CALIBRATED
+        if name == "param_value" and "int_value" not in real and str(real["param_id"]).startswith(CALIBRATED):
+            a, b, found = value, own[name], CALIBRATION_TOLERANCE
         else:
             found = None
         if not same(a, b, found or ABSOLUTE.get(f"{kind}.{name}")):

@@ -43,7 +43,7 @@ REQUESTED_MODES = {
     "takeoff": (4, 2), "termination": (10, 0), "orbit": (3, 1), "follow": (4, 8), "precland": (4, 9),
     "manual": (1, 0), "posctl": (3, 0), "stabilized": (7, 0), "hold": (4, 3),
 }  # fmt: skip
-GO_ON = ("in fact armed", "commanded", "running", "sent while", "timed out just before", "flying in RTL",
+CONTINUES = ("in fact armed", "commanded", "running", "sent while", "timed out just before", "flying in RTL",
          "was sent for", "is still open", "battery draining")  # fmt: skip
 """Words in preconditions that only the previous dialogue can have caused."""
 
@@ -89,12 +89,11 @@ class Player:
         assert self._vehicle is not None
         return self._vehicle
 
-    def play(self, dialogue: Dialogue, then: Dialogue | None = None) -> Answer:
-        """Brings about the starting state, sends, and receives; `then` is the next dialogue, which may follow
-        immediately."""
+    def play(self, dialogue: Dialogue, next_dialogue: Dialogue | None = None) -> Answer:
+        """Establishes the starting state, sends, and receives; `next_dialogue` may follow immediately."""
         vehicle = self._prepare(dialogue)
         words = dialogue["precondition"]
-        at_once = then is not None and _goes_on(then)
+        at_once = next_dialogue is not None and _continues(next_dialogue)
         if "with a 20 Hz position stream" in words:
             vehicle.stream(True)
             vehicle.run(0.3)
@@ -104,16 +103,16 @@ class Player:
             vehicle.stream(False)
         changed = {} if boots(words) or sends(dialogue, "PARAM_SET") else parameters_in(words)
         store = vehicle.sim.simulation.parameters[0]
-        kept = {name: store.get(name) for name in changed if name in store}
-        for name in kept:
+        previous = {name: store.get(name) for name in changed if name in store}
+        for name in previous:
             vehicle.set_parameter(name, changed[name])
-        if kept:
+        if previous:
             vehicle.stream(vehicle.state()["custom_mode"] == OFFBOARD)
             vehicle.run(2.5)
             vehicle.stream(False)
-        kept = {name: value for name, value in kept.items() if not name.startswith("SIM_BAT_")}
+        previous = {name: value for name, value in previous.items() if not name.startswith("SIM_BAT_")}
         matches = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
-        kept |= {name: float(text) for name, text in matches}
+        previous |= {name: float(text) for name, text in matches}
         try:
             answer = self._exchange(vehicle, dialogue, at_once=at_once)
             now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
@@ -123,7 +122,7 @@ class Player:
             self._plan = stored(dialogue) or self._plan
             return answer
         finally:
-            for name, value in kept.items():
+            for name, value in previous.items():
                 store.set(name, value)
 
     def _prepare(self, dialogue: Dialogue) -> Vehicle:
@@ -137,8 +136,13 @@ class Player:
             or (flying and not vehicle.commander.armed and vehicle.height_m > 1.0)
             or (flying and vehicle.commander.armed and vehicle.height_m < 4.0)
         )
-        goes_on = _goes_on(dialogue)
-        if vehicle is None or vehicle.parameters != boot or (lost and not goes_on) or "right after" in words:
+        continues = _continues(dialogue)
+        if (
+            vehicle is None
+            or vehicle.parameters != boot
+            or (lost and not continues)
+            or "right after" in words
+        ):
             heartbeats = "no GCS heartbeat" not in words and "right after" not in words
             vehicle = self._vehicle = Vehicle(
                 dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats, log=self._log
@@ -158,15 +162,15 @@ class Player:
             else:
                 vehicle.run(12)
         _let_transfers_end(vehicle)
-        if not goes_on:
+        if not continues:
             self._start(vehicle, dialogue)
         elif "3 s ago" in words:
             vehicle.run(0.95)
         if "stored" in words or "uploaded with" in words:
-            _stock(vehicle, dialogue)
+            _upload_plan(vehicle, dialogue)
         given = GIVEN.get(dialogue["id"])
         if given is not None:
-            given.bring_about(vehicle, dialogue)
+            given.establish(vehicle, dialogue)
         _set_refusals(vehicle, dialogue)
         return vehicle
 
@@ -179,11 +183,13 @@ class Player:
         elif "armed on the ground, Hold" in words and not words.startswith("disarmed"):
             vehicle.ground(True, HOLD)
         else:
-            asked = re.search(r"mode (\w+) requested", words)
+            mode_request = re.search(r"mode (\w+) requested", words)
             chosen = "Manual mode chosen" in words
-            vehicle.ground(state["armed"], HOLD if asked or "Hold mode" in words else state["custom_mode"])
-            if asked or chosen:
-                main, sub = REQUESTED_MODES[asked.group(1)] if asked else (1, 0)
+            vehicle.ground(
+                state["armed"], HOLD if mode_request or "Hold mode" in words else state["custom_mode"]
+            )
+            if mode_request or chosen:
+                main, sub = REQUESTED_MODES[mode_request.group(1)] if mode_request else (1, 0)
                 vehicle.command(176, 1, main, sub)
                 vehicle.run(0.6)
         gimbal = vehicle.autopilot.gimbal
@@ -244,9 +250,9 @@ class Player:
         return answer
 
 
-def _goes_on(dialogue: Dialogue) -> bool:
+def _continues(dialogue: Dialogue) -> bool:
     """Whether the previous dialogue created this dialogue's state."""
-    return any(each in dialogue["precondition"] for each in GO_ON)
+    return any(each in dialogue["precondition"] for each in CONTINUES)
 
 
 def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
@@ -269,15 +275,15 @@ def _let_transfers_end(vehicle: Vehicle) -> None:
     """Waits for the end of transfers that the previous dialogue left unfinished; the recording waited,
     too."""
     for _ in range(12):
-        asked = [
+        requested_at_s = [
             vehicle.last.get(("gcs", name), (-9.0,))[0] for name in ("MISSION_REQUEST_INT", "MISSION_REQUEST")
         ]
-        if vehicle.now_s - max(asked) > 0.4:
+        if vehicle.now_s - max(requested_at_s) > 0.4:
             return
         vehicle.run(0.5)
 
 
-def _stock(vehicle: Vehicle, dialogue: Dialogue) -> None:
+def _upload_plan(vehicle: Vehicle, dialogue: Dialogue) -> None:
     """Uploads the plan that the recording downloads, unless the previous dialogue stored it."""
     counts = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_COUNT"]
     plan = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_ITEM_INT"]

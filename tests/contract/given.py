@@ -39,7 +39,7 @@ class State:
 
     shown_by: str
     """Part of the dialogue's JSON."""
-    bring_about: Action
+    establish: Action
 
 
 def _height(above_home_m: float, north_m: int = 0) -> Action:
@@ -112,9 +112,8 @@ def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
     """Tips the vehicle over: an actuator test does this to PX4's simulated airframe."""
     half = math.sqrt(0.5)
     vehicle.sim.simulation.turn_by_hand(0, (half, half, 0.0, 0.0))
-    vehicle.sim.simulation._estimator.reset(
-        0
-    )  # a vehicle that is turned by hand changes its attitude at once
+    # A vehicle that is turned by hand changes its attitude at once.
+    vehicle.sim.simulation._estimator.reset(0)
     vehicle.run(10.0)
 
 

@@ -119,24 +119,24 @@ def sends(dialogue: Dialogue, name: str) -> bool:
     return any(entry["msg"] == name for entry in dialogue["send"])
 
 
-def boots(words: str) -> bool:
+def boots(precondition: str) -> bool:
     """Whether a precondition requires a vehicle that was started with its parameters."""
-    return "fresh boot" in words or "MNT_MODE_IN -1" in words
+    return "fresh boot" in precondition or "MNT_MODE_IN -1" in precondition
 
 
-def parameters_in(words: str) -> dict[str, float]:
+def parameters_in(precondition: str) -> dict[str, float]:
     """The parameters in a precondition, with their values."""
-    found = re.findall(r"\b([A-Z][A-Z0-9]*_[A-Z0-9_]+)(?: set to |=| )(-?\d+(?:\.\d+)?)", words)
+    found = re.findall(r"\b([A-Z][A-Z0-9]*_[A-Z0-9_]+)(?: set to |=| )(-?\d+(?:\.\d+)?)", precondition)
     return {name: float(value) if "." in value else int(value) for name, value in found}
 
 
 def stored(dialogue: Dialogue) -> list[dict[str, Any]]:
     """The mission that a dialogue uploads, if PX4 accepted it."""
     items = {e["fields"]["seq"]: e["fields"] for e in dialogue["send"] if e["msg"] == "MISSION_ITEM_INT"}
-    took = any(e["msg"] == "MISSION_ACK" and e["fields"]["type"] == 0 for e in dialogue["received"])
+    accepted = any(e["msg"] == "MISSION_ACK" and e["fields"]["type"] == 0 for e in dialogue["received"])
     mission = [items[seq] for seq in sorted(items)]
-    whole = [item["seq"] for item in mission] == list(range(len(mission)))
-    return mission if took and whole and mission and mission[0]["mission_type"] == 0 else []
+    complete = [item["seq"] for item in mission] == list(range(len(mission)))
+    return mission if accepted and complete and mission and mission[0]["mission_type"] == 0 else []
 
 
 def script(

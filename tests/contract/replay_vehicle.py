@@ -25,7 +25,7 @@ NAMES = {"all_events.json.xz": "events.json.xz"}
 """Names of the build's files in the recordings, where they differ."""
 TICK_S = 0.02
 STREAM_EVERY_S = 0.05
-ARMED_ANEW_AFTER_S = 4.0
+REARM_AFTER_S = 4.0
 """On the ground PX4 disarms after 10 s: the recording armed the vehicle shortly before each dialogue."""
 HOLD = 0x3040000
 NAN = math.nan
@@ -159,9 +159,9 @@ class Vehicle:
                     continue
                 for message in parser.feed(frame):
                     if (message.system_id, message.component_id) == (self.system_id, 1):
-                        self._note(via, message.name, message.values)
+                        self._record(via, message.name, message.values)
 
-    def _note(self, via: str, name: str, values: dict[str, Any]) -> None:
+    def _record(self, via: str, name: str, values: dict[str, Any]) -> None:
         self.log.append((self.now_s, via, name, values))
         self.last[via, name] = self.now_s, values
 
@@ -212,7 +212,7 @@ class Vehicle:
     def ground(self, armed: bool, custom_mode: int) -> None:
         """Brings the vehicle to the ground: armed or not, in a mode."""
         armed_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
-        about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > ARMED_ANEW_AFTER_S
+        about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > REARM_AFTER_S
         if (
             self.commander.armed != armed
             or about_to_disarm
@@ -257,11 +257,11 @@ class Vehicle:
 def _as_sent(report: CheckResults) -> list[Received]:
     announcer, sent = Announcer(lambda: 0), list[Received]()
 
-    def hear(item: StatusText | Event) -> None:
+    def record(item: StatusText | Event) -> None:
         if isinstance(item, Event):
             values = {"id": item.id, "log_levels": item.log_levels, "arguments": item.arguments}
             sent.append(Received(0.0, "EVENT", values))
 
-    announcer.add_listener(hear)
+    announcer.add_listener(record)
     announce(report, announcer)
     return sent

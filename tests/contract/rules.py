@@ -2,11 +2,11 @@
 `test_rules.py`.
 
 - *ends*: if the recording kept only the first and last messages, the same number of ours is compared.
-- *begun before*: a command of PX4 to itself is repeated after 1.0, 1.5 and 2.0 s; a repeat that comes earlier
+- *earlier repeats*: PX4 repeats a command to itself after 1.0, 1.5 and 2.0 s. A repeat that arrives earlier
 than its number allows belongs to a command from before the dialogue, and is removed on both sides.
-- *overtaking*: texts and events leave PX4 in two queues, and its modules run in parallel: two messages of one
+- *swapped*: texts and events leave PX4 in two queues, and its modules run in parallel: two messages of one
 kind may swap within 0.1 s.
-- *sent often*: messages sent more than eight times in a dialogue are compared by their number, within a
+- *sent often*: messages sent more than eight times in a dialogue are compared by their count, within a
 tenth.
 - *edge*: a text or event that ours sends in the last 0.3 s may belong to the time after the recording.
 - *heights*: the heights in the text and event of a return agree within 2 m (GPS noise, drift of home).
@@ -28,7 +28,7 @@ from tests.contract.replay_vehicle import Received
 
 FIRST_REPEAT_S, REPEAT_S, REPEAT_JITTER_S = 1.0, 0.51, 0.05
 REPEATS = 3
-OVERTAKES_WITHIN_S = 0.1
+SWAP_WITHIN_S = 0.1
 OFTEN, OFTEN_WITHIN = 8, 0.1
 EDGE_S = 0.3
 HEIGHT_M = 2.0
@@ -50,12 +50,12 @@ def ends(ours: list[Received], note: str | None) -> list[Received]:
     return [*ours[:first], *ours[first:][-last:]]
 
 
-def without_begun_before(received: list[Received]) -> list[Received]:
+def without_earlier_repeats(received: list[Received]) -> list[Received]:
     """Messages without repeats of commands that the autopilot sent itself before the dialogue began."""
-    return [h for h in received if not _begun_before(h)]
+    return [h for h in received if not _is_earlier_repeat(h)]
 
 
-def _begun_before(message: Received) -> bool:
+def _is_earlier_repeat(message: Received) -> bool:
     values = message.values
     if message.name != "COMMAND_LONG" or values.get("target_component", 0) != _AUTOPILOT_TO_ALL:
         return False
@@ -79,12 +79,12 @@ def _also(message: Received, theirs: list[Received]) -> bool:
     return any(h.name == message.name and h.values[field] == message.values[field] for h in theirs)
 
 
-def overtaken(missing: list[Received], extra: list[Received], key: Key) -> list[tuple[Received, Received]]:
+def swapped(missing: list[Received], extra: list[Received], key: Key) -> list[tuple[Received, Received]]:
     """Pairs that only swapped; they are removed from both lists."""
     pairs: list[tuple[Received, Received]] = []
     for real in list(missing):
         own = next(
-            (h for h in extra if key(h) == key(real) and abs(h.dt_s - real.dt_s) <= OVERTAKES_WITHIN_S), None
+            (h for h in extra if key(h) == key(real) and abs(h.dt_s - real.dt_s) <= SWAP_WITHIN_S), None
         )
         if own is not None:
             pairs.append((real, own))

@@ -16,7 +16,7 @@ from tests.contract.rules import Hashes
 def main() -> None:
     folder = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dialogues"
     rows: Counter[str] = Counter()
-    bad: set[str] = set()
+    different: set[str] = set()
     total = 0
     for name, dialogues in sessions(folder):
         if len(sys.argv) > 1 and not any(name.startswith(each) for each in sys.argv[1:]):
@@ -24,16 +24,16 @@ def main() -> None:
         began = time.perf_counter()
         player, count = Player(log=needs_logs(dialogues)), 0
         hashes = Hashes()
-        for dialogue, then in itertools.zip_longest(dialogues, dialogues[1:]):
+        for dialogue, next_dialogue in itertools.zip_longest(dialogues, dialogues[1:]):
             total += 1
-            for difference in compare(dialogue, player.play(dialogue, then), hashes):
+            for difference in compare(dialogue, player.play(dialogue, next_dialogue), hashes):
                 print(f"{name} | {difference}"[:420])
                 rows[f"{difference.message} {difference.field}"] += 1
-                bad.add(name + dialogue["id"])
+                different.add(name + dialogue["id"])
                 count += 1
         spent_s = time.perf_counter() - began
         print(f"## {name}: {len(dialogues)} dialogues, {count} differences, {spent_s:.1f} s")
-    print(f"{len(bad)} of {total} differ")
+    print(f"{len(different)} of {total} differ")
     if os.environ.get("SUMMARY"):
         for what, count in rows.most_common(60):
             print(count, what)

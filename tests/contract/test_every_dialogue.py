@@ -36,7 +36,7 @@ LONGEST = {
 }
 """Each takes as long as ten others: only `make test-clients` runs them."""
 DIALOGUES = 602
-ROWS_AT_MOST = 40
+MAX_ROWS = 40
 RATE_HZ_TOLERANCE = 0.1
 
 
@@ -51,8 +51,8 @@ def test_dialogues_of_a_session_have_only_explained_differences(session: str) ->
     player = Player(log=needs_logs(dialogues))
     found: Counter[Cell] = Counter()
     unexplained: list[str] = []
-    for dialogue, then in itertools.zip_longest(dialogues, dialogues[1:]):
-        for difference in compare(dialogue, player.play(dialogue, then), hashes):
+    for dialogue, next_dialogue in itertools.zip_longest(dialogues, dialogues[1:]):
+        for difference in compare(dialogue, player.play(dialogue, next_dialogue), hashes):
             cell = cell_of(session, difference)
             found[cell] += 1
             if found[cell] > times_explained(cell):
@@ -95,7 +95,7 @@ def test_the_documentation_explains_each_cause_and_no_other() -> None:
 
 def test_the_table_is_short_and_each_row_belongs_to_a_recorded_dialogue(shared: Path) -> None:
     known = {(name, d["id"]) for name, dialogues in sessions(shared / "px4" / "dialogues") for d in dialogues}
-    assert len(EXPLAINED) <= ROWS_AT_MOST
+    assert len(EXPLAINED) <= MAX_ROWS
     assert {cell[:2] for cell in EXPLAINED} <= known
     assert all(row.times > 0 and not set("*?") & set("".join(cell)) for cell, row in EXPLAINED.items())
 

@@ -28,7 +28,7 @@ before."""
 AUTOPILOT, API_CLIENT = 1, 245
 READY_S = 5.0
 """The simulated estimator is ready earlier; from this time on both are."""
-LEAST, TOLERANCE = 10, 0.1
+MIN_COUNT, TOLERANCE = 10, 0.1
 HEIGHT_M = 1.5
 NOT_STREAMED = {"PARAM_VALUE", "STATUSTEXT", "EVENT", "COMMAND_ACK", "COMMAND_LONG", "AVAILABLE_MODES"}
 
@@ -92,7 +92,7 @@ def changes(
 
 
 def steps(heights_m: list[float]) -> list[float]:
-    """Only heights that differ clearly from the previous one."""
+    """Only heights that differ from the previous one by more than `HEIGHT_M`."""
     clear = heights_m[:1]
     for height_m in heights_m:
         if abs(height_m - clear[-1]) > HEIGHT_M:
@@ -124,18 +124,18 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
     ours = fly(sent, boot_s, end_s, *FLIGHTS[name])
 
     counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, ours)]
-    rarer = {
+    different_counts = {
         n: (counts[0][n], counts[1][n])
         for n in counts[0] | counts[1]
         if n not in NOT_STREAMED
-        and max(c[n] for c in counts) >= LEAST
+        and max(c[n] for c in counts) >= MIN_COUNT
         and abs(counts[0][n] - counts[1][n]) > TOLERANCE * counts[0][n] + 2
     }
-    assert not rarer, "messages, PX4's and ours"
+    assert not different_counts, "messages, PX4's and ours"
 
     until_s = [disarmed_s(real), disarmed_s(ours)]
 
-    def both(message: str, value_of: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
+    def changes_in_both(message: str, value_of: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
         values = [
             changes(h, message, value_of, s, lasting_s) for h, s in zip((real, ours), until_s, strict=True)
         ]
@@ -150,17 +150,19 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
         ("MISSION_CURRENT", lambda f: f["seq"]),
         ("GIMBAL_MANAGER_STATUS", lambda f: f["flags"]),
     ):
-        px4, simulated = both(message, value_of)
+        px4, simulated = changes_in_both(message, value_of)
         assert simulated == px4, message
 
     # From attitude back to position, PX4 controls velocity for a tenth of a second; the simulator does not.
-    px4, simulated = both("POSITION_TARGET_LOCAL_NED", lambda f: f["type_mask"], lasting_s=0.3)
+    px4, simulated = changes_in_both("POSITION_TARGET_LOCAL_NED", lambda f: f["type_mask"], lasting_s=0.3)
     assert simulated == px4, "controlled quantities"
-    px4, simulated = both("COMMAND_LONG", lambda f: f["command"])
+    px4, simulated = changes_in_both("COMMAND_LONG", lambda f: f["command"])
     assert set(simulated) == set(px4), "commands to its own components"
-    px4, simulated = (steps(values) for values in both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"]))
+    px4, simulated = (
+        steps(values) for values in changes_in_both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"])
+    )
     assert simulated == [pytest.approx(height_m, abs=HEIGHT_M) for height_m in px4], "target positions"
-    px4, simulated = both("TIME_ESTIMATE_TO_TARGET", lambda f: f["safe_return"])
+    px4, simulated = changes_in_both("TIME_ESTIMATE_TO_TARGET", lambda f: f["safe_return"])
     assert max(simulated, default=0) == pytest.approx(max(px4, default=0), abs=3), (
         "duration of the return [s]"
     )

@@ -14,16 +14,16 @@ ANGLE_TOLERANCE_DEG = 1.5
 READ_BEFORE_END_S = 0.3
 """The recording read the angles 2.0 s after the command of a window of 2.3 s."""
 
-OTHER_START = "an earlier, unrecorded step commanded other angles"
-OLD_MOUNT = "the point is straight below, so GPS noise determines the bearing"
-KNOWN: dict[str, str] = {
-    "gimbal_pitchyaw_other_sender": OTHER_START,
-    "gimbal_release_by_non_owner": OTHER_START,
-    "gimbal_secondary_commands": OTHER_START,
-    "gimbal_take_for_third_party": OTHER_START,
-    "gimbal_take_back": OTHER_START,
-    "mount_control_gps_point": OLD_MOUNT,
-    "gimbal_release_end": OLD_MOUNT,
+UNRECORDED_START = "an earlier, unrecorded step commanded other angles"
+POINT_BELOW = "the point is straight below, so GPS noise determines the bearing"
+EXPLAINED: dict[str, str] = {
+    "gimbal_pitchyaw_other_sender": UNRECORDED_START,
+    "gimbal_release_by_non_owner": UNRECORDED_START,
+    "gimbal_secondary_commands": UNRECORDED_START,
+    "gimbal_take_for_third_party": UNRECORDED_START,
+    "gimbal_take_back": UNRECORDED_START,
+    "mount_control_gps_point": POINT_BELOW,
+    "gimbal_release_end": POINT_BELOW,
 }
 
 
@@ -39,19 +39,19 @@ def pointing(vehicle: Vehicle) -> dict[str, float]:
 
 
 def differences(real: dict[str, Any], ours: dict[str, float]) -> list[str]:
-    wrong = []
+    different = []
     for name, value in ours.items():
-        off = (
+        difference = (
             abs(math.remainder(value - real[name], 360.0)) if name != "device_flags" else value != real[name]
         )
-        if off > (ANGLE_TOLERANCE_DEG if name != "device_flags" else 0):
-            wrong.append(f"{name}: PX4 {real[name]}, simulator {value:.2f}")
-    return wrong
+        if difference > (ANGLE_TOLERANCE_DEG if name != "device_flags" else 0):
+            different.append(f"{name}: PX4 {real[name]}, simulator {value:.2f}")
+    return different
 
 
-def test_the_gimbal_points_as_the_recorded_one(recorded: Path) -> None:
+def test_the_simulated_gimbal_reaches_the_recorded_angles(recorded: Path) -> None:
     player = Player(listen=("MOUNT_ORIENTATION",))
-    wrong: dict[str, list[str]] = {}
+    different: dict[str, list[str]] = {}
     compared = 0
     for dialogue in load(recorded / "dialogues" / "gimbal.jsonl"):
         player.play({**dialogue, "window_s": dialogue["window_s"] - READ_BEFORE_END_S, "received": []})
@@ -60,9 +60,9 @@ def test_the_gimbal_points_as_the_recorded_one(recorded: Path) -> None:
         compared += 1
         found = differences(dialogue["gimbal_after"], pointing(player.vehicle))
         if found:
-            wrong[dialogue["id"]] = found
+            different[dialogue["id"]] = found
     assert compared > 35
-    new = {name: found for name, found in wrong.items() if name not in KNOWN}
+    new = {name: found for name, found in different.items() if name not in EXPLAINED}
     assert not new, "\n".join(f"{name}: {found}" for name, found in new.items())
-    gone = [name for name in KNOWN if name not in wrong]
-    assert not gone, f"these no longer differ, delete them from KNOWN: {gone}"
+    equal_now = [name for name in EXPLAINED if name not in different]
+    assert not equal_now, f"these no longer differ, delete them from EXPLAINED: {equal_now}"

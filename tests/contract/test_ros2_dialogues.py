@@ -28,13 +28,13 @@ GROUPS = (
     "message_format", "namespace", "inputs",
 )  # fmt: skip
 ALWAYS = frozenset({"ground", "agent", "x_reg", "x_extra", "x_slots", "ns1", "x_inputs"})
-"""Boots of PX4 that `make test` repeats; `make test-clients` also those that wait for lost answers, and the
-others."""
+"""Boots of PX4 whose dialogues `make test` repeats; `make test-clients` repeats all, also those that wait for
+lost answers."""
 SLOWEST_ANSWER_S = 0.036
 """The recorded answers took 3 to 35 ms."""
 EXPLAINED = {
-    "burst_20": "Twenty messages arrive at once here; PX4 took two before the last four were left.",
-    "burst_of_10": "Ten requests arrive at once here; PX4's client took two before the last one was left.",
+    "burst_20": "Twenty messages arrive at once here; PX4 took two before its queue kept only the last four.",
+    "burst_of_10": "Ten requests arrive at once here; PX4's client took two before its queue kept the last.",
     "set_nav_state_bad": "The numbers 31 and 200 name no mode: answered alike, but the mode stays as it is.",
     "executor_activate_immediately": "The first check of the mode runs before its component has answered; "
     "PX4 ran it 10 ms later.",

@@ -25,11 +25,11 @@ def own_command(dt_s: float, confirmation: int, component: int = 0) -> Received:
     return Received(dt_s, "COMMAND_LONG", values)
 
 
-def test_a_repeat_that_comes_too_early_for_its_number_began_before() -> None:
+def test_repeats_of_a_command_sent_before_the_dialogue_are_ignored() -> None:
     too_soon = [own_command(0.9, 1), own_command(1.4, 2), own_command(1.9, 3)]
     in_time = [own_command(1.0, 1), own_command(1.5, 2), own_command(2.0, 3)]
     others = [own_command(0.1, 0), own_command(0.1, 4), own_command(0.1, 1, component=154)]
-    assert rules.without_begun_before(too_soon + in_time + others) == in_time + others
+    assert rules.without_earlier_repeats(too_soon + in_time + others) == in_time + others
 
 
 def test_of_a_long_answer_the_first_and_last_messages_are_compared() -> None:
@@ -42,13 +42,13 @@ def test_of_a_long_answer_the_first_and_last_messages_are_compared() -> None:
 
 def test_messages_may_swap_within_a_tenth_of_a_second() -> None:
     missing, extra = [text(1.0, "a"), text(1.0, "b"), text(1.0, "c")], [text(1.09, "a"), text(1.2, "b")]
-    pairs = rules.overtaken(missing, extra, key)
+    pairs = rules.swapped(missing, extra, key)
     assert [(real.values["text"], own.dt_s) for real, own in pairs] == [("a", 1.09)]
     assert [key(h) for h in missing] == ["b", "c"]
     assert [key(h) for h in extra] == ["b"]
 
 
-def test_messages_sent_often_are_compared_by_their_number() -> None:
+def test_messages_sent_often_are_compared_by_their_count() -> None:
     real = [text(0.1 * n, "often") for n in range(30)] + [text(1.0, "once")]
     own = real[:28]
     theirs, ours, wrong = rules.sent_often(real, own, key)
@@ -58,7 +58,7 @@ def test_messages_sent_often_are_compared_by_their_number() -> None:
     assert rules.sent_often(eight, eight[:7], key)[:2] == (eight, eight[:7])
 
 
-def test_only_messages_of_the_last_moment_may_be_missing_in_the_recording() -> None:
+def test_only_messages_near_the_end_may_be_missing_in_the_recording() -> None:
     ours = [
         text(1.6, "a"),
         text(1.8, "b"),
@@ -82,7 +82,7 @@ def hash_row(real: int, own: int) -> rules.Row:
     return ("PARAM_VALUE", "[_HASH_CHECK].param_value", real, own)
 
 
-def test_the_hash_changes_when_px4s_does_and_returns_when_it_does() -> None:
+def test_the_parameter_hash_changes_and_reverts_when_that_of_px4_does() -> None:
     hashes = rules.Hashes()
     assert not hashes.without_hashes([hash_row(1, 10), hash_row(2, 20), hash_row(1, 10)])
     assert hashes.without_hashes([hash_row(1, 20)]), "PX4's came back, ours did not"
@@ -111,8 +111,10 @@ def test_each_unrecorded_starting_state_has_evidence_in_the_dialogue(shared: Pat
     for path in (shared / "px4" / "dialogues").glob("*.jsonl"):
         lines = path.read_text(encoding="utf-8").splitlines()
         dialogues |= {each["id"]: each for each in map(json.loads, lines)}
-    unshown = [name for name, given in GIVEN.items() if given.shown_by not in json.dumps(dialogues[name])]
-    assert not unshown
+    without_evidence = [
+        name for name, given in GIVEN.items() if given.shown_by not in json.dumps(dialogues[name])
+    ]
+    assert not without_evidence
     assert {name for name, _ in LATE_S} | STREAMED_ON <= dialogues.keys()
     whole = completed(dialogues["mission_upload_200_items"])
     kept = {e["fields"]["seq"]: e["fields"] for e in dialogues["mission_upload_200_items"]["send"][1:]}

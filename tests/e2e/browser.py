@@ -56,7 +56,7 @@ sessionStorage.setItem('gcs.client-id', %s);
 sessionStorage.setItem('gcs.left', '1');
 """
 """Gives the page this client id; a tab keeps its own across reloads."""
-TELL_CSP = """
+REPORT_CSP_VIOLATIONS = """
 addEventListener('securitypolicyviolation', (e) =>
   console.error(`policy: ${e.effectiveDirective} stopped ${e.blockedURI}`));
 """
@@ -117,14 +117,14 @@ def choose(menu_button: Locator, entry: str) -> None:
     menu_button.page.get_by_role("menuitem", name=entry, exact=True).click()
 
 
-class Watched:
+class PageMonitor:
     """Records all requests and errors of a page."""
 
     def __init__(self, page: Page, url: str) -> None:
         self.console_errors: list[str] = []
         self.foreign_requests: list[str] = []
         self._own = urlsplit(url).netloc
-        page.add_init_script(TELL_CSP)
+        page.add_init_script(REPORT_CSP_VIOLATIONS)
         page.on("console", self._console)
         page.on("pageerror", lambda error: self.console_errors.append(str(error)))
         page.on("request", lambda request: self._record_request(request.url))
@@ -193,36 +193,36 @@ def opened(
     page.add_init_script(same_client(client_id))
     if script:
         page.add_init_script(script)
-    watched = Watched(page, url)
+    monitor = PageMonitor(page, url)
     if not scene:
         page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))
     try:
         page.goto(url)
         yield page
-        watched.check()
+        monitor.check()
     finally:
         context.close()
 
 
 def box_of(control: Locator) -> FloatRect:
-    """Place of a control in the window [px], once it is visible."""
+    """Position and size of a control in the window [px], once it is visible."""
     expect(control).to_be_visible()
     box = control.bounding_box()
     assert box is not None, "it was hidden again"
     return box
 
 
-def slide(page: Page, ask_again: Callable[[], object] = lambda: None) -> None:
+def slide(page: Page, open_again: Callable[[], object] = lambda: None) -> None:
     """Drags the slider of the open confirmation to its end with the mouse.
 
     Args:
         page: the page.
-        ask_again: opens the confirmation if it has expired, which takes 5 s: a busy machine may be slower.
+        open_again: opens the confirmation again: it expires after 5 s, and a busy machine may need longer.
     """
     knob = page.get_by_role("alertdialog").get_by_role("slider")
     for attempt in range(ATTEMPTS):
         if attempt:
-            ask_again()
+            open_again()
         expect(knob).to_be_visible()
         try:
             box = knob.bounding_box(timeout=MEASURED_MS)
@@ -275,14 +275,12 @@ def scene(page: Page) -> Frame:
     return frame
 
 
-def in_both_themes(page: Page) -> list[str]:
+def violations_in_both_themes(page: Page) -> list[str]:
     """`serious_violations` of the current page in the dark and light themes; before and after, the page is
     dark."""
     found = serious_violations(page)
     page.emulate_media(color_scheme="light")
-    if page.locator(
-        "html[data-theme]"
-    ).count():  # the dashboard has a setting, other pages follow the media query
+    if page.locator("html[data-theme]").count():  # only the dashboard; other pages use the media query
         page.locator('html[data-theme="light"]').wait_for(state="attached")
     found += [f"light: {one}" for one in serious_violations(page)]
     page.emulate_media(color_scheme="dark")

@@ -36,4 +36,4 @@ def move_aside(drone: SyncVehicle, east_m: float) -> None:
     a busy machine."""
     n, e, d = drone.position_ned_m()
     with drone.offboard(position_ned_m=(n, e + east_m, d), valid_for_s=60):
-        drone.until(lambda v: (v["offboard"]["health"]["position_error_m"] or 9.0) < 1.0, what="the place")
+        drone.until(lambda v: (v["offboard"]["health"]["position_error_m"] or 9.0) < 1.0, what="the position")

@@ -30,33 +30,33 @@ class Target:
 
     def connect(self, timeout_s: float = 5.0) -> socket.socket:
         """Opens a connection that stays open until the attack ends."""
-        made = socket.create_connection((HOST, self.port), timeout=timeout_s)
-        self.held.append(made)
-        return made
+        connection = socket.create_connection((HOST, self.port), timeout=timeout_s)
+        self.held.append(connection)
+        return connection
 
-    def send(self, made: socket.socket, data: bytes, times: int = 1) -> int:
+    def send(self, connection: socket.socket, data: bytes, times: int = 1) -> int:
         """Sends until the server stops reading; returns the number of bytes sent."""
         sent = 0
         with contextlib.suppress(OSError):
             for _ in range(times):
-                made.sendall(data)
+                connection.sendall(data)
                 sent += len(data)
         return sent
 
     def websocket(self, path: str = "/api/v1/telemetry?client_id=hostile") -> socket.socket:
         """An open WebSocket, or the server's refusal."""
-        made = self.connect()
+        connection = self.connect()
         key = base64.b64encode(os.urandom(16))
-        made.sendall(
+        connection.sendall(
             b"GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
             b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: %s\r\n\r\n" % (path.encode(), key)
         )
-        return made
+        return connection
 
     def release(self) -> None:
         """Closes all connections."""
-        for made in self.held:
-            made.close()
+        for connection in self.held:
+            connection.close()
         self.held.clear()
 
     def memory_mb(self) -> float:
@@ -80,12 +80,12 @@ def frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
     return head + bytes(4) + payload  # masked with zeros
 
 
-def answer(made: socket.socket, timeout_s: float = 5.0) -> bytes:
+def answer(connection: socket.socket, timeout_s: float = 5.0) -> bytes:
     """Everything that the server sends until it closes the connection or stops sending."""
-    made.settimeout(timeout_s)
+    connection.settimeout(timeout_s)
     response = b""
     with contextlib.suppress(OSError):
-        while piece := made.recv(65536):
+        while piece := connection.recv(65536):
             response += piece
     return response
 
@@ -101,44 +101,44 @@ def idle_sockets(target: Target) -> None:
 
 def huge_headers(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, GET + b"x: ")
-        target.send(made, b"a" * 1_000_000, 50)
+        connection = target.connect()
+        target.send(connection, GET + b"x: ")
+        target.send(connection, b"a" * 1_000_000, 50)
 
 
 def many_headers(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, GET)
-        target.send(made, b"x:y\r\n" * 200_000, 20)
+        connection = target.connect()
+        target.send(connection, GET)
+        target.send(connection, b"x:y\r\n" * 200_000, 20)
 
 
 def huge_url(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, b"GET /")
-        target.send(made, b"a" * 1_000_000, 50)
+        connection = target.connect()
+        target.send(connection, b"GET /")
+        target.send(connection, b"a" * 1_000_000, 50)
 
 
 def huge_bodies(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, POST + b"Content-Length: 100000000\r\n\r\n")
-        target.send(made, b"[" * 1_000_000, 25)
+        connection = target.connect()
+        target.send(connection, POST + b"Content-Length: 100000000\r\n\r\n")
+        target.send(connection, b"[" * 1_000_000, 25)
 
 
 def huge_chunked_bodies(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, POST + b"Transfer-Encoding: chunked\r\n\r\n")
-        target.send(made, b"f4240\r\n" + b"[" * 1_000_000 + b"\r\n", 25)
+        connection = target.connect()
+        target.send(connection, POST + b"Transfer-Encoding: chunked\r\n\r\n")
+        target.send(connection, b"f4240\r\n" + b"[" * 1_000_000 + b"\r\n", 25)
 
 
 def tiny_chunks(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, POST + b"Transfer-Encoding: chunked\r\n\r\n")
-        target.send(made, b"1\r\n[\r\n" * 100_000, 20)
+        connection = target.connect()
+        target.send(connection, POST + b"Transfer-Encoding: chunked\r\n\r\n")
+        target.send(connection, b"1\r\n[\r\n" * 100_000, 20)
 
 
 def largest_json(target: Target) -> None:
@@ -152,22 +152,22 @@ def largest_json(target: Target) -> None:
     ]
     for _ in range(5):
         for body in bodies:
-            made = target.connect()
+            connection = target.connect()
             head = POST.replace(b"takeoff", b"offboard/setpoint") + b"Content-Length: %d\r\n\r\n" % len(body)
-            target.send(made, head + body)
+            target.send(connection, head + body)
 
 
 def slow_bodies(target: Target) -> None:
     for _ in range(300):
         with contextlib.suppress(OSError):
-            made = target.connect()
-            target.send(made, POST + b"Content-Length: 1000000\r\n\r\n" + b" " * 250_000)
+            connection = target.connect()
+            target.send(connection, POST + b"Content-Length: 1000000\r\n\r\n" + b" " * 250_000)
 
 
 def slow_headers(target: Target) -> None:
-    made = [target.connect() for _ in range(50)]
+    connection = [target.connect() for _ in range(50)]
     for letter in b"x-slow: 1":
-        for one in made:
+        for one in connection:
             target.send(one, bytes([letter]))
         time.sleep(0.2)
 
@@ -175,48 +175,48 @@ def slow_headers(target: Target) -> None:
 def malformed(target: Target) -> None:
     for _ in range(1000):
         with contextlib.suppress(OSError):
-            made = target.connect()
-            target.send(made, os.urandom(200) + b"\r\n\r\n")
-            made.close()
+            connection = target.connect()
+            target.send(connection, os.urandom(200) + b"\r\n\r\n")
+            connection.close()
 
 
 def pipelining(target: Target) -> None:
     for _ in range(4):
-        made = target.connect()
-        target.send(made, (GET + b"\r\n") * 20_000, 3)
+        connection = target.connect()
+        target.send(connection, (GET + b"\r\n") * 20_000, 3)
 
 
 def unread_answers(target: Target) -> None:
     for _ in range(100):
-        made = target.connect()
-        target.send(made, b"GET /api/v1/openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 6)
+        connection = target.connect()
+        target.send(connection, b"GET /api/v1/openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 6)
 
 
 def unread_websocket(target: Target) -> None:
     for _ in range(4):
-        made = target.websocket()
+        connection = target.websocket()
         time.sleep(0.1)
-        target.send(made, frame(b'{"type":"subscribe","topics":["' + b"x" * 60_000 + b'"]}'), 200)
+        target.send(connection, frame(b'{"type":"subscribe","topics":["' + b"x" * 60_000 + b'"]}'), 200)
 
 
 def unread_offboard(target: Target) -> None:
     for _ in range(4):
-        made = target.websocket("/api/v1/vehicles/1/offboard/stream?client_id=hostile")
+        connection = target.websocket("/api/v1/vehicles/1/offboard/stream?client_id=hostile")
         time.sleep(0.1)
-        target.send(made, frame(b'{"' + b"x" * 500_000 + b'":1}'), 40)
+        target.send(connection, frame(b'{"' + b"x" * 500_000 + b'":1}'), 40)
 
 
 def tiny_frames(target: Target) -> None:
     for opcode in (1, 9, 10):
-        made = target.websocket()
+        connection = target.websocket()
         time.sleep(0.1)
-        target.send(made, frame(b"", opcode) * 40_000, 5)
+        target.send(connection, frame(b"", opcode) * 40_000, 5)
 
 
 def empty_fragments(target: Target) -> None:
-    made = target.websocket()
+    connection = target.websocket()
     time.sleep(0.1)
-    target.send(made, frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 100_000, 5)
+    target.send(connection, frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 100_000, 5)
 
 
 def many_websockets(target: Target) -> None:
@@ -226,10 +226,10 @@ def many_websockets(target: Target) -> None:
 
 
 def request_flood(target: Target) -> None:
-    made = [target.connect() for _ in range(20)]
+    connection = [target.connect() for _ in range(20)]
     end_s = time.monotonic() + 3.0
     while time.monotonic() < end_s:
-        for one in made:
+        for one in connection:
             target.send(one, GET + b"\r\n")
 
 
@@ -276,54 +276,54 @@ class Effects:
 @contextlib.contextmanager
 def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Effects]:
     """Attacks from another process while the block runs, and measures the effects on another client."""
-    noticed, over = Effects(), threading.Event()
+    effects, stopped = Effects(), threading.Event()
     before_mb = target.memory_mb()
     request = b"GET /api/v1/me HTTP/1.1\r\nHost: localhost\r\n" + headers
 
-    def new() -> None:
-        while not over.is_set():
+    def measure_new_connections() -> None:
+        while not stopped.is_set():
             began_s = time.monotonic()
             with (
                 contextlib.suppress(OSError),
-                socket.create_connection((HOST, target.port), timeout=20) as made,
+                socket.create_connection((HOST, target.port), timeout=20) as connection,
             ):
-                made.sendall(request + b"Connection: close\r\n\r\n")
-                response = answer(made, 20)
+                connection.sendall(request + b"Connection: close\r\n\r\n")
+                response = answer(connection, 20)
                 if response.startswith(b"HTTP/1.1 200"):
-                    noticed.served += 1
+                    effects.served += 1
                 else:
-                    noticed.failures.append(response[:60].decode(errors="replace"))
-                made.close()
-            noticed.longest_s = max(noticed.longest_s, time.monotonic() - began_s)
-            over.wait(0.02)
+                    effects.failures.append(response[:60].decode(errors="replace"))
+                connection.close()
+            effects.longest_s = max(effects.longest_s, time.monotonic() - began_s)
+            stopped.wait(0.02)
 
-    def again() -> None:
-        made = socket.create_connection((HOST, target.port), timeout=20)
-        while not over.is_set():
+    def measure_open_connection() -> None:
+        connection = socket.create_connection((HOST, target.port), timeout=20)
+        while not stopped.is_set():
             began_s = time.monotonic()
             try:
-                made.sendall(request + b"\r\n")
-                if not made.recv(65536):
+                connection.sendall(request + b"\r\n")
+                if not connection.recv(65536):
                     raise ConnectionError
             except OSError:
-                made.close()
-                made = socket.create_connection((HOST, target.port), timeout=20)
+                connection.close()
+                connection = socket.create_connection((HOST, target.port), timeout=20)
                 continue
-            noticed.longest_pause_s = max(noticed.longest_pause_s, time.monotonic() - began_s)
-            noticed.memory_mb = max(noticed.memory_mb, target.memory_mb() - before_mb)
-            over.wait(0.01)
-        made.close()
+            effects.longest_pause_s = max(effects.longest_pause_s, time.monotonic() - began_s)
+            effects.memory_mb = max(effects.memory_mb, target.memory_mb() - before_mb)
+            stopped.wait(0.01)
+        connection.close()
 
-    asking = [threading.Thread(target=work) for work in (new, again)]
-    for thread in asking:
+    threads = [threading.Thread(target=work) for work in (measure_new_connections, measure_open_connection)]
+    for thread in threads:
         thread.start()
     command = [sys.executable, "-m", "tests.e2e.hostile", str(target.port), str(target.process), attack]
     try:
         subprocess.run(command, check=True, timeout=120)
-        yield noticed
+        yield effects
     finally:
-        over.set()
-        for thread in asking:
+        stopped.set()
+        for thread in threads:
             thread.join()
 
 

@@ -22,7 +22,7 @@ DOMAIN = 58
 NAMESPACE = f"modes_{os.getpid()}"
 LINK = f"ros2://{DOMAIN}/{NAMESPACE}"
 SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
-PATIENT = ["--param", "COM_DISARM_PRFLT=60"]
+LATE_DISARMING = ["--param", "COM_DISARM_PRFLT=60"]
 """Time after arming until PX4 disarms a vehicle that does not take off [s]: on a busy computer the mission is
 compiled in more than the ten seconds of the default."""
 TAKES_OFF: dict[str, Any] = {
@@ -36,7 +36,7 @@ TAKES_OFF: dict[str, Any] = {
 
 
 class OtherStation:
-    """Another ground station, or a transmitter: it reaches the vehicle over MAVLink, the server does not."""
+    """Another ground station, or a transmitter, over MAVLink; the server is connected over ROS 2 only."""
 
     def __init__(self, port: int) -> None:
         station.wait_until(lambda: self._connected(port), "the simulator's port", 30.0)
@@ -137,7 +137,7 @@ class ModesVehicle:
         return mode
 
     def flying(self, mission: dict[str, Any] = MISSION) -> str:
-        """The same, then another station starts it; returns its mode on the way."""
+        """Registers the mission and takes off; another station starts it. Returns its mode in flight."""
         mode = self.in_air(mission)
         self.other.choose(mode)
         self.until_north()
@@ -156,8 +156,8 @@ class ModesVehicle:
     def until_north(self) -> None:
         """Waits until the mission flies north."""
         self.until_mission("flying")
-        begun_m = self.north_m()
-        station.wait_until(lambda: self.north_m() > begun_m + 1.5, "the flight north", 15.0)
+        start_north_m = self.north_m()
+        station.wait_until(lambda: self.north_m() > start_north_m + 1.5, "the flight north", 15.0)
 
     def north_m(self) -> float:
         return self.value("local_position")["position_ned_m"][0]
@@ -181,11 +181,11 @@ class ModesVehicle:
 
 @contextlib.contextmanager
 def modes_vehicle() -> Iterator[ModesVehicle]:
-    """Runs the simulator and a server that reaches it over ROS 2 alone."""
+    """Runs the simulator and a server that is connected to it over ROS 2 only."""
     port = station.free_port()
     ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]
     with (
-        station.running([*SIMULATOR, *ports, *PATIENT]),
+        station.running([*SIMULATOR, *ports, *LATE_DISARMING]),
         station.server([LINK]) as (url, process),
     ):
         yield ModesVehicle(url, process, OtherStation(port))

@@ -35,7 +35,7 @@ steps:
   - {step: land}
 """
 """Takes less than a minute of flight."""
-PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
+CLICKS = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
 """Positions to click, as fractions of the map."""
 
 
@@ -55,10 +55,10 @@ def steps_of(room: Locator) -> Locator:
     return room.get_by_role("listbox", name="Steps").get_by_role("option")
 
 
-def on_map(page: Page, place: tuple[float, float]) -> tuple[float, float]:
+def on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:
     """Position of a map point in the window [px]."""
     box = box_of(page.get_by_role("application"))
-    return box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
+    return box["x"] + fraction[0] * box["width"], box["y"] + fraction[1] * box["height"]
 
 
 def undo_and_redo_everything(page: Page, room: Locator) -> None:

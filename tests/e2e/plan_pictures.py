@@ -14,7 +14,7 @@ FENCE = ((0.46, 0.24), (0.66, 0.22), (0.66, 0.62), (0.56, 0.66), (0.46, 0.5))
 """Corners, as fractions of the window."""
 
 
-def opened_room(page: Page, zoom: str | None = None) -> Locator:
+def open_room(page: Page, zoom: str | None = None) -> Locator:
     """Opens the plan room over the map."""
     page.keyboard.press("w")
     room = page.get_by_role("region", name="Plan room")
@@ -26,7 +26,7 @@ def opened_room(page: Page, zoom: str | None = None) -> Locator:
     return room
 
 
-def left(page: Page) -> None:
+def close_room(page: Page) -> None:
     """Closes the plan room, as the other states require."""
     page.get_by_role("button", name="Close the plan room").click()
     page.keyboard.press("m")
@@ -43,7 +43,7 @@ def plan(at: PictureSetup) -> None:
     """A waypoint plan: the form of a survey, a geofence that it leaves, a selected point, the altitudes."""
     page = at.page
     at.drone.request("POST", "/params/refresh", {"wait": True})
-    room = opened_room(page, "Zoom out")
+    room = open_room(page, "Zoom out")
     room.get_by_label("Name of the plan").fill("Field survey")
     add = room.get_by_role("button", name="Add step")
     choose(add, "Survey")
@@ -63,20 +63,20 @@ def plan(at: PictureSetup) -> None:
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, at.folder, "plan")
-    left(page)
+    close_room(page)
 
 
 def mission(at: PictureSetup) -> None:
     """An offboard mission: its steps as a tree, its path, a selected step."""
     page = at.page
-    room = opened_room(page)
+    room = open_room(page)
     page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
     room.get_by_role("option", name="Up beside the tower").click()
     page.get_by_role("button", name="Zoom in").click()
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 4)
     save_in_both_themes(page, at.folder, "mission")
-    left(page)
+    close_room(page)
 
 
 def dry_run(at: PictureSetup) -> None:
@@ -84,7 +84,7 @@ def dry_run(at: PictureSetup) -> None:
     page = at.page
     at.drone.request("PUT", "/params/MNT_DO_STAB", {"value": 2})  # its gimbal has a locked yaw
     at.drone.request("POST", "/params/refresh", {"wait": True})
-    room = opened_room(page)
+    room = open_room(page)
     imported_tower(page, room)
     room.get_by_role("button", name="Conditions").click()
     for label, value in (("Wind", "4"), ("Wind from", "270"), ("Gusts", "1"), ("Flights with", "8")):
@@ -97,4 +97,4 @@ def dry_run(at: PictureSetup) -> None:
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, at.folder, "dry-run")
-    left(page)
+    close_room(page)

@@ -167,7 +167,7 @@ def tablet(at: PictureSetup) -> None:
 
 
 @contextlib.contextmanager
-def beside(at: PictureSetup) -> Generator[SyncVehicle]:
+def second_vehicle(at: PictureSetup) -> Generator[SyncVehicle]:
     """A second vehicle takes off, and lands at the end; its simulator continues."""
     with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
@@ -182,14 +182,14 @@ def beside(at: PictureSetup) -> Generator[SyncVehicle]:
 
 def two(at: PictureSetup) -> None:
     """A second vehicle is connected and flies."""
-    with beside(at):
+    with second_vehicle(at):
         save_in_both_themes(at.page, at.folder, "two")
 
 
 def group(at: PictureSetup) -> None:
     """Both vehicles as a group: state, members, smallest distance, remaining validity."""
     page = at.page
-    with beside(at) as second:
+    with second_vehicle(at) as second:
         home = at.drone.topic("home")
         assert home is not None
         second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)

@@ -162,7 +162,7 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
     command = server_command(port, [f"udpin://127.0.0.1:{mavlink}"], folder)
     command += ["--host", "0.0.0.0"] if exposed else []
     environment = {name: value for name, value in os.environ.items() if not name.startswith("GCS_")}
-    output_file = folder / "said.txt"
+    output_file = folder / "output.txt"
     with (
         output_file.open("wb") as out,
         running(
@@ -185,13 +185,13 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
 @pytest.fixture(scope="module")
 def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]:
     with (
-        running_site(tmp_path_factory.mktemp("a"), exposed=False) as alone,
+        running_site(tmp_path_factory.mktemp("a"), exposed=False) as loopback,
         running_site(tmp_path_factory.mktemp("b"), exposed=True) as exposed,
     ):
-        yield {"alone": alone, "exposed": exposed}
+        yield {"loopback": loopback, "exposed": exposed}
 
 
-@pytest.fixture(params=["alone", "exposed"])
+@pytest.fixture(params=["loopback", "exposed"])
 def site(sites: dict[str, Site], request: pytest.FixtureRequest) -> Iterator[Site]:
     """Either site; checks afterwards that nothing has changed."""
     found = sites[request.param]
@@ -200,9 +200,9 @@ def site(sites: dict[str, Site], request: pytest.FixtureRequest) -> Iterator[Sit
 
 
 @pytest.fixture
-def alone(sites: dict[str, Site]) -> Iterator[Site]:
-    yield sites["alone"]
-    sites["alone"].assert_untouched()
+def loopback(sites: dict[str, Site]) -> Iterator[Site]:
+    yield sites["loopback"]
+    sites["loopback"].assert_untouched()
 
 
 @pytest.fixture
@@ -230,7 +230,7 @@ def test_a_rebound_host_name_is_refused(sites: dict[str, Site], name: str) -> No
     """DNS rebinding: another name resolves to this server. Its Origin equals the Host, and it has no
     cookie."""
     # A WebSocket that is refused before it is accepted is always answered with 403.
-    for site, refused in ((sites["alone"], {403}), (sites["exposed"], {401, 403})):
+    for site, refused in ((sites["loopback"], {403}), (sites["exposed"], {401, 403})):
         host = name.format(site.port)
         rebound = {"Host": host, "Origin": f"http://{host}"}
         assert site.statuses(rebound) == refused
@@ -300,7 +300,7 @@ def types_in(data: bytes) -> set[str]:
 def test_a_share_request_opens_no_tunnel(site: Site) -> None:
     before = processes(site.process.pid)
 
-    async def ask() -> set[str]:
+    async def share() -> set[str]:
         seen: set[str] = set()
         async with connect(
             f"ws://127.0.0.1:{site.port}/scene/",
@@ -321,13 +321,13 @@ def test_a_share_request_opens_no_tunnel(site: Site) -> None:
                         seen |= types_in(await stream.recv())
         return seen
 
-    seen = asyncio.run(ask())
+    seen = asyncio.run(share())
     assert not [kind for kind in seen if "Share" in kind]
     assert processes(site.process.pid) == before, "viser's tunnel is a separate process"
     assert outside(site.process.pid) == set()
 
 
-def succeeded(client: httpx.Client, command: str) -> None:
+def command_succeeds(client: httpx.Client, command: str) -> None:
     """Repeats a command until the vehicle answers: on a busy machine it may have missed heartbeats."""
     answers: list[int] = []
 
@@ -346,9 +346,9 @@ def test_after_all_attacks_authorized_commands_work(sites: dict[str, Site]) -> N
             with httpx.Client(
                 verify=False, base_url=f"{site.url}/api/v1/vehicles", headers=headers
             ) as client:
-                succeeded(client, "arm")
+                command_succeeds(client, "arm")
                 assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
-                succeeded(client, "disarm")
+                command_succeeds(client, "disarm")
         assert {asyncio.run(site.handshake(path, site.own)) for path in STREAMS} == {101}
 
 
@@ -358,7 +358,7 @@ def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_STREAM)
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     cookies: list[dict[str, str]] = []
-    output_file = tmp_path / "said.txt"
+    output_file = tmp_path / "output.txt"
     for _ in range(2):
         with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
             wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)

@@ -47,7 +47,7 @@ def test_control_is_requested_and_granted_denied_or_taken_by_force(url: str) -> 
         )
 
 
-def test_a_program_that_waits_for_control_gets_it(url: str) -> None:
+def test_a_program_that_waits_for_control_gets_it_when_it_is_granted(url: str) -> None:
     async def scenario() -> None:
         async with (
             Gcs(url, client="anna", client_id="a2") as one,

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from gcs_server.client import NotInControl, SyncGcs
-from tests.e2e.browser import chromium, hold_space, in_both_themes, opened
+from tests.e2e.browser import chromium, hold_space, opened, violations_in_both_themes
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -54,14 +54,14 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
             bob.keyboard.press("c")
             expect(bob.get_by_text("Request control first: Anna is connected.")).to_be_visible()
             expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
-            assert in_both_themes(bob) == []
+            assert violations_in_both_themes(bob) == []
             bob.get_by_label("Reason for the request (shown to Anna)").fill("I see it better")
             bob.get_by_role("button", name="Request control").click()
             prompt = anna.get_by_role("region", name="Control requested")
             expect(prompt).to_contain_text("Bob requests control")
             expect(prompt).to_contain_text("I see it better")
             anna.keyboard.press("Escape")
-            assert in_both_themes(anna) == []
+            assert violations_in_both_themes(anna) == []
             anna.keyboard.press("g")
             expect(bob.get_by_role("dialog")).to_contain_text("You have control")
             expect(anna.get_by_role("button", name="Bob has control")).to_be_visible()

@@ -32,7 +32,7 @@ with SyncGcs(sys.argv[1], client="victim") as gcs:
 """
 
 POSITION = 0x30000
-ORDER = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid_for_s": 60}
+START_REQUEST = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid_for_s": 60}
 
 
 def speed_m_s(drone: Any) -> float:
@@ -77,9 +77,8 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
             wait_until(lambda: answers(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-                airborne(
-                    drone, 25
-                )  # so that it is still descending when the next server is ready on a busy machine
+                # 25 m: the vehicle is still descending when the next server is ready, on a busy machine too.
+                airborne(drone, 25)
                 with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -25)) as stream:
                     assert "lands at its current position" in stream.started["if_stream_stops"]
                     end(first, signal.SIGKILL)
@@ -106,7 +105,7 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
         with SyncGcs(url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             airborne(drone, 25)
-            drone.request("POST", "/offboard/start", ORDER)
+            drone.request("POST", "/offboard/start", START_REQUEST)
             os.kill(stream_process(server.pid), signal.SIGKILL)
             ended = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
             assert ended["status"]["armed"]
@@ -114,7 +113,7 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
             assert stream["state"] == "idle"
             assert stream["ended"].startswith("The setpoint streams' process ended")
             drone.hold()
-            started = drone.request("POST", "/offboard/start", ORDER)
+            started = drone.request("POST", "/offboard/start", START_REQUEST)
             assert started["state"] == "streaming"
             drone.request("POST", "/offboard/stop")
             drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="Hold")

@@ -61,18 +61,18 @@ def run(source: str, url: str, *, inside: str, before: str = "pass") -> Any:
 
 
 @pytest.mark.parametrize("inside", ["time.sleep(60)", "while True: stream.velocity_ned(1, 0, 0)"])
-def test_ctrl_c_in_a_sync_program_ends_in_hold_and_the_program_ends(flying: Any, inside: str) -> None:
+def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any, inside: str) -> None:
     url, drone, *_ = flying
     with run(SYNC, url, inside=inside) as program:
         assert program.stdout.readline() == b"flying\n"
         time.sleep(0.3)
         program.send_signal(signal.SIGINT)
-        _, complaint = program.communicate(timeout=60)
-    assert b"KeyboardInterrupt" in complaint
+        _, stderr = program.communicate(timeout=60)
+    assert b"KeyboardInterrupt" in stderr
     ends_in_hold(drone)
 
 
-def test_ctrl_c_during_the_start_of_a_sync_program_ends_in_hold_and_the_program_ends(flying: Any) -> None:
+def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any) -> None:
     url, drone, *_ = flying
     code = SYNC.format(before='print("starting", flush=True)', inside="pass").replace("valid_for_s=60", "")
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -127,10 +127,10 @@ def test_a_client_that_disconnects_during_the_start_leaves_a_stream_that_expires
     url, drone, *_ = flying
     host, port = url.removeprefix("http://").split(":")
     body = b'{"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 0, 0]}, "valid_for_s": 0.5}'
-    with socket.create_connection((host, int(port))) as gone:
+    with socket.create_connection((host, int(port))) as client:
         head = f"POST /api/v1/vehicles/101/offboard/start HTTP/1.1\r\nHost: {host}\r\nX-Client: gone\r\n"
         head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
-        gone.sendall(head.encode() + body)
+        client.sendall(head.encode() + body)
         wait_until(lambda: drone.request("GET", "/offboard")["state"] == "starting", "the start")
     wait_until(lambda: drone.request("GET", "/offboard")["state"] == "holding", "the expiry")
     wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "Hold")

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.realtime
 IDS = ("101", "102")
 
 
-def test_a_group_flies_changes_and_ends_in_hold_at_every_end_of_its_block() -> None:
+def test_a_group_flies_changes_its_setpoints_and_ends_in_hold_after_its_block_or_an_error() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),

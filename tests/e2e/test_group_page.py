@@ -15,11 +15,11 @@ from tests.e2e.browser import (
     REPOSITORY,
     chromium,
     hold_space,
-    in_both_themes,
     number,
     opened,
     slide,
     tab_to,
+    violations_in_both_themes,
 )
 from tests.e2e.fast_station import FAST, move_aside
 from tests.station import free_port, server, vehicle, wait_until
@@ -36,7 +36,7 @@ HIDE = """
 """
 
 
-def places(drones: list[Any]) -> list[list[float]]:
+def positions(drones: list[Any]) -> list[list[float]]:
     return [drone.topic("local_position")["position_ned_m"] for drone in drones]
 
 
@@ -87,11 +87,11 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         refusal = room.get_by_role("alert")
         expect(refusal).to_contain_text("101 Quad and 102 Quad")
         expect(refusal).to_contain_text(re.compile("[Vv]ehicles? 10[12]"))
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         assert modes(drones) == {"hold"}
 
         # Started, flown, and renewed as long as the page is visible.
-        before = places(drones)
+        before = positions(drones)
         room.get_by_label("Minimum separation").fill("1")
         room.get_by_label("Valid for, seconds").fill("4")
         tab_to(page, "Start group…")
@@ -102,12 +102,12 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(card).to_contain_text("from this page")
         expect(refusal).to_be_hidden()
         began_s = time.monotonic()
-        expect(room.get_by_label("Move, North")).to_have_value("0")  # pressed again it moves nothing
+        expect(room.get_by_label("Move, North")).to_have_value("0")  # a second press moves nothing
 
-        def flown(north_m: float) -> bool:
-            return all(now[0] - was[0] > north_m for now, was in zip(places(drones), before, strict=True))
+        def moved_north(north_m: float) -> bool:
+            return all(now[0] - was[0] > north_m for now, was in zip(positions(drones), before, strict=True))
 
-        wait_until(lambda: flown(5.5), "both six metres north", 30)
+        wait_until(lambda: moved_north(5.5), "both six metres north", 30)
         expect(card).to_contain_text("Renewed while this page is visible")
         assert number(card.locator(".figures b").first.inner_text()) > 1
         wait_until(lambda: time.monotonic() - began_s > 10, "longer than its validity")
@@ -118,11 +118,11 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         room.get_by_label("Move, North").fill("3")
         room.get_by_label("Valid for, seconds").fill("30")
         room.get_by_role("button", name="Send to group").click()
-        wait_until(lambda: flown(8.4), "three metres more", 30)
+        wait_until(lambda: moved_north(8.4), "three metres more", 30)
         expect(page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first).to_contain_text(
             "Group · accepted"
         )
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         tab_to(page, "Hold group")
         page.keyboard.press("Enter")
         wait_until(lambda: modes(drones) == {"hold"}, "Hold")
@@ -147,8 +147,8 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         for drone in drones:
             drone.control.release()
         with SyncGcs(url, client="pair", client_id="pair") as other:
-            orders = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
-            with other.group(orders, minimum_separation_m=1, valid_for_s=60):
+            velocity_setpoints = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
+            with other.group(velocity_setpoints, minimum_separation_m=1, valid_for_s=60):
                 theirs = room.get_by_role("region", name="Group 3")
                 expect(theirs).to_contain_text("from pair")
                 expect(theirs).to_contain_text("Flying")

@@ -35,12 +35,12 @@ def attacks():
 @pytest.mark.parametrize("attack", list(attacks()))
 def test_other_clients_are_served_during_an_attack_and_memory_and_log_stay_small(site, attack):
     target, log = site
-    with attacked(target, attack, b"X-Client-Id: innocent\r\n") as noticed:
+    with attacked(target, attack, b"X-Client-Id: innocent\r\n") as effects:
         pass
-    assert noticed.served
-    assert noticed.failures == []
-    assert noticed.longest_pause_s < LONGEST_PAUSE_S
-    assert noticed.memory_mb < MAX_MEMORY_MB
+    assert effects.served
+    assert effects.failures == []
+    assert effects.longest_pause_s < LONGEST_PAUSE_S
+    assert effects.memory_mb < MAX_MEMORY_MB
     text = log.read_text()
     assert "Traceback" not in text
     assert len(text) < 20_000
@@ -72,11 +72,11 @@ def test_a_server_without_file_descriptors_reports_it_once_and_continues_when_it
 
 def test_a_refusal_is_received_although_the_client_continues_to_send(site):
     target, _ = site
-    made = target.connect()
+    connection = target.connect()
     head = b"POST /api/v1/vehicles/1/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000000\r\n\r\n"
-    target.send(made, head)
-    target.send(made, b"x" * 100_000, 30)
-    response = answer(made)
+    target.send(connection, head)
+    target.send(connection, b"x" * 100_000, 30)
+    response = answer(connection)
     assert response.startswith(b"HTTP/1.1 413 ")
     assert b'"code":"body_too_large"' in response
     target.release()

@@ -32,7 +32,7 @@ PLAN = {
 
 
 def modes_without_server(port: int, last: int) -> list[int]:
-    """Receives the vehicle's frames until it is in the last mode, and sends nothing; its modes in order."""
+    """Receives frames, and sends nothing, until the vehicle is in mode `last`; returns its modes in order."""
     parser, modes = mavlink.MAVLink(None), list[int]()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.settimeout(30)
@@ -45,16 +45,16 @@ def modes_without_server(port: int, last: int) -> list[int]:
     return modes
 
 
-def started(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, Any]]:
-    """Uploads the plan and starts it: what the server states about a lost link, and the plan on the
+def upload_and_start(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, Any]]:
+    """Uploads the plan and starts it; returns the stated action on a lost link, and the plan on the
     vehicle."""
     for name, value in (("NAV_DLL_ACT", action), ("COM_DL_LOSS_T", 10)):
         drone.request("PUT", f"/params/{name}", {"value": value})
-    kept = gcs.request("POST", "/plans", {"name": "North", "plan": PLAN})
-    drone.mission.upload(plan_id=kept["id"])
+    stored = gcs.request("POST", "/plans", {"name": "North", "plan": PLAN})
+    drone.mission.upload(plan_id=stored["id"])
     wait_until(lambda: drone.mission.state()["if_link_lost"], "the stated action")
     before = drone.mission.state()
-    assert before["holds"]["plan"] == {"id": kept["id"], "version": 1, "name": "North"}
+    assert before["holds"]["plan"] == {"id": stored["id"], "version": 1, "name": "North"}
     drone.mission.start(0)
     wait_until(lambda: drone.mission.state()["mission"]["current"] == 1, "the first leg", 60)
     assert drone.mission.state()["flight"]["client"] == "e2e"
@@ -74,7 +74,7 @@ def started(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, Any]]:
     ],
     ids=["continues", "returns"],
 )
-def test_after_a_killed_server_px4_does_as_stated_and_the_next_server_finds_the_flight_and_sends_nothing(
+def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_the_flight_and_sends_nothing(
     tmp_path: Path, action: int, stated: str, modes: list[int]
 ) -> None:
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
@@ -85,7 +85,7 @@ def test_after_a_killed_server_px4_does_as_stated_and_the_next_server_finds_the_
             wait_until(lambda: answers(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-                if_link_lost, holds = started(gcs, drone, action)
+                if_link_lost, holds = upload_and_start(gcs, drone, action)
                 assert if_link_lost == stated
                 end(first, signal.SIGKILL)
         assert modes_without_server(port, modes[-1]) == modes
@@ -97,15 +97,15 @@ def test_after_a_killed_server_px4_does_as_stated_and_the_next_server_finds_the_
                 status = drone.status()
                 assert (status["armed"], status["custom_mode"]) == (True, modes[-1])
                 if modes == [MISSION]:
-                    is_flown_on(drone)
+                    is_monitored_to_its_end(drone)
                 assert drone.request("GET", "/control")["holder"] is None
                 journal = gcs.request("GET", "/journal")["entries"]
                 assert journal[0]["command"] == "mission/start", (
-                    "the last command of anybody, before the kill"
+                    "the last command of any client, before the kill"
                 )
 
 
-def is_flown_on(drone: Any) -> None:
+def is_monitored_to_its_end(drone: Any) -> None:
     """The flight is monitored from its current item to its end."""
     wait_until(lambda: drone.mission.state()["flight"], "the monitored flight")
     wait_until(lambda: drone.mission.state()["flight"]["item"] == 2, "the second leg")

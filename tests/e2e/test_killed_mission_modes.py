@@ -54,11 +54,11 @@ TAKES_OFF_FAR: dict[str, Any] = {
         {"step": "land"},
     ],
 }
-both = pytest.mark.parametrize("executor", [False, True], ids=["mode", "executor"])
+with_and_without_executor = pytest.mark.parametrize("executor", [False, True], ids=["mode", "executor"])
 """A mode alone, and one that an executor owns."""
 
 
-class Published:
+class Px4Topics:
     """What PX4 publishes about itself."""
 
     def __init__(self) -> None:
@@ -88,11 +88,11 @@ def vehicle() -> Iterator[ModesVehicle]:
 
 
 @pytest.fixture
-def px4() -> Published:
-    return Published()
+def px4() -> Px4Topics:
+    return Px4Topics()
 
 
-def flying(vehicle: ModesVehicle, px4: Published, *, executor: bool) -> int:
+def flying(vehicle: ModesVehicle, px4: Px4Topics, *, executor: bool) -> int:
     """Flies the mission, on its way north; returns the mode as nav_state."""
     if executor:
         mode = vehicle.taking_off(TAKES_OFF_FAR)
@@ -133,9 +133,9 @@ def runs(pid: int) -> bool:
     return False
 
 
-@both
+@with_and_without_executor
 def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_selected(
-    vehicle: ModesVehicle, px4: Published, executor: bool
+    vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
     own = flying(vehicle, px4, executor=executor)
     killed_s = kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
@@ -155,9 +155,9 @@ def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_
     assert (px4.status.nav_state, px4.status.arming_state) == (HOLD, ARMED)
 
 
-@both
-def test_a_killed_server_takes_its_mode_with_it_and_the_next_one_can_register_it_again(
-    vehicle: ModesVehicle, px4: Published, executor: bool
+@with_and_without_executor
+def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register_it_again(
+    vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
     own = flying(vehicle, px4, executor=executor)
     streams = streams_process(vehicle.process.pid)
@@ -180,25 +180,25 @@ def test_a_killed_server_takes_its_mode_with_it_and_the_next_one_can_register_it
         after.until_north()
 
 
-def test_when_both_die_during_the_take_off_of_the_executor_px4_completes_it_and_holds(
-    vehicle: ModesVehicle, px4: Published
+def test_when_server_and_streams_die_during_the_executors_take_off_px4_completes_it_and_holds(
+    vehicle: ModesVehicle, px4: Px4Topics
 ) -> None:
     own = nav_state(vehicle.taking_off(TAKES_OFF_FAR))
-    begun = px4.until(lambda each: each.nav_state == TAKEOFF, "the take-off", 5.0)
-    assert (begun.executor_in_charge, selectable(begun, own)) == (1, True)
+    taking_off = px4.until(lambda each: each.nav_state == TAKEOFF, "the take-off", 5.0)
+    assert (taking_off.executor_in_charge, selectable(taking_off, own)) == (1, True)
     ground_down_m = px4.position.latest.z
     kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
-    gone = px4.until(lambda each: not selectable(each, own), "the removal of the mode", 5.0)
-    assert (gone.nav_state, gone.failsafe) == (TAKEOFF, False)
+    removed = px4.until(lambda each: not selectable(each, own), "the removal of the mode", 5.0)
+    assert (removed.nav_state, removed.failsafe) == (TAKEOFF, False)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     hold = px4.until(lambda each: each.nav_state != TAKEOFF, "the end of the take-off", 40.0)
     assert (hold.nav_state, hold.failsafe, hold.arming_state) == (HOLD, False, ARMED)
     assert px4.position.latest.z == pytest.approx(ground_down_m - 8.0, abs=1.5)
 
 
-@both
+@with_and_without_executor
 def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
-    vehicle: ModesVehicle, px4: Published, executor: bool
+    vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
     flying(vehicle, px4, executor=executor)
     os.kill(streams_process(vehicle.process.pid), signal.SIGKILL)

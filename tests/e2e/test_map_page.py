@@ -62,7 +62,7 @@ def menu_at(page: Page, east_px: int, north_px: int) -> Locator:
     return menu
 
 
-def place_of(menu: Locator) -> tuple[float, float]:
+def position_of(menu: Locator) -> tuple[float, float]:
     """Latitude and longitude [deg] in the menu."""
     found = re.search(r"(-?\d+\.\d+), (-?\d+\.\d+)", menu.locator(".where").inner_text())
     assert found is not None
@@ -91,7 +91,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         menu = menu_at(page, 120, 80)
         expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of the vehicle"))
         expect(menu).to_contain_text(re.compile(r"about \d+ s"))
-        goal = place_of(menu)
+        goal = position_of(menu)
         height = menu.get_by_label("Flight altitude above home", exact=True)
         height.fill("10")
         height.press("Tab")
@@ -107,7 +107,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
 
         menu = menu_at(page, -80, -64)
         expect(menu).to_contain_text("Look here: Take control of the gimbal first")
-        aim = place_of(menu)
+        aim = position_of(menu)
         menu.get_by_role("button", name="Set ROI").click()
         expect(menu).to_be_hidden()
         roi = drone.request("GET", "/gimbal")["roi"]
@@ -117,7 +117,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         wait_until(lambda: newest(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the position")
         expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Points at")
 
-        by_keyboard_only(page)
+        open_menu_by_keyboard(page)
         assert serious_violations(page) == []
         page.keyboard.press("Escape")
 
@@ -129,7 +129,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         page.keyboard.press("m")
         expect(page.get_by_title("Show the map large (M)")).to_be_visible()
         assert scene(page).evaluate("() => window.kept") is True
-        in_3d(page)
+        click_in_3d(page)
 
     drone.land()
     drone.until_disarmed()
@@ -162,7 +162,7 @@ def refusal_is_shown_in_the_menu(page: Page, menu: Locator) -> None:
     page.unroute("**/goto", refuse)
 
 
-def by_keyboard_only(page: Page) -> None:
+def open_menu_by_keyboard(page: Page) -> None:
     """Tab to the map, arrows, Enter: the same menu opens and has the focus."""
     page.get_by_role("application").focus()
     for _ in range(3):
@@ -176,7 +176,7 @@ def by_keyboard_only(page: Page) -> None:
     assert page.evaluate("() => document.activeElement.closest('[role=dialog]') !== null")
 
 
-def in_3d(page: Page) -> None:
+def click_in_3d(page: Page) -> None:
     """A click on the ground in 3D opens the menu at the pointer."""
     page.mouse.click(520, 700)
     menu = page.get_by_role("dialog")

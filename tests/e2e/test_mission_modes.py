@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 pytest.importorskip("cyclonedds")
 
 from tests import station
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, opened, violations_in_both_themes
 from tests.e2e.mission_modes import MISSION, NAME, TAKES_OFF, ModesVehicle, modes_vehicle
 from tests.e2e.plan_page import plan_room
 from tools import build_page
@@ -24,7 +24,7 @@ def vehicle() -> Iterator[ModesVehicle]:
 
 
 @pytest.mark.realtime
-def test_a_registered_mission_is_a_mode_of_another_station_and_both_can_start_it(
+def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_stations(
     vehicle: ModesVehicle,
 ) -> None:
     mode = vehicle.in_air()
@@ -55,14 +55,14 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
     vehicle.other.choose(mode["mode"])
     station.wait_until(lambda: vehicle.status["mode"] == mode["mode"], "the mode", 5.0)
     assert (vehicle.status["armed"], vehicle.mission()) == (False, None)
-    begun_m = vehicle.north_m()
+    start_north_m = vehicle.north_m()
     vehicle.arm()
     vehicle.until_mission("taking_off")
     mission = vehicle.get("/vehicles/1/offboard_mission")["mission"]
     assert (mission["mode"], mission["executor_in_charge"]) == (mode["mode"], True)
     vehicle.until_mission("flying")
     vehicle.until_mission("landing")
-    assert vehicle.north_m() == pytest.approx(begun_m + 6.0, abs=1.5)
+    assert vehicle.north_m() == pytest.approx(start_north_m + 6.0, abs=1.5)
     vehicle.until_mission("done")
     station.wait_until(lambda: vehicle.status["mode"] == "hold", "Hold", 5.0)
     assert vehicle.status["armed"] is False
@@ -92,7 +92,7 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         expect(modes).to_contain_text("ready to be selected")
         assert NAME in vehicle.other.names()
         assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         modes.get_by_role("button", name=f"Start {NAME}…").click()
         hold_space(page)
         expect(page.locator(".pill b")).to_have_text(NAME)

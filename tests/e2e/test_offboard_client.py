@@ -1,4 +1,4 @@
-"""The Python client with real processes: blocks, streamed setpoints, a path, limits."""
+"""The Python client with real processes: `with` blocks, streamed setpoints, a path, limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def distance_m(a: Any, b: Any) -> float:
     return math.dist(tuple(a), tuple(b))
 
 
-def test_blocks_streamed_setpoints_a_path_and_limits(station: Station) -> None:
+def test_streamed_setpoints_and_a_path_are_flown_within_the_limits(station: Station) -> None:
     airborne(station.drone)
     asyncio.run(flight(station.url))
 
@@ -52,13 +52,13 @@ async def flight(url: str) -> None:
                 assert "speed limited to 6 m/s" in answer["limited"]
                 with pytest.raises(Invalid, match="length 1"):
                     await live.attitude(0.5, q_ned_frd=(1, 1, 0, 0))
-                begin = await drone.position_ned_m()
+                start = await drone.position_ned_m()
                 await live.position_body(0, 0, 0)
 
             await asyncio.sleep(1.5)
-            begin = await drone.position_ned_m()
+            start = await drone.position_ned_m()
             corners = ((0, 0), (4, 0), (4, 4))
-            points = [(3.0 * i, (begin[0] + n, begin[1] + e, begin[2])) for i, (n, e) in enumerate(corners)]
+            points = [(3.0 * i, (start[0] + n, start[1] + e, start[2])) for i, (n, e) in enumerate(corners)]
             await offboard.follow_path(points)
             await asyncio.sleep(0.7)
             assert distance_m(await drone.position_ned_m(), points[-1][1]) < 1.5

@@ -14,12 +14,12 @@ from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
     box_of,
     hold_space,
-    in_both_themes,
     number,
     opened,
     scene,
     slide,
     tab_to,
+    violations_in_both_themes,
 )
 from tests.e2e.fast_station import FAST, Station
 from tests.station import free_port, server, vehicle, wait_until
@@ -60,7 +60,7 @@ HANDLE = """
 """Position of a handle in the view, and the direction of one of its axes."""
 
 
-EYE = """
+HANDLES_AND_CAMERA = """
 () => {
   const { camera, nodeRefFromName } = window.__viserMutable;
   const handles = nodeRefFromName['/world/gizmo_ground'];
@@ -91,7 +91,7 @@ def hovering() -> Iterator[Station]:
 
 
 @pytest.fixture(autouse=True)
-def held(hovering: Station) -> Iterator[None]:
+def hold_after_each_test(hovering: Station) -> Iterator[None]:
     """Puts the vehicle into Hold after each test."""
     yield
     hovering.drone.hold()
@@ -126,7 +126,7 @@ def beside_all_panels(page: Page, frame: Any) -> bool:
     )
 
 
-def streamed(drone: Any) -> dict[str, Any]:
+def offboard_status(drone: Any) -> dict[str, Any]:
     return drone.request("GET", "/offboard")
 
 
@@ -146,7 +146,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         north.fill("far")
         room.get_by_role("button", name="Start…").click()
         expect(room).to_contain_text("North: enter a number.")
-        assert not streamed(drone)["streaming"]
+        assert not offboard_status(drone)["streaming"]
         north.fill("5")
         room.get_by_label("Position, Up").fill("12")
         expect(room).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
@@ -154,7 +154,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         expect(page.get_by_role("alertdialog")).to_contain_text("starts a setpoint stream: Position 5.0")
         slide(page, room.get_by_role("button", name="Start…").click)
         expect(pill(page)).to_have_text("Offboard")
-        assert streamed(drone)["setpoint"]["position_ned_m"][0] == 5
+        assert offboard_status(drone)["setpoint"]["position_ned_m"][0] == 5
         health = page.get_by_label("Stream health")
         wait_until(lambda: number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the room")
         expect(health).to_contain_text("Position error")
@@ -167,7 +167,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         expect(room.get_by_text("ground speed 1 m/s")).to_be_visible()
         room.get_by_role("combobox", name="Setpoint type").click()
         expect(page.get_by_role("option", name=re.compile("^Thrust and torque"))).to_contain_text("MAVLink")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.get_by_role("option", name=re.compile("^Velocity local")).click()
         room.get_by_label("Velocity, East").fill("4")
         room.get_by_role("button", name="Send").click()
@@ -197,15 +197,15 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
         expect(room.get_by_label("Right stick: horizontal motion").locator(".lever")).to_have_attribute(
             "y2", "-38"
         )
-        assert streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
+        assert offboard_status(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
         page.evaluate("testPad.held = true")
         expect(room).to_contain_text("Sticks fly the vehicle")
         wait_until(lambda: speed_m_s(drone) > 0.7, "the stick's setpoint flown")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.evaluate("testPad.held = false")
         expect(room).to_contain_text("Hovering")
         wait_until(
-            lambda: streamed(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
+            lambda: offboard_status(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
             "zero velocity requested",
             5,
         )
@@ -229,10 +229,13 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         room.get_by_role("radio", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
-        wait_until(lambda: math.dist(*frame.evaluate(EYE)) > 4.4, "the camera moving back")
-        ahead, _ = frame.evaluate(EYE)
+        wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera moving back")
+        ahead, _ = frame.evaluate(HANDLES_AND_CAMERA)
         room.get_by_role("button", name="North 1 m more").click()
-        wait_until(lambda: math.dist(frame.evaluate(EYE)[0], ahead) > 0.9, "the handles one step further")
+        wait_until(
+            lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], ahead) > 0.9,
+            "the handles one step further",
+        )
         wait_until(lambda: beside_all_panels(page, frame), "the handles beside all panels")
         before = drone.topic("local_position")["position_ned_m"]
         box = box_of(page.get_by_title("3D view", exact=True))
@@ -240,7 +243,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         def shown() -> list[float]:
             return [number(text) for text in room.locator(".cell b").all_inner_texts()]
 
-        stepped = shown()
+        position_before = shown()
         x, y, dx, dy = frame.evaluate(
             HANDLE, 1
         )  # across the view: along the view one pixel is too long a distance
@@ -249,14 +252,14 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         page.mouse.down()
         page.mouse.move(at[0] + 40 * dx, at[1] + 40 * dy, steps=6)
         page.mouse.up()
-        wait_until(lambda: math.dist(shown()[:2], stepped[:2]) > 0.3, "the dragged position")
-        assert shown()[2] == stepped[2]
+        wait_until(lambda: math.dist(shown()[:2], position_before[:2]) > 0.3, "the dragged position")
+        assert shown()[2] == position_before[2]
         assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
         wanted = shown()
         room.get_by_role("button", name="Start…").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
-        place = streamed(drone)["setpoint"]["position_ned_m"]
+        place = offboard_status(drone)["setpoint"]["position_ned_m"]
         assert place[:2] == pytest.approx(wanted[:2], abs=0.1)
         page.keyboard.press("p")
         expect(room).to_be_hidden()

@@ -16,13 +16,13 @@ from tests.e2e.browser import (
     READ_CANVAS,
     box_of,
     hold_space,
-    in_both_themes,
     number,
     opened,
     scene,
     shown,
     slide,
     tab_to,
+    violations_in_both_themes,
 )
 from tests.e2e.fast_station import FAST, Station
 from tests.station import answers, end, free_port, running, server, server_command, vehicle, wait_until
@@ -62,7 +62,7 @@ def pill(page: Page) -> Any:
 
 
 @pytest.mark.story
-def test_a_flight_by_mouse(browser: Browser, landed: Station) -> None:
+def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
     drone = landed.drone
     with opened(browser, landed.url, scene=False) as page:
         instrument, card = (
@@ -99,7 +99,7 @@ def test_a_flight_by_mouse(browser: Browser, landed: Station) -> None:
         stream = drone.request("GET", "/offboard")
         assert stream["streaming"]
         assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         wait_until(lambda: shown(instrument, "Above home") > 6.6, "the moved target reached")
 
         card.get_by_role("button", name="Hold", exact=True).click()
@@ -157,7 +157,9 @@ def point_the_gimbal(page: Page, drone: Any) -> None:
     expect(card.get_by_role("button", name="Take")).to_be_visible()
 
 
-def test_a_flight_by_keyboard_and_a_refusal_beside_its_button(browser: Browser, landed: Station) -> None:
+def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button(
+    browser: Browser, landed: Station
+) -> None:
     drone = landed.drone
     with opened(browser, landed.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
@@ -170,12 +172,12 @@ def test_a_flight_by_keyboard_and_a_refusal_beside_its_button(browser: Browser, 
         assert drone.status()["mode"] == "hold"
 
         page.keyboard.press("Shift+K")
-        question = page.get_by_role("alertdialog")
-        question.get_by_role("button", name="Cancel").focus()
+        confirmation = page.get_by_role("alertdialog")
+        confirmation.get_by_role("button", name="Cancel").focus()
         page.keyboard.down("Space")
         page.wait_for_timeout(LONGER_THAN_ANY_HOLD_MS)
         page.keyboard.up("Space")
-        expect(question).to_be_hidden()
+        expect(confirmation).to_be_hidden()
         assert drone.status()["armed"]
 
         page.keyboard.press("o")
@@ -207,7 +209,7 @@ def test_a_flight_by_keyboard_and_a_refusal_beside_its_button(browser: Browser, 
         expect(refusal).to_contain_text("Disarming: The vehicle refused")
         expect(refusal).to_contain_text("Disarming denied: not landed")
         assert drone.status()["armed"]
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
         expect(refusal).to_be_hidden()
 
@@ -247,16 +249,16 @@ def test_the_page_has_no_serious_accessibility_violations(browser: Browser, land
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
         page.get_by_role("alertdialog").wait_for()
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
         page.keyboard.press("?")
         page.get_by_role("button", name="Battery").click()
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
         page.keyboard.press("Escape")
         page.keyboard.press("n")
         page.keyboard.press("v")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
 
 
 @pytest.mark.story

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import hold_space, in_both_themes, opened, slide
+from tests.e2e.browser import hold_space, opened, slide, violations_in_both_themes
 from tests.e2e.fast_station import FAST
 from tests.station import free_port, server, vehicle, wait_until
 
@@ -45,7 +45,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         expect(refusal).to_contain_text("Arming: The vehicle refused")
         expect(refusal).to_contain_text("102 Quad")
         expect(refusal).to_contain_text("Reason: Arming denied: Resolve system health failures first")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         assert not two.status()["armed"]
         two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
         gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
@@ -73,7 +73,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         status_text = page.get_by_label("Vehicle list").get_by_role("status")
         expect(status_text).to_have_text("The vehicle switched to Hold.")
         wait_until(lambda: two.status()["mode"] == "hold", "Hold of all flying vehicles")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
         expect(found).to_have_count(0)
 
@@ -84,7 +84,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
             expect(chips.nth(1)).to_contain_text("lost")
             expect(chips.nth(0)).not_to_contain_text("lost")
             expect(page.get_by_label("Values", exact=True)).to_contain_text(" old")
-            assert in_both_themes(page) == []
+            assert violations_in_both_themes(page) == []
             page.keyboard.press("h")
             expect(refusal).to_contain_text("no messages for")
             expect(refusal).to_contain_text("Check its link")

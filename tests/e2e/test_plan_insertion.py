@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import choose, in_both_themes, opened
+from tests.e2e.browser import choose, opened, violations_in_both_themes
 from tests.e2e.plan_page import steps_of
 from tests.station import free_port, server
 
@@ -52,7 +52,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         choice = room.get_by_role("region", name="Insert a stored mission")
         choice.get_by_role("button", name="Mast").click()
         expect(choice.get_by_role("alert")).to_contain_text("'Mast' has positions relative to its start")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         choice.get_by_role("button", name="Keep the planned positions").click()
         expect(entries.filter(has_text="Mast:")).to_contain_text("Around")
         expect(entries.nth(2)).to_have_attribute("aria-selected", "true")

@@ -7,11 +7,11 @@ import re
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import box_of, choose, hold_space, in_both_themes, opened, scene
+from tests.e2e.browser import box_of, choose, hold_space, opened, scene, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
+    CLICKS,
     EXAMPLES,
-    PLACES,
     flown,
     home_of,
     no_findings,
@@ -36,7 +36,7 @@ POSITION_IN_3D = """
   return [(at[0] / at[3] + 1) / 2 * innerWidth, (1 - at[1] / at[3]) / 2 * innerHeight];
 }
 """
-"""Position in the frame of a point of viser's world [px]; null while the view is not ready."""
+"""Position of a point of viser's world inside the iframe [px]; null while the view is not ready."""
 
 
 @pytest.mark.story
@@ -45,7 +45,7 @@ def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browse
         room = plan_room(page)
         steps = steps_of(room)
         waypoints = steps.filter(has_text="Waypoint")
-        for count, place in enumerate(PLACES, 1):
+        for count, place in enumerate(CLICKS, 1):
             page.mouse.click(*on_map(page, place))
             expect(waypoints).to_have_count(count)
         page.keyboard.press("Escape")
@@ -67,7 +67,7 @@ def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browse
         findings.get_by_role("button", name="Take off at the beginning").click()
         expect(steps.nth(1)).to_contain_text("Take off")
         expect(findings).not_to_contain_text("The plan has no take-off")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
 
         room.get_by_label("Name of the plan").fill("Tower")
         page.get_by_role("button", name="Save", exact=True).click()
@@ -129,7 +129,7 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         expect(steps.filter(has_text="Is the picture sharp")).to_have_count(0)
         page.keyboard.press("Control+z")
         expect(steps.filter(has_text="Is the picture sharp")).to_have_count(1)
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.get_by_role("button", name="Save", exact=True).click()
         expect(room).to_contain_text("Saved as version 1.")
     (kept,) = [
@@ -166,14 +166,14 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         expect(card).to_contain_text("Look around")
         card.get_by_role("button", name="Pause").click()
         expect(card.get_by_role("status")).to_have_text("Paused")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         card.get_by_role("button", name="Abort…").click()
         hold_space(page)
         expect(card.get_by_role("status")).to_have_text("Aborted")
         page.reload()
         expect(card.get_by_role("table", name="Flown compared with planned")).to_contain_text("Battery used")
         expect(card.get_by_role("img", name="Distance from the planned path over time")).to_be_visible()
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
         card.get_by_role("button", name="Close").click()
         expect(card).to_be_hidden()
@@ -264,7 +264,7 @@ def drag_and_undo(page: Page, room: Locator) -> None:
     room.get_by_role("option", name="Waypoint").nth(1).click()
     latitude = card.get_by_label("Latitude")
     before = latitude.input_value()
-    x, y = on_map(page, PLACES[1])
+    x, y = on_map(page, CLICKS[1])
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 15, y - 30, steps=4)
@@ -316,7 +316,7 @@ def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, s
         card.get_by_label("Top", exact=True).fill("40")
         expect(obstacle).to_contain_text("top 40.0 m above home")
         expect(findings).to_contain_text("passes through Barn")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         finding = findings.get_by_role("listitem").filter(has_text="passes through Barn")
         finding.get_by_role("button", name="Show").click()
         expect(steps_of(room).filter(has_text="Waypoint").nth(1)).to_have_attribute("aria-selected", "true")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import choose, hold_space, in_both_themes, opened, press, tab_to
+from tests.e2e.browser import choose, hold_space, opened, press, tab_to, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     dry_run,
@@ -140,7 +140,7 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
         hold_space(page)
         start = station.drone.position_ned_m()
 
-        def looks_at_the_tower(least_m: float) -> bool:
+        def looks_at_the_tower(distance_m: float) -> bool:
             gimbal = station.drone.topic("gimbal")
             north, east, down = (
                 now - then for now, then in zip(station.drone.position_ned_m(), start, strict=True)
@@ -148,10 +148,12 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
             to_north, to_east, to_down = TOWER_NED_M[0] - north, TOWER_NED_M[1] - east, TOWER_NED_M[2] - down
             pitch, yaw = -math.atan2(to_down, math.hypot(to_north, to_east)), math.atan2(to_east, to_north)
             off = (gimbal["pitch_rad"] - pitch, math.remainder(gimbal["yaw_ned_rad"] - yaw, math.tau))
-            return down < -8 and math.hypot(north, east) >= least_m and max(map(abs, off)) < 0.15
+            return down < -8 and math.hypot(north, east) >= distance_m and max(map(abs, off)) < 0.15
 
-        for least_m in (0, 8):
-            wait_until(lambda m=least_m: looks_at_the_tower(m), f"the tower in view, {least_m} m away", 60)
+        for distance_m in (0, 8):
+            wait_until(
+                lambda m=distance_m: looks_at_the_tower(m), f"the tower in view, {distance_m} m away", 60
+            )
         page.keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 
@@ -220,14 +222,14 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         tab_to(page, "Add rectangle")
         keyboard.press("Enter")
         expect(figures).to_contain_text("cm/px")
-        typed(page, "Latitude", f"{home['lat_deg'] + 0.0002:.7f}")
-        typed(page, "Altitude", "15")
-        typed(page, "Side overlap", "96")
+        type_into(page, "Latitude", f"{home['lat_deg'] + 0.0002:.7f}")
+        type_into(page, "Altitude", "15")
+        type_into(page, "Side overlap", "96")
         expect(room.get_by_text("Enter a number from 0 to 95.")).to_be_visible()
-        typed(page, "Side overlap", "50")
-        typed(page, "Heading of the lines", "90")
+        type_into(page, "Side overlap", "50")
+        type_into(page, "Heading of the lines", "90")
         expect(figures).to_contain_text("90°")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         tab_to(page, "Insert survey")
         keyboard.press("Enter")
         expect(steps_of(room).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
@@ -241,7 +243,7 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         expect(room.get_by_role("region", name="Dry run")).to_contain_text("Flown: ", timeout=120_000)
 
 
-def typed(page: Page, label: str, text: str) -> None:
+def type_into(page: Page, label: str, text: str) -> None:
     """Replaces the text of a field by keyboard."""
     tab_to(page, label)
     page.keyboard.press("Control+a")

@@ -9,10 +9,10 @@ from tests.e2e.browser import (
     REPOSITORY,
     chromium,
     hold_space,
-    in_both_themes,
     opened,
     press,
     serious_violations,
+    violations_in_both_themes,
 )
 from tests.e2e.fast_station import Station
 from tools import build_page
@@ -35,7 +35,7 @@ def test_the_reasons_against_arming_and_against_each_mode_are_shown(station: Sta
         expect(panel.get_by_role("listitem").filter(has_text="No offboard setpoints")).to_contain_text(
             "Start an offboard stream"
         )
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.set_viewport_size({"width": 1280, "height": 720})
         hold = page.get_by_role("button", name="Hold", exact=True).bounding_box()
         box = panel.bounding_box()

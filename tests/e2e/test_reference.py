@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from tests.e2e.browser import Watched, chromium
+from tests.e2e.browser import PageMonitor, chromium
 from tests.station import server
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
@@ -15,7 +15,7 @@ def test_the_reference_shows_every_call_and_loads_nothing_from_other_sites() -> 
     with server([]) as (url, _), chromium() as browser:
         paths = httpx.get(f"{url}/api/v1/openapi.json", timeout=30.0).json()["paths"]
         page = browser.new_page()
-        watched = Watched(page, url)
+        monitor = PageMonitor(page, url)
         page.goto(f"{url}/docs")
         page.locator("details").first.wait_for()
         assert page.locator("details").count() == sum(len(methods) for methods in paths.values())
@@ -27,4 +27,4 @@ def test_the_reference_shows_every_call_and_loads_nothing_from_other_sites() -> 
         assert page.get_by_text("Altitude above home to climb to [m], 1 to 120.").is_visible()
         page.set_viewport_size({"width": 360, "height": 740})
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no horizontal scrolling"
-        watched.check()
+        monitor.check()

@@ -55,20 +55,20 @@ class Log:
                 self.end_us = batch.records[-1].time_us
                 for record in batch.records:
                     if record.raw[5] == 1 and message_id(record.key) in {33, 30, 436, 285}:
-                        said = wire.decode(bytearray(record.raw))
-                        times, all_of_it = self._recorded.setdefault(said.get_type(), ([], []))
+                        message = wire.decode(bytearray(record.raw))
+                        times, messages = self._recorded.setdefault(message.get_type(), ([], []))
                         times.append(record.time_us)
-                        all_of_it.append(said)
+                        messages.append(message)
 
     def at(self, name: str, time_us: int) -> Any:
         """The newest message with this name."""
-        times, said = self._recorded[name]
-        return said[bisect.bisect_right(times, time_us) - 1]
+        times, messages = self._recorded[name]
+        return messages[bisect.bisect_right(times, time_us) - 1]
 
     def first_in(self, mode: tuple[int, int]) -> int:
         """Time of its first message in a mode [us]."""
-        times, said = self._recorded["CURRENT_MODE"]
-        return next(t for t, m in zip(times, said, strict=True) if _mode(m) == mode)
+        times, messages = self._recorded["CURRENT_MODE"]
+        return next(t for t, m in zip(times, messages, strict=True) if _mode(m) == mode)
 
 
 def _mode(message: Any) -> tuple[int, int]:
@@ -109,8 +109,8 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     w, x, y, z = gimbal.q
     pitch_deg = math.degrees(math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))))
     card = page.get_by_role("region", name="Gimbal")
-    said = card.get_by_text("Pitch", exact=True).locator("xpath=following-sibling::*[1]").inner_text()
-    assert abs(number(said) - pitch_deg) <= 0.1
+    shown_pitch = card.get_by_text("Pitch", exact=True).locator("xpath=following-sibling::*[1]").inner_text()
+    assert abs(number(shown_pitch) - pitch_deg) <= 0.1
     clock = page.get_by_role("slider", name="Time in the recording").get_attribute("aria-valuenow")
     assert clock is not None
     assert int(clock) > 0

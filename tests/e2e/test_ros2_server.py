@@ -1,4 +1,4 @@
-"""A vehicle that is reached over ROS 2 alone; server and simulator are processes, in real time."""
+"""A vehicle that is connected over ROS 2 only; server and simulator are processes, in real time."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def flight() -> Iterator[Flight]:
 
 
 @pytest.mark.realtime
-def test_a_vehicle_over_ros_2_alone_flies_every_kind_of_setpoint_and_lands(flight: Flight) -> None:
+def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_lands(flight: Flight) -> None:
     flight.in_air()
     assert "not possible now" in flight.call("disarm", {}, 409)["detail"]
     assert "no mission on the vehicle" in flight.call("mode", {"mode": "mission"}, 409)["detail"]
@@ -104,8 +104,8 @@ def test_a_killed_server_leaves_the_vehicle_to_its_failsafe(flight: Flight) -> N
     flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
     flight.process.send_signal(signal.SIGKILL)
     with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process):
-        after = Flight(url, process)
-        station.wait_until(lambda: after.vehicle()["status"].get("mode"), "the vehicle's return")
-        status = after.vehicle()["status"]
+        restarted = Flight(url, process)
+        station.wait_until(lambda: restarted.vehicle()["status"].get("mode"), "the vehicle's messages")
+        status = restarted.vehicle()["status"]
         assert status["mode"] != "offboard"
         assert status["armed"]

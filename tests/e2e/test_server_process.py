@@ -59,7 +59,7 @@ def serving(command: list[str], **options: Any) -> Iterator[Server]:
         yield Server(url, process)
 
 
-def bare(links: list[str], data: Path) -> list[str]:
+def command_without_scene(links: list[str], data: Path) -> list[str]:
     return [*server_command(free_port(socket.SOCK_STREAM), links, data), "--no-scene"]
 
 
@@ -81,7 +81,7 @@ def test_a_mavlink_port_in_use_is_named_and_opened_once_it_is_free(tmp_path: Pat
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.bind(("127.0.0.1", 0))
     port = taken.getsockname()[1]
-    with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server:
+    with serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server:
         wait_until(lambda: server.link()["state"] == "waiting", "the link's error")
         assert str(port) in server.link()["detail"]
         assert any(str(port) in text for text in server.texts())
@@ -127,38 +127,38 @@ def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp
     more = f"--gcs-remote-port {mavlink} --gcs-local-port {own} --no-api --tcp-port 0"
 
     def command() -> list[str]:
-        one = bare([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
+        one = command_without_scene([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
         return [*(part for part in one if part != "--no-sim"), "--sim", "1", f"--sim-args={more}"]
 
     def booted_s(server: Server) -> float:
         wait_until(lambda: "attitude" in server.vehicles().get("1", {}).get("topics", {}), "the vehicle")
         return server.vehicles()["1"]["topics"]["attitude"]["vehicle_time_boot_s"]
 
-    note = tmp_path / "simulator.json"
+    pid_file = tmp_path / "simulator.json"
     try:
         with serving(command()) as first:
             before_s = booted_s(first)
-            pid = json.loads(note.read_text())["pid"]
+            pid = json.loads(pid_file.read_text())["pid"]
             end(first.process, signal.SIGKILL)
         assert Path(f"/proc/{pid}").exists(), "it keeps flying"
         with serving(command()) as second:
             assert booted_s(second) > before_s, "the same flight, not a new boot"
-            assert json.loads(note.read_text())["pid"] == pid
+            assert json.loads(pid_file.read_text())["pid"] == pid
             assert second.get("/version")["simulator"]
             wait_until(lambda: second.vehicles()["1"]["identity"]["simulated"] is True, "its identity")
             end(second.process, signal.SIGTERM)
         wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server")
-        assert not note.exists()
+        assert not pid_file.exists()
     finally:
-        if note.exists():
+        if pid_file.exists():
             with contextlib.suppress(ProcessLookupError):
-                os.kill(json.loads(note.read_text())["pid"], signal.SIGKILL)
+                os.kill(json.loads(pid_file.read_text())["pid"], signal.SIGKILL)
 
 
 @pytest.mark.realtime
 def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected(tmp_path: Path) -> None:
     port = free_port()
-    with serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
+    with serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
         wait_until(lambda: "101" in server.vehicles(), "the vehicle")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise:
             for number in range(200):
@@ -181,10 +181,10 @@ def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected
 
 
 @pytest.mark.realtime
-def test_two_vehicles_with_one_system_id_are_two_with_a_warning_each(tmp_path: Path) -> None:
+def test_two_vehicles_with_one_system_id_are_both_shown_with_a_warning_each(tmp_path: Path) -> None:
     port = free_port()
     with (
-        serving(bare([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
+        serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
         vehicle(port),
         vehicle(port, more=["--home", "47.5,8.6,500"]),
     ):
@@ -194,8 +194,10 @@ def test_two_vehicles_with_one_system_id_are_two_with_a_warning_each(tmp_path: P
         for key in ("101", "101~2"):
             wait_until(lambda key=key: "global_position" in server.vehicles()[key]["topics"], "positions", 40)
         shown = server.vehicles()
-        places = [shown[key]["topics"]["global_position"]["value"]["lat_deg"] for key in ("101", "101~2")]
-        assert sorted(places) == pytest.approx([47.397, 47.5], abs=0.01)
+        latitudes_deg = [
+            shown[key]["topics"]["global_position"]["value"]["lat_deg"] for key in ("101", "101~2")
+        ]
+        assert sorted(latitudes_deg) == pytest.approx([47.397, 47.5], abs=0.01)
 
 
 @pytest.mark.realtime
@@ -203,7 +205,7 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
     tmp_path: Path,
 ) -> None:
     port = free_port()
-    command = bare([f"udpin://127.0.0.1:{port}"], tmp_path)
+    command = command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST), serving(command) as server:
         with SyncGcs(server.url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -215,13 +217,13 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
             ended = drone.until(lambda v: not v["offboard"]["streaming"], what="the stream's end")
             assert ended["offboard"]["ended"] == "e2e commanded 'hold'; the setpoint stream has ended."
 
-            def said() -> list[tuple[str, int, str]]:
+            def stream_events() -> list[tuple[str, int, str]]:
                 messages = drone.request("GET", "/messages")["messages"]
                 events = [m for m in messages if m["data"].get("source") == "offboard"]
                 return [(m["kind"], m["severity"], m["data"]["code"]) for m in events]
 
-            wait_until(said, "the line about the shutdown")
-            assert said() == [("command", 6, "commanded")]
+            wait_until(stream_events, "the event of the stream's end")
+            assert stream_events() == [("command", 6, "commanded")]
             drone.request("POST", "/offboard/start", start)
         end(server.process, signal.SIGTERM)
         assert server.process.returncode != -signal.SIGKILL, "the shutdown took too long"

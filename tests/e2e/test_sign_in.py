@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import TIMEOUT_MS, Watched, chromium, in_both_themes
+from tests.e2e.browser import TIMEOUT_MS, PageMonitor, chromium, violations_in_both_themes
 from tests.station import free_port, running, server_command, wait_for_start
 
 pytestmark = pytest.mark.browser
@@ -37,19 +37,18 @@ def link(tmp_path: Path) -> Iterator[str]:
         yield output_file.read_text().partition("Ready: ")[2].split()[0]
 
 
-def visit(browser: Browser, link: str) -> tuple[Page, Watched]:
+def visit(browser: Browser, link: str) -> tuple[Page, PageMonitor]:
     """A browser without a cookie of this server."""
     page = browser.new_context(color_scheme="dark").new_page()
     page.set_default_timeout(TIMEOUT_MS)
-    page.route(
-        "**/scene/**", lambda route: route.fulfill(content_type="text/plain", body="")
-    )  # without a cookie, the 3D view would be refused
-    return page, Watched(page, link)
+    # Without a cookie, the 3D view would be refused.
+    page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))
+    return page, PageMonitor(page, link)
 
 
-def check(page: Page, watched: Watched, foreign: list[str]) -> None:
-    assert [text for text in watched.console_errors if "status of 401" not in text] == []
-    assert watched.foreign_requests == foreign
+def check(page: Page, monitor: PageMonitor, foreign: list[str]) -> None:
+    assert [text for text in monitor.console_errors if "status of 401" not in text] == []
+    assert monitor.foreign_requests == foreign
     page.context.close()
 
 
@@ -58,22 +57,22 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
     token = link.partition("token=")[2]
     home = f"http://{urlsplit(link).netloc}"
     with chromium() as browser:
-        page, watched = visit(browser, link)
+        page, monitor = visit(browser, link)
         page.goto(f"{home}/docs?a=1")
         field = page.get_by_label("Token")
         expect(field).to_be_focused()
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         field.fill("a wrong token")
         field.press("Enter")
         expect(page.get_by_role("alert")).to_contain_text("This token is not valid")
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         field.fill(token)
         field.press("Enter")
         page.wait_for_url(f"{home}/docs?a=1")
         expect(page.get_by_role("heading", name="API")).to_be_visible()
-        check(page, watched, [])
+        check(page, monitor, [])
 
-        page, watched = visit(browser, link)
+        page, monitor = visit(browser, link)
         page.goto(link)
         assert page.url == f"{home}/", "the token is not in the address, so in no history and no screenshot"
         assert page.evaluate(FIRST_MESSAGE_TYPE) == "hello"
@@ -83,17 +82,17 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
         page.context.clear_cookies()  # as after a restart with another token
         page.evaluate(CLICK_ON_FLIGHTS)  # the page may have sent a request by itself before
         expect(page.get_by_label("Token")).to_be_visible()
-        check(page, watched, [])
+        check(page, monitor, [])
 
         # A browser does not send a SameSite=Strict cookie when a page of another site opens the address.
         # The server's page then repeats the request once, with the cookie.
-        page, watched = visit(browser, link)
-        there = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
-        page.route(f"{ELSEWHERE}**", lambda route: route.fulfill(content_type="text/html", body=there))
+        page, monitor = visit(browser, link)
+        links_html = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
+        page.route(f"{ELSEWHERE}**", lambda route: route.fulfill(content_type="text/html", body=links_html))
         cases = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
         for name, address, title in cases:
             page.goto(ELSEWHERE)
             page.locator(f"#{name}").click()
             page.wait_for_url(address)
             expect(page).to_have_title(title)
-        check(page, watched, [url for url in watched.foreign_requests if url.startswith(ELSEWHERE)])
+        check(page, monitor, [url for url in monitor.foreign_requests if url.startswith(ELSEWHERE)])

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, expect
 
 from gcs_server.ros2.dds import open_domain
 from tests import station
-from tests.e2e.browser import REPOSITORY, chromium, in_both_themes, opened
+from tests.e2e.browser import REPOSITORY, chromium, opened, violations_in_both_themes
 from tests.support.dds_vehicle import ATTITUDE, AnsweringVehicle, Background
 from tools import build_page
 
@@ -52,7 +52,7 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             expect(panel.get_by_role("definition")).not_to_have_count(0)
             expect(panel.get_by_text("timestamp_sample")).to_be_visible()
             expect(panel.get_by_text("1 publisher, 1 subscriber")).to_be_visible()
-            assert in_both_themes(page) == []
+            assert violations_in_both_themes(page) == []
             page.keyboard.press("Escape")
             expect(panel).to_have_count(0)
     finally:

@@ -53,10 +53,10 @@ def test_any_other_end_of_the_process_is_an_error_with_a_reason(body, words):
         asyncio.run(run_process(program(body), lambda *_: None))
 
 
-@pytest.mark.parametrize("stubborn", [False, True])
-def test_cancelling_ends_the_process_even_if_it_ignores_signals(stubborn):
+@pytest.mark.parametrize("ignores_sigterm", [False, True])
+def test_cancelling_ends_the_process_even_if_it_ignores_signals(ignores_sigterm):
     body = f"""
-    if {stubborn}:
+    if {ignores_sigterm}:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     def work(report):
         report(str(os.getpid()), None)

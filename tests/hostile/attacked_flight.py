@@ -24,8 +24,8 @@ from tests.hostile.metronome import PERIOD_S, Metronome
 from tests.station import free_port, running, server_command, vehicle, wait_until
 
 LATE_S = 0.02
-"""How much longer than a period the gap between two setpoints may be; added to the delay of the machine
-itself."""
+"""Maximum gap between two setpoints beyond their period, or beyond the delay of the machine itself if that is
+longer."""
 GROWTH_MB = 100.0
 CHECK_PERIOD_S = 0.2
 VALID_FOR_S = 600
@@ -52,35 +52,35 @@ class AttackedFlight:
         before_mb, self.grown_mb = self._memory_mb(), 0.0
         log_bytes = self.log.stat().st_size
         self.relay.setpoints.clear()
-        over = threading.Event()
-        looking = threading.Thread(target=self._watch, args=(over, before_mb))
-        looking.start()
+        stopped = threading.Event()
+        watcher = threading.Thread(target=self._watch, args=(stopped, before_mb))
+        watcher.start()
         metronome = Metronome()
         try:
             yield
         finally:
-            over.set()
-            looking.join()
+            stopped.set()
+            watcher.join()
             machine_s = metronome.stop()
-        self._judge(log_bytes, machine_s)
+        self._check(log_bytes, machine_s)
 
-    def _watch(self, over: threading.Event, before_mb: float) -> None:
+    def _watch(self, stopped: threading.Event, before_mb: float) -> None:
         with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "pilot"}) as client:
-            while not over.wait(CHECK_PERIOD_S):
+            while not stopped.wait(CHECK_PERIOD_S):
                 for path in ("/api/v1/vehicles/101", "/api/v1/vehicles", "/api/v1/vehicles/101/offboard"):
                     self.statuses.add(client.get(path).status_code)
                 self.grown_mb = max(self.grown_mb, self._memory_mb() - before_mb)
 
     def _memory_mb(self) -> float:
-        """Memory of the server and of its lasting child processes."""
-        streams = [pid for pid in family(self.process.pid) if _is_lasting(pid)]
+        """Memory of the server and of its stream process."""
+        streams = [pid for pid in family(self.process.pid) if _is_server_or_stream_process(pid)]
         return sum(resident_mb(pid) for pid in streams)
 
-    def _judge(self, log_bytes: int, machine_s: float) -> None:
+    def _check(self, log_bytes: int, machine_s: float) -> None:
         arrivals = self.relay.arrivals_s().get(101, [])
         assert len(arrivals) > 100, self._failure_details()
         gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
-        summary = f"largest gap {max(gaps) * 1e3:.1f} ms beside {machine_s * 1e3:.1f} ms of a bare process"
+        summary = f"largest gap {max(gaps) * 1e3:.1f} ms ; of an idle process {machine_s * 1e3:.1f} ms"
         print(f"{summary}; grown by {self.grown_mb:.1f} MB")
         assert max(gaps) <= max(PERIOD_S, machine_s) + LATE_S, summary
         assert self.statuses == {200}
@@ -104,7 +104,7 @@ class AttackedFlight:
         )
 
 
-def _is_lasting(pid: int) -> bool:
+def _is_server_or_stream_process(pid: int) -> bool:
     command = Path(f"/proc/{pid}/cmdline").read_bytes()
     return b"serve" in command or b"streamer.process.worker" in command
 

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 API = "/api/v1"
 PIECE = b"x" * 65536
 SECONDS = 8.0
-Found = set[int]
+Statuses = set[int]
 
 
 async def send_request(
@@ -40,7 +40,7 @@ def post(path: str, headers: str, body: bytes = b"") -> bytes:
     return head.encode() + body
 
 
-async def bodies(host: str, port: int) -> Found:
+async def bodies(host: str, port: int) -> Statuses:
     """Bodies of several megabytes: with Content-Length, in chunks, as one deeply nested or very wide JSON
     value."""
     wide = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
@@ -56,7 +56,7 @@ async def bodies(host: str, port: int) -> Found:
     return set(await asyncio.gather(*tries))
 
 
-async def headers(host: str, port: int) -> Found:
+async def headers(host: str, port: int) -> Statuses:
     """An endless header, an endless number of headers, and an endless address."""
     start = f"GET {API}/vehicles".encode()
     end = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n"
@@ -69,8 +69,8 @@ async def headers(host: str, port: int) -> Found:
     )
 
 
-async def idle(host: str, port: int) -> Found:
-    """A thousand connections that send nothing, or one byte now and then."""
+async def idle(host: str, port: int) -> Statuses:
+    """A thousand connections; half of them send nothing, the others one byte."""
     open_now: list[asyncio.StreamWriter] = []
     for n in range(1100):
         with contextlib.suppress(OSError):
@@ -84,35 +84,35 @@ async def idle(host: str, port: int) -> Found:
     return set()
 
 
-async def unread(host: str, port: int) -> Found:
+async def unread(host: str, port: int) -> Statuses:
     """WebSockets that send invalid messages and never read the answers."""
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
     upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\n"
     text = b"\x81\xfe\x00\x80\0\0\0\0" + b"{" * 128
-    found: Found = set()
+    statuses: Statuses = set()
     for path in ("/telemetry", "/vehicles/101/offboard/stream"):
         for _ in range(4):
             request = f"GET {API}{path} HTTP/1.1\r\n{upgrade}".encode()
-            found.add(await send_request(host, port, [request, text * 400], 2000, wait_s=4.0))
-    return found
+            statuses.add(await send_request(host, port, [request, text * 400], 2000, wait_s=4.0))
+    return statuses
 
 
-async def requests(host: str, port: int) -> Found:
+async def requests(host: str, port: int) -> Statuses:
     """Three thousand requests for control from different clients, and as many invalid commands."""
-    found: Found = set()
+    statuses: Statuses = set()
 
-    async def ask(n: int) -> None:
+    async def send_one(n: int) -> None:
         body = json.dumps({"reason": "now" * 50}).encode()
         path = ("/vehicles/101/control/request", "/vehicles/101/arm", "/vehicles/101/takeoff")[n % 3]
         more = f"X-Client-Id: stranger-{n}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n"
-        found.add(await send_request(host, port, [post(path, more, body)]))
+        statuses.add(await send_request(host, port, [post(path, more, body)]))
 
     for start in range(0, 3000, 20):
-        await asyncio.gather(*(ask(n) for n in range(start, start + 20)))
-    return found
+        await asyncio.gather(*(send_one(n) for n in range(start, start + 20)))
+    return statuses
 
 
-async def nonsense(host: str, port: int) -> Found:
+async def nonsense(host: str, port: int) -> Statuses:
     """Bytes that are not HTTP, or almost HTTP."""
     bad = [
         b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + PIECE,
@@ -123,13 +123,13 @@ async def nonsense(host: str, port: int) -> Found:
         post("/vehicles/101/arm", "Content-Length: 5\r\nTransfer-Encoding: chunked\r\n", b"zz\r\n"),
         b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 500,
     ]
-    found: Found = set()
+    statuses: Statuses = set()
     for _ in range(30):
-        found |= set(await asyncio.gather(*(send_request(host, port, [each], wait_s=3.0) for each in bad)))
-    return found
+        statuses |= set(await asyncio.gather(*(send_request(host, port, [each], wait_s=3.0) for each in bad)))
+    return statuses
 
 
-Attack = Callable[[str, int], Awaitable[Found]]
+Attack = Callable[[str, int], Awaitable[Statuses]]
 ATTACKS: dict[str, Attack] = {f.__name__: f for f in (bodies, headers, idle, unread, requests, nonsense)}
 
 
@@ -137,7 +137,7 @@ def main(name: str, address: str) -> None:
     """Runs one attack."""
     host, _, port = address.rpartition(":")
 
-    async def run() -> Found:
+    async def run() -> Statuses:
         return await ATTACKS[name](host, int(port))
 
     print(*sorted(asyncio.run(run())))

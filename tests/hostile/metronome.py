@@ -23,8 +23,8 @@ class Metronome:
 
     def stop(self) -> float:
         """Ends the process; returns the longest time [s] between two wake-ups."""
-        said, _ = self._process.communicate(b"\n", timeout=30)
-        return float(said)
+        output, _ = self._process.communicate(b"\n", timeout=30)
+        return float(output)
 
 
 def main() -> None:

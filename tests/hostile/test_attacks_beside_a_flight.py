@@ -1,4 +1,4 @@
-"""Hostile parties beside a vehicle in Offboard: its setpoints stay on time, and memory and log stay limited.
+"""Attacks while a vehicle flies in Offboard: its setpoints stay on time, and memory and log stay limited.
 
 One server and one flight are used for all attacks, so that a later attack also meets the effects of an
 earlier one.

@@ -49,18 +49,18 @@ class Sender:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.to: Address = ("127.0.0.1", port)
-        self._wires: dict[tuple[int, int], d.MAVLink] = {}
+        self._encoders: dict[tuple[int, int], d.MAVLink] = {}
         self._every_s = 1.0 / frames_per_s
         self._due_s = time.monotonic()
         self.sent = 0
 
     def send(self, message: d.MAVLink_message, system: int = HOSTILE, component: int = 1) -> None:
         """Packs and sends a message."""
-        wire = self._wires.get((system, component))
-        if wire is None:
-            wire = self._wires[system, component] = d.MAVLink(None, system, component)
-        raw = bytes(message.pack(wire))
-        wire.seq = (wire.seq + 1) % 256
+        encoder = self._encoders.get((system, component))
+        if encoder is None:
+            encoder = self._encoders[system, component] = d.MAVLink(None, system, component)
+        raw = bytes(message.pack(encoder))
+        encoder.seq = (encoder.seq + 1) % 256
         self.raw(raw)
 
     def raw(self, data: bytes) -> None:
@@ -116,10 +116,10 @@ def _fits(code: str, value: int) -> int:
     return value - (1 << bits) if code.islower() and value >= 1 << bits - 1 else value
 
 
-def _text(code: str, chance: random.Random) -> bytes:
+def _text(code: str, rng: random.Random) -> bytes:
     size = int(code[:-1])
-    return chance.choice(
-        (b"\xff" * size, b"\0" * size, b"<a " * size, bytes(chance.randrange(256) for _ in range(size)))
+    return rng.choice(
+        (b"\xff" * size, b"\0" * size, b"<a " * size, bytes(rng.randrange(256) for _ in range(size)))
     )[:size]
 
 
@@ -135,7 +135,7 @@ def frame(kind: type[d.MAVLink_message], body: bytes, seq: int, system: int, com
     return head + body + struct.pack("<H", crc.crc)
 
 
-def extremes(sender: Sender, chance: random.Random, count: int) -> None:
+def extremes(sender: Sender, rng: random.Random, count: int) -> None:
     """Every message of the dialect, with each field at its extreme values in turn."""
     seq = itertools.count()
     kinds = list(d.mavlink_map.values())
@@ -144,7 +144,7 @@ def extremes(sender: Sender, chance: random.Random, count: int) -> None:
 
         def pick(code: str, float_: float = float_, integer: int = integer) -> object:
             if code.endswith("s"):
-                return _text(code, chance)
+                return _text(code, rng)
             if code == "c":
                 return b"\xff"
             return float_ if code in "fd" else _fits(code, integer)
@@ -155,73 +155,71 @@ def extremes(sender: Sender, chance: random.Random, count: int) -> None:
             sender.raw(frame(kind, payload(kind, pick), next(seq), HOSTILE, 1))
 
 
-def fuzz(sender: Sender, chance: random.Random, count: int) -> None:
+def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
     """Random messages with random contents from a few systems and components."""
     seq = itertools.count()
     kinds = list(d.mavlink_map.values())
 
     def pick(code: str) -> object:
         if code.endswith("s"):
-            return _text(code, chance)
+            return _text(code, rng)
         if code == "c":
-            return bytes((chance.randrange(256),))
+            return bytes((rng.randrange(256),))
         if code in "fd":
-            return chance.choice(FLOATS) if chance.random() < 0.5 else chance.gauss(0.0, 1000.0)
-        return _fits(code, chance.choice(INTEGERS) if chance.random() < 0.5 else chance.getrandbits(64))
+            return rng.choice(FLOATS) if rng.random() < 0.5 else rng.gauss(0.0, 1000.0)
+        return _fits(code, rng.choice(INTEGERS) if rng.random() < 0.5 else rng.getrandbits(64))
 
     while sender.sent < count:
-        kind = chance.choice(kinds)
+        kind = rng.choice(kinds)
         system, component = (
-            chance.choice((HOSTILE, HOSTILE, HOSTILE + 1, chance.randrange(1, 256))),
-            chance.choice((1, 1, 154, 100)),
+            rng.choice((HOSTILE, HOSTILE, HOSTILE + 1, rng.randrange(1, 256))),
+            rng.choice((1, 1, 154, 100)),
         )
         if system == 101:
-            continue  # system ids of the flight under attack: another test covers them
-        if chance.random() < 0.02:
+            continue  # the system id of the attacked flight: another test covers it
+        if rng.random() < 0.02:
             sender.heartbeat(system, component)
         sender.raw(frame(kind, payload(kind, pick), next(seq), system, component))
 
 
-def sources(sender: Sender, chance: random.Random, count: int) -> None:
+def sources(sender: Sender, rng: random.Random, count: int) -> None:
     """An endless number of vehicles: every system id, many components, from many addresses."""
     for _ in range(count):
         other = Sender(sender.to[1])
         for _ in range(20):
-            other.heartbeat(chance.randrange(1, 101), chance.randrange(1, 256))
+            other.heartbeat(rng.randrange(1, 101), rng.randrange(1, 256))
         other.socket.close()
         sender.sent += other.sent
 
 
-def texts(sender: Sender, chance: random.Random, count: int) -> None:
+def texts(sender: Sender, rng: random.Random, count: int) -> None:
     """Status texts in endless parts, and unknown events."""
     for n in range(count):
         if n % 500 == 0:
             sender.heartbeat()
         if n % 2:
-            sender.send(
-                d.MAVLink_statustext_message(chance.randrange(8), b"<a " * 16, 1 + n % 60000, n % 200)
-            )
+            sender.send(d.MAVLink_statustext_message(rng.randrange(8), b"<a " * 16, 1 + n % 60000, n % 200))
         else:
-            arguments = [chance.randrange(256) for _ in range(40)]
+            arguments = [rng.randrange(256) for _ in range(40)]
             sender.send(
                 d.MAVLink_event_message(
-                    0, 0, chance.getrandbits(32), 1000 + n, n % 65536, chance.randrange(256), arguments
+                    0, 0, rng.getrandbits(32), 1000 + n, n % 65536, rng.randrange(256), arguments
                 )
             )
 
 
-def files(sender: Sender, chance: random.Random, count: int) -> None:
+def files(sender: Sender, rng: random.Random, count: int) -> None:
     """A vehicle with endless files: one byte per piece at any offset, for `count` seconds."""
     end_s = time.monotonic() + count
     while time.monotonic() < end_s:
         sender.heartbeat()
         for message in sender.received(0.2):
-            _answer(sender, chance, message)
+            _answer(sender, rng, message)
             if time.monotonic() > end_s:
                 break
 
 
-def _answer(sender: Sender, chance: random.Random, message: d.MAVLink_message) -> None:
+def _answer(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> None:
     kind = message.get_type()
     if kind == "FILE_TRANSFER_PROTOCOL":
         sequence, session, opcode, _, _, _, _, offset = FTP_HEAD.unpack_from(bytes(message.payload))
@@ -238,13 +236,13 @@ def _answer(sender: Sender, chance: random.Random, message: d.MAVLink_message) -
         sender.send(d.MAVLink_command_ack_message(message.command, 0))
         if message.command == 512 and int(message.param1) == 397:
             uri = b"mftp://etc/extras/parameters.json.xz"
-            sender.send(d.MAVLink_component_metadata_message(0, chance.getrandbits(32), uri))
+            sender.send(d.MAVLink_component_metadata_message(0, rng.getrandbits(32), uri))
     elif kind == "PARAM_REQUEST_LIST":
         for n in range(3000):
-            name = bytes(chance.randrange(1, 256) for _ in range(16))
+            name = bytes(rng.randrange(1, 256) for _ in range(16))
             sender.send(
                 d.MAVLink_param_value_message(
-                    name, chance.choice(FLOATS), chance.choice((6, 9, 0, 255)), 65535, n * 7 % 65536
+                    name, rng.choice(FLOATS), rng.choice((6, 9, 0, 255)), 65535, n * 7 % 65536
                 )
             )
         sender.send(d.MAVLink_param_value_message(b"_HASH_CHECK", math.nan, 5, 65535, 65535))

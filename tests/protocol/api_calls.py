@@ -29,7 +29,7 @@ MISSION = 4 << 16 | 4 << 24
 START = StartRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
 )
-YES = control_models.TakeControl(force=True)
+FORCE = control_models.TakeControl(force=True)
 
 
 class WorkHere:

@@ -201,14 +201,14 @@ class FakeAutopilot:
 
     def command(self, m: Any) -> None:
         p = [m.param1, m.param2, m.param3, m.param4]
-        place = (
+        position = (
             (m.x / 1e7, m.y / 1e7, m.z) if m.get_type() == "COMMAND_INT" else (m.param5, m.param6, m.param7)
         )
         c = m.command
         if c in self.silent_commands:
             return
         if c == 512:
-            self.requested(int(p[0]))
+            self.send_requested(int(p[0]))
         elif c in self.refuse:
             self.ack(c, self.refuse[c])
         elif c == 400:
@@ -216,10 +216,10 @@ class FakeAutopilot:
         elif c == 176:
             self.set_mode(p)
         elif c == 22:
-            self.mode, self.target = TAKEOFF, (self.position[0], self.position[1], place[2])
+            self.mode, self.target = TAKEOFF, (self.position[0], self.position[1], position[2])
             self.ack(c, 0)
         elif c == 192:
-            self.mode, self.target = HOLD, place
+            self.mode, self.target = HOLD, position
             self.ack(c, 0)
         elif c == 1001 and self.gimbal:
             if p[0] == -3.0:
@@ -269,7 +269,7 @@ class FakeAutopilot:
 
         self.loop.call_later(0.008, commander)
 
-    def requested(self, msg_id: int) -> None:
+    def send_requested(self, msg_id: int) -> None:
         work = {
             0: self.heartbeat,
             436: self.current_mode,

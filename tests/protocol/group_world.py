@@ -52,7 +52,7 @@ def with_routes(jump, scenario, *, count=3, spacing_m=10.0):
     jump(run)
 
 
-def place(north_m=0.0, east_m=0.0, down_m=-5.0):
+def position(north_m=0.0, east_m=0.0, down_m=-5.0):
     return {"type": "position", "position_ned_m": [north_m, east_m, down_m]}
 
 
@@ -87,9 +87,9 @@ def first_s(autopilot, north_m):
     return next(t for t, m in autopilot.setpoints if abs(m.x - north_m) < 0.01)
 
 
-def nobody_moved(at):
+def assert_nobody_moved(at):
     """Checks that no vehicle got a setpoint away from its start position."""
     assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
 
 
-ALL_NORTH = {"1": place(4), "2": place(4), "3": place(4)}
+ALL_NORTH = {"1": position(4), "2": position(4), "3": position(4)}

@@ -1,4 +1,4 @@
-"""A vehicle's file server with valid frames and invalid answers: too short, of other offsets, or endless."""
+"""A vehicle's file server with valid frames and invalid answers: too short, at wrong offsets, or endless."""
 
 import struct
 from collections.abc import Callable

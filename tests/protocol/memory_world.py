@@ -27,7 +27,7 @@ class World:
         self.fleet.start()
 
     def link(self, name: str = "memory", *, replay: bool = False, forward: bool = False) -> MemoryLink:
-        """A memory link whose frames go to the autopilots in `autopilots` by their peer."""
+        """A memory link; frames to a peer are delivered to this peer's autopilot in `autopilots`."""
         autopilots: dict[str, FakeAutopilot] = {}
         sent: list[tuple[bytes, str]] = []
 
@@ -88,7 +88,7 @@ def run_test(
 def run_with_vehicle(
     jump: Any, scenario: Callable[..., Awaitable[None]], world_of: Callable[[], World] = World
 ) -> Any:
-    """The same with a vehicle: the scenario gets the world, the autopilot, and the server's vehicle."""
+    """Runs a scenario with the world, its connected autopilot, and the server's vehicle."""
 
     async def connected(world: World) -> None:
         autopilot = world.autopilot(world.link())

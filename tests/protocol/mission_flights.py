@@ -77,7 +77,7 @@ class Missions:
         await until(lambda: self.state in states, within_s)
 
 
-def run_in_flight(jump: Any, tmp_path: Path, mission: OffboardMission, story: Any) -> None:
+def run_in_flight(jump: Any, tmp_path: Path, mission: OffboardMission, scenario: Any) -> None:
     """Runs a test with a scripted vehicle in flight that flies a mission; Alice has control."""
 
     async def run() -> None:
@@ -93,7 +93,7 @@ def run_in_flight(jump: Any, tmp_path: Path, mission: OffboardMission, story: An
                 missions.take(ALICE)
                 missions.begin(vehicle, mission, in_air=True)
                 await missions.reach("flying", within_s=10)
-                await story(missions, vehicle, autopilot)
+                await scenario(missions, vehicle, autopilot)
         finally:
             await world.close()
 

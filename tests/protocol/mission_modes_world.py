@@ -32,10 +32,10 @@ class OtherStation:
         self._sim.feed(0, "gcs", message.pack(self._pack))
 
     async def heartbeats(self, seconds_: float) -> None:
-        """The heartbeats of a ground station, which PX4 misses when they end."""
-        beat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+        """Sends heartbeats of a ground station; PX4 detects a lost connection when they end."""
+        heartbeat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
         for _ in range(round(seconds_)):
-            self._sim.feed(0, "gcs", beat.pack(self._pack))
+            self._sim.feed(0, "gcs", heartbeat.pack(self._pack))
             await seconds(1.0)
 
     def choose(self, mode: str) -> None:
@@ -53,7 +53,7 @@ class OtherStation:
 
 
 class Modes:
-    """The server's routes for vehicle 1, which is reached over ROS 2."""
+    """The server's routes for vehicle 1, which is connected over ROS 2."""
 
     def __init__(self, world: Ros2World, vehicle: Any) -> None:
         self.world, self.vehicle, self.other = world, vehicle, OtherStation(world)
@@ -97,25 +97,25 @@ class Modes:
         await until(lambda: self.vehicle.status.mode == mode, timeout_s)
 
     async def flying(self) -> str:
-        """Registers the mission and starts it from another station; returns its mode on the way."""
+        """Registers the mission and starts it from another station; returns its mode in flight."""
         mode = (await self.register())["mode"]
         self.other.choose(mode)
         await self.mode(mode)
-        begun_m = self.x_m()
-        await until(lambda: self.x_m() > begun_m + 2, 15)
+        start_x_m = self.x_m()
+        await until(lambda: self.x_m() > start_x_m + 2, 15)
         return mode
 
 
-Story = Callable[[Modes], Awaitable[None]]
+Scenario = Callable[[Modes], Awaitable[None]]
 
 
-def fly(jump: Any, story: Story, *, in_air: bool = True) -> None:
+def fly(jump: Any, scenario: Scenario, *, in_air: bool = True) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         world.mavlink_on = False
         try:
             vehicle = await (world.in_the_air() if in_air else world.ready_to_arm())
-            await story(Modes(world, vehicle))
+            await scenario(Modes(world, vehicle))
         finally:
             await world.close()
 

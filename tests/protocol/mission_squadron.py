@@ -1,4 +1,4 @@
-"""Simulated PX4 vehicles, each with another kind of step, that meet the same event at the same time."""
+"""Simulated PX4 vehicles, each with another kind of step, that experience the same event at the same time."""
 
 from __future__ import annotations
 
@@ -44,30 +44,31 @@ STEPS: dict[str, tuple[str, ...]] = {
     "take_off": ("step: take_off, height_m: 9",),
     "land": ("step: land",),
 }
-"""The steps of each vehicle; those that PX4 flies itself are last. A step that takes no time is flown with
-one that does: the event comes in the orbit below the gimbal track, or inside the repeat, branch or call."""
+"""The steps of each vehicle; those that PX4 flies itself are last. A step without a duration is combined with
+one that has a duration: the event occurs in the orbit after the gimbal step, or inside the repeat, branch or
+call."""
 BY_PX4 = ("take_off", "land")
 BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in BY_PX4)
 HEIGHT_M, APART_M = 12.0, 40.0
-GROUNDED = "take_off"
-BOOT_WITHIN_S, RISE_WITHIN_S = 30.0, 30.0
+ON_GROUND = "take_off"
+BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
 
 
 @functools.cache
-def _climbed(kinds: tuple[str, ...]) -> VehicleSim:
+def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
     """Vehicles that hover at 12 m, except the one that is to take off."""
     places = np.zeros((len(kinds), 3))
     places[:, 1] = APART_M * np.arange(len(kinds))
     sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=places, camera=True)
-    up = [row for row, kind in enumerate(kinds) if kind != GROUNDED]
+    up = [row for row, kind in enumerate(kinds) if kind != ON_GROUND]
     commanders = [autopilot.commander for autopilot in sim.autopilots]
-    _step_until(sim, BOOT_WITHIN_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
+    _step_until(sim, BOOT_TIMEOUT_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
     for row in up:
         autopilot = sim.autopilots[row]
         autopilot.navigator.request_takeoff(autopilot.home.alt_amsl_m + HEIGHT_M)
         assert autopilot.commander.set_mode(NavState.TAKEOFF)
         assert autopilot.commander.arm()
-    _step_until(sim, RISE_WITHIN_S, lambda: all(commanders[row].active is NavState.HOLD for row in up))
+    _step_until(sim, CLIMB_TIMEOUT_S, lambda: all(commanders[row].active is NavState.HOLD for row in up))
     for row in range(len(kinds)):
         sim.drain(row, "gcs")
     return sim
@@ -89,13 +90,13 @@ def document_of(kind: str) -> OffboardMission:
 
 
 def kinds_flown() -> set[str]:
-    """The kinds of steps during which the events come."""
+    """The kinds of steps during which the events occur."""
     texts = [CALLED, *(step for steps in STEPS.values() for step in steps)]
     return {kind for text in texts for kind in re.findall(r"step: (\w+)", text)}
 
 
 class Squadron:
-    """The vehicles by the kind of their step, each in the middle of it."""
+    """Vehicles by the kind of step that each is flying."""
 
     def __init__(self, world: SimulatedWorld, missions: Missions, kinds: tuple[str, ...]) -> None:
         self.world, self.sim, self.missions, self.kinds = world, world.sim, missions, kinds
@@ -112,16 +113,16 @@ class Squadron:
             actions_of = document.actions.model_copy(update=actions)
             document = document.model_copy(update={"actions": actions_of})
             role = "lead" if document.roles else None
-            flight = self.missions.begin(vehicle, document, in_air=kind != GROUNDED, role=role)
+            flight = self.missions.begin(vehicle, document, in_air=kind != ON_GROUND, role=role)
             self.flights[kind] = flight
-        begun = ("flying", "waiting", "taking_off", "landing")
-        await self.reach({kind: begun for kind in self.kinds}, within_s=15)
+        started_states = ("flying", "waiting", "taking_off", "landing")
+        await self.reach({kind: started_states for kind in self.kinds}, within_s=15)
         if "meet" in self.kinds:
             await self.leave_meeting()
         await asyncio.sleep(2.5)
 
     async def leave_meeting(self) -> None:
-        """The other role of "meet", which no vehicle flies, has come to the meeting."""
+        """Ends the wait at the meeting: no vehicle flies the other role of "meet"."""
         flight = self.flights["meet"]
         await until(
             lambda: (part := flight.runner.setpoint_part) is not None and part.meeting is not None, 10
@@ -135,7 +136,7 @@ class Squadron:
         return self.flights[kind].status().state
 
     async def reach(self, states: dict[str, Iterable[str]], within_s: float = 30.0) -> None:
-        """Flies until each is in one of its states."""
+        """Waits until each vehicle's mission is in one of the given states."""
         for kind, wanted in states.items():
             allowed = {wanted} if isinstance(wanted, str) else set(wanted)
             try:
@@ -154,11 +155,11 @@ class Squadron:
         return self.sim.autopilots[self.row(kind)].commander
 
     def place(self, kind: str) -> tuple[float, ...]:
-        """Its true position."""
+        """The true position of this vehicle."""
         return tuple(self.sim.simulation.truth.position_ned_m[self.row(kind)].tolist())
 
     async def stay(self, kinds: Iterable[str], for_s: float = 3.0, within_m: float = 2.0) -> None:
-        """Checks that they hold their positions, within the accuracy of their estimates."""
+        """Checks that these vehicles hold their positions, within the accuracy of their estimates."""
         before = {kind: self.place(kind) for kind in kinds}
         await asyncio.sleep(for_s)
         moved = {kind: math.dist(self.place(kind), place) for kind, place in before.items()}
@@ -182,16 +183,18 @@ class Squadron:
         assert "land" not in self.kinds or not self.commander("land").armed
 
 
-def fly(jump: Any, tmp_path: Path, story: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str) -> None:
+def fly(
+    jump: Any, tmp_path: Path, scenario: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str
+) -> None:
     """Runs a test with vehicles in the middle of each kind of step."""
 
     async def run() -> None:
         chosen = tuple(kinds)
-        world = SimulatedWorld(len(chosen), sim=snapshot(_climbed(chosen)))
+        world = SimulatedWorld(len(chosen), sim=snapshot(_hovering_vehicles(chosen)))
         squadron = Squadron(world, Missions(world, tmp_path), chosen)
         try:
             await squadron.begin(**actions)
-            await story(squadron)
+            await scenario(squadron)
         finally:
             await world.close()
 

@@ -36,7 +36,7 @@ class MissionAutopilot(FakeAutopilot):
                 return loop.time()
 
         self.texts: list[str] = []
-        self.heard_at_s = 0.0
+        self.received_at_s = 0.0
         self.flight = Flight()
         self.wire = SimpleNamespace(name="gcs", send=self.send_named)
         announcer = SimpleNamespace(both=lambda _severity, text, _event: self.texts.append(text))
@@ -63,8 +63,8 @@ class MissionAutopilot(FakeAutopilot):
         """Receives packets in order."""
         if self.random.random() >= self.loss:
             for message in self.parser.parse_buffer(data) or []:
-                self.heard_at_s = max(self.loop.time() + LATENCY_S, self.heard_at_s + 1e-6)
-                self.loop.call_at(self.heard_at_s, self.handle, message)
+                self.received_at_s = max(self.loop.time() + LATENCY_S, self.received_at_s + 1e-6)
+                self.loop.call_at(self.received_at_s, self.handle, message)
 
     def handle(self, message: Any) -> None:
         name = message.get_type()

@@ -19,7 +19,7 @@ from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
 POSITION = 3 << 16
-ROUND_S = 0.004
+STEP_S = 0.004
 OF_LOSS_S = 1.0
 
 
@@ -57,7 +57,7 @@ class OffboardAutopilot(FakeAutopilot):
         self.send(sim.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0.5, 0, 0, 0))
 
     def fly(self) -> None:
-        """Brings it into the air, in Hold."""
+        """Puts the vehicle into the air, in Hold."""
         self.armed, self.landed, self.ned = True, 2, [0.0, 0.0, -5.0]
 
     def handle(self, message: Any) -> None:
@@ -117,7 +117,7 @@ class OffboardWorld(World):
     async def _run_scheduler(self) -> None:
         while True:
             self.streamer._streams.step()
-            await self.clock.sleep(ROUND_S)
+            await self.clock.sleep(STEP_S)
 
     def offboard_autopilot(self, link: Any, *, peer: str = "peer", **options: Any) -> OffboardAutopilot:
         autopilot = OffboardAutopilot(link, peer=peer, **options)
@@ -139,10 +139,13 @@ def stream_request(
 
 
 async def seconds(duration_s: float) -> None:
+    """Waits on simulated time."""
     await asyncio.sleep(duration_s)
 
 
 def flight(jump, scenario, *, flying=True, loss=0.0, seed=0):
+    """Runs a scenario with the world, the server's vehicle, its scripted autopilot and its link."""
+
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -160,6 +163,7 @@ def flight(jump, scenario, *, flying=True, loss=0.0, seed=0):
 
 
 def codes(vehicle):
+    """Codes of the vehicle's events about Offboard."""
     return [e.data["code"] for e in vehicle.events.since() if (e.data or {}).get("source") == "offboard"]
 
 
@@ -172,8 +176,8 @@ def mode_requests(autopilot, mode):
     return [m for m in autopilot.commands(176) if (int(m.param2) << 16 | int(m.param3) << 24) == mode]
 
 
-async def silent(autopilot, link, seconds_=3.0, settle_s=0.02):
-    """Checks that no message that flies the vehicle is sent."""
+async def assert_silent(autopilot, link, seconds_=3.0, settle_s=0.02):
+    """Checks that neither setpoints nor mode requests are sent."""
     await seconds(settle_s)
     setpoints, commands = len(autopilot.setpoints), len(autopilot.commands(176))
     await seconds(seconds_)

@@ -5,6 +5,8 @@ LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 
 
 def flight(kit, jump, scenario, *, loss=0.0, seed=0):
+    """Runs a scenario with the world, the server's vehicle and its scripted autopilot."""
+
     async def run():
         world = kit.World()
         link = world.link()

@@ -8,14 +8,14 @@ from gcs_server.api import control_models, control_routes, models, offboard_rout
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
-from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, lines, station_of, view, with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, START, lines, station_of, view, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import (
     POSITION,
     OffboardWorld,
+    assert_silent,
     mode_requests,
     seconds,
-    silent,
     stream_request,
 )
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -64,7 +64,7 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
         else:
             body = models.KillRequest(confirm="motors stop, vehicle 1 falls")
             await vehicle_routes.kill("1", body, at.station, BOB)
-        await silent(at.autopilot, None, settle_s=0.2)
+        await assert_silent(at.autopilot, None, settle_s=0.2)
         assert at.autopilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[what]
         assert at.autopilot.armed == (what != "kill")
         name = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}[what]
@@ -96,19 +96,19 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
         with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
             await offboard_routes.start("1", START, at.station, ANNA)
             why = control_models.RequestControl(reason="I see it")
-            asked = view(await control_routes.request("1", at.station, BOB, why))
-            assert (asked["holder"], asked["yours"]) == ("anna", False)
-            assert [(r["client"], r["reason"]) for r in asked["requests"]] == [("bob", "I see it")]
+            requested = view(await control_routes.request("1", at.station, BOB, why))
+            assert (requested["holder"], requested["yours"]) == ("anna", False)
+            assert [(r["client"], r["reason"]) for r in requested["requests"]] == [("bob", "I see it")]
             to = control_models.AnswerControl(client=BOB.key)
-            given = view(await control_routes.grant("1", to, at.station, ANNA))
-            assert (given["holder"], given["holder_key"], given["yours"]) == ("bob", BOB.key, False)
+            granted = view(await control_routes.grant("1", to, at.station, ANNA))
+            assert (granted["holder"], granted["holder_key"], granted["yours"]) == ("bob", BOB.key, False)
             await seconds(0.5)
             assert at.autopilot.mode == OFFBOARD
             assert at.vehicle.offboard.status().client == "anna"
             with pytest.raises(NotInControl):
                 await offboard_routes.stop("1", at.station, ANNA)
             await offboard_routes.stop("1", at.station, BOB)
-            await silent(at.autopilot, None, settle_s=0.1)
+            await assert_silent(at.autopilot, None, settle_s=0.1)
             assert at.autopilot.mode == HOLD
         assert [action for action, _ in control_changes(at.vehicle)] == ["taken", "requested", "granted"]
 
@@ -120,10 +120,10 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump)
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA)
             with pytest.raises(Refused, match="has not been asked"):
-                await control_routes.take("1", at.station, BOB, YES)
+                await control_routes.take("1", at.station, BOB, FORCE)
             await control_routes.request("1", at.station, BOB)
             await seconds(15.1)
-            assert view(await control_routes.take("1", at.station, BOB, YES))["yours"]
+            assert view(await control_routes.take("1", at.station, BOB, FORCE))["yours"]
         action, text = control_changes(at.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
         [event] = [e for e in at.vehicle.events.since() if e.data.get("action") == "forced"]
@@ -159,7 +159,7 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
 
 
 @pytest.mark.parametrize(
-    ("agreed", "mode", "ends"),
+    ("on_expiry", "mode", "mode_after"),
     [
         ("nothing", MISSION, MISSION),
         ("hold", MISSION, HOLD),
@@ -170,21 +170,21 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
         ("hold", OFFBOARD, OFFBOARD),
     ],
 )
-def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, ends):
+def test_on_expiry_is_executed_but_never_against_a_pilot(jump, on_expiry, mode, mode_after):
     async def scenario(at):
         at.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
         at.autopilot.mode = mode
         await seconds(2.5)
-        take = control_models.TakeControl(on_expiry=agreed)
+        take = control_models.TakeControl(on_expiry=on_expiry)
         await control_routes.take("1", at.station, ANNA, take)
         await seconds(29)
         assert not at.autopilot.commands(176)
         await seconds(5)
-        assert at.autopilot.mode == ends
+        assert at.autopilot.mode == mode_after
         assert control_changes(at.vehicle)[-1][0] == "expired"
         ours = [line for line in lines(at.station) if line[0] == "server"]
         assert ours[0] == ("server", "control/expired", "1", "ok")
-        assert ours[1:] == ([] if ends == mode else [("server", agreed, "1", "ok")])
+        assert ours[1:] == ([] if mode_after == mode else [("server", on_expiry, "1", "ok")])
 
     with_routes(jump, scenario)
 
@@ -220,7 +220,7 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
         assert mode_lines(at.vehicle)[-1] == ("Mode Offboard", 5, "command")
         at.autopilot.mode = at.autopilot.requested_mode = POSITION
         at.autopilot.current_mode()
-        await silent(at.autopilot, None, seconds_=40.0, settle_s=0.1)
+        await assert_silent(at.autopilot, None, seconds_=40.0, settle_s=0.1)
         assert at.autopilot.mode == POSITION
         assert mode_lines(at.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
         cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
@@ -235,7 +235,7 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
         at.autopilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
         at.autopilot.mode = at.autopilot.requested_mode = RTL
         at.autopilot.current_mode()
-        await silent(at.autopilot, None, settle_s=0.1)
+        await assert_silent(at.autopilot, None, settle_s=0.1)
         assert mode_lines(at.vehicle)[-1] == (
             "Mode Return: another ground station commanded it (station 245/190)",
             4,

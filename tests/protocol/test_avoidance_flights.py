@@ -16,7 +16,7 @@ from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.world.files import load_world
 
-GOAL = (10.0, 0.0, -2.0)
+GOAL_NED_M = (10.0, 0.0, -2.0)
 BOX_NORTH_M = (4.25, 5.75)
 INTERVALS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
 
@@ -36,27 +36,27 @@ class Flight:
 
     async def begin(self):
         await self.offboard.start(request_to((0.0, 0.0, -2.0)))
-        await until(lambda: abs(self.at[2] + 2.0) < 0.2 and abs(self.at[0]) < 0.3, 20)
+        await until(lambda: abs(self.position_ned_m[2] + 2.0) < 0.2 and abs(self.position_ned_m[0]) < 0.3, 20)
         self.recorder = asyncio.ensure_future(self.record())
 
     async def record(self):
         while True:
-            self.track.append((*self.at, self.has_collided()))
+            self.track.append((*self.position_ned_m, self.has_collided()))
             await asyncio.sleep(0.1)
 
     def has_collided(self):
         return any("Collision" in event.text for event in self.vehicle.events.since())
 
     @property
-    def at(self):
+    def position_ned_m(self):
         return tuple(self.truth.position_ned_m[0].tolist())
 
     @property
     def avoidance(self):
         return self.offboard.status().avoidance
 
-    def near(self, place, within_m=0.5):
-        return all(abs(a - b) < within_m for a, b in zip(self.at, place, strict=True))
+    def is_near(self, place, within_m=0.5):
+        return all(abs(a - b) < within_m for a, b in zip(self.position_ned_m, place, strict=True))
 
     def highest_over_the_box(self):
         return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
@@ -93,9 +93,9 @@ def fly(jump, scenario):
 def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
     async def scenario(flight):
         await flight.offboard.operator_limits.set(OperatorLimits(obstacle_brake=False), by="test")
-        await flight.offboard.setpoint(request_to(GOAL))
+        await flight.offboard.setpoint(request_to(GOAL_NED_M))
         await until(lambda: not flight.is_undamaged(), 30)
-        assert flight.at[0] < BOX_NORTH_M[0]
+        assert flight.position_ned_m[0] < BOX_NORTH_M[0]
 
     fly(jump, scenario)
 
@@ -104,16 +104,16 @@ def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
 def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_over_it(jump):
     async def scenario(flight):
         offboard = flight.offboard
-        await offboard.setpoint(request_to(GOAL))
+        await offboard.setpoint(request_to(GOAL_NED_M))
         await asyncio.sleep(10)
         status = offboard.status()
         assert status.limited == ("position limited to stop before an obstacle",)
         assert (status.state, status.avoidance.state, status.avoidance.sensor) == ("streaming", None, True)
-        assert 2.0 < flight.at[0] < 3.6
+        assert 2.0 < flight.position_ned_m[0] < 3.6
         await offboard.avoidance.switch_on("over")
         await until(lambda: flight.avoidance.state == "over", 5)
         assert "climbing over" in flight.avoidance.text
-        await until(lambda: flight.avoidance.state == "clear" and flight.near(GOAL), 60)
+        await until(lambda: flight.avoidance.state == "clear" and flight.is_near(GOAL_NED_M), 60)
         assert flight.is_undamaged()
         assert 4.4 < flight.highest_over_the_box() < 7.0
         assert codes(flight.vehicle).count("avoidance") >= 2
@@ -124,13 +124,13 @@ def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_ov
 
 
 @pytest.mark.story
-def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
+def test_avoidance_flies_around_the_box_and_rejoins_the_path_behind_it(jump):
     async def scenario(flight):
         await flight.offboard.avoidance.switch_on("around")
         points = tuple(PathPoint(t, (1.5 * t, 0.0, -2.0), 0.0) for t in (0.0, 6.0, 12.0))
         await flight.offboard.setpoint(StreamRequest(Path(points), 60.0, client="test"))
         await until(lambda: flight.avoidance.state == "around", 20)
-        await until(lambda: flight.avoidance.state == "clear" and flight.near((18.0, 0.0, -2.0)), 60)
+        await until(lambda: flight.avoidance.state == "clear" and flight.is_near((18.0, 0.0, -2.0)), 60)
         assert flight.is_undamaged()
         assert max(-down for _, _, down, _ in flight.track) < 3.0
         assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
@@ -139,10 +139,10 @@ def test_a_path_through_the_box_is_left_sideways_and_rejoined_behind_it(jump):
 
 
 @pytest.mark.story
-def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(jump):
+def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(jump):
     async def scenario(flight):
         await flight.offboard.avoidance.switch_on("over")
-        await flight.offboard.setpoint(request_to(GOAL))
+        await flight.offboard.setpoint(request_to(GOAL_NED_M))
         await until(lambda: flight.avoidance.state == "over", 20)
         flight.offboard.avoidance.request_rates = lambda: None
         flight.silence_sensors()
@@ -155,7 +155,7 @@ def test_sensors_that_stop_sending_in_flight_stop_the_vehicle_until_they_return(
         assert flight.offboard.status().setpoint == held
         assert "avoidance_stopped" in codes(flight.vehicle)
         flight.silence_sensors(2e5)
-        await until(lambda: flight.near(GOAL), 60)
+        await until(lambda: flight.is_near(GOAL_NED_M), 60)
         assert flight.is_undamaged()
 
     fly(jump, scenario)

@@ -202,10 +202,10 @@ def test_progress_extends_the_deadline(kit, jump):
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
         assert 0.84 in fractions
-        news = [e for e in received if e.kind == "progress"]
-        assert news[0].text == f"Commanding vehicle {vehicle.id} to arm"
+        progress_events = [e for e in received if e.kind == "progress"]
+        assert progress_events[0].text == f"Commanding vehicle {vehicle.id} to arm"
         wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
-        assert wanted in [dict(e.data) for e in news]
+        assert wanted in [dict(e.data) for e in progress_events]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # not stored in any history
 
     flight(kit, jump, scenario)

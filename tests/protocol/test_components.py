@@ -71,7 +71,7 @@ class OtherComponent:
 
 
 async def repeated(seconds, *work):
-    """Does all the work ten times a second."""
+    """Calls each function ten times a second."""
     for _ in range(round(seconds * 10)):
         for each in work:
             each()
@@ -96,14 +96,14 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
         (lost,) = [c for c in vehicle.components.all() if c.lost]
         assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(lost_since_unix_s, abs=0.3))
         await repeated(1, gimbal.heartbeat)
-        said = [e.text for e in vehicle.events.since() if e.kind == "component"]
-        assert sorted(said[:4]) == [
+        texts = [e.text for e in vehicle.events.since() if e.kind == "component"]
+        assert sorted(texts[:4]) == [
             "Camera 101 connected",
             "Companion 191 connected",
             "Component 68 connected",
             "Gimbal 154 connected",
         ]
-        assert said[4:] == ["Gimbal 154: connection lost", "Gimbal 154: connection restored"]
+        assert texts[4:] == ["Gimbal 154: connection lost", "Gimbal 154: connection restored"]
         assert view(await vehicle_routes.show_vehicle(vehicle))["components"][1] == {
             "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
         }  # fmt: skip
@@ -111,7 +111,7 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
     run_with_vehicle(jump, scenario)
 
 
-def test_components_are_bounded(jump):
+def test_the_number_of_components_is_limited(jump):
     async def scenario(world, autopilot, vehicle):
         for component_id in range(2, 256):
             OtherComponent(autopilot, component_id, 0).heartbeat()
@@ -130,12 +130,14 @@ def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle
         try:
             autopilot = world.autopilot(world.link())
             autopilot.alive = False
-            liar, camera = OtherComponent(autopilot, 191, 2), OtherComponent(autopilot, 7, 30)
+            impostor, camera = OtherComponent(autopilot, 191, 2), OtherComponent(autopilot, 7, 30)
             autopilot.alive = True
-            liar.heartbeat(autopilot=12)
+            impostor.heartbeat(autopilot=12)
             camera.heartbeat(autopilot=12)
             vehicle = await world.ready()
-            await repeated(2, lambda: liar.heartbeat(autopilot=12), lambda: camera.heartbeat(autopilot=12))
+            await repeated(
+                2, lambda: impostor.heartbeat(autopilot=12), lambda: camera.heartbeat(autopilot=12)
+            )
             assert [v.id for v in world.fleet.all()] == ["1"]
             assert vehicle.identity.component_id == 1
             assert kinds(vehicle)[0] == (1, "autopilot", False)
@@ -237,28 +239,28 @@ def test_two_devices_of_one_manager_are_distinguished(jump):
     run_with_vehicle(jump, scenario)
 
 
-def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
+def test_no_component_replaces_the_autopilots_gimbal(jump):
     async def scenario(world, autopilot, vehicle):
-        liar = OtherComponent(autopilot, 171, 26)
-        liar.control = {1: (42, 1)}
+        impostor = OtherComponent(autopilot, 171, 26)
+        impostor.control = {1: (42, 1)}
 
-        def lies():
+        def send_as_other_devices():
             for device in range(256):
-                liar.attitude(DOWN, device)
-                liar.status(device)
+                impostor.attitude(DOWN, device)
+                impostor.status(device)
 
         autopilot.gimbal_status()
-        await repeated(1, lies)
-        await repeated(1, autopilot.gimbal_attitude, autopilot.gimbal_status, lies)
+        await repeated(1, send_as_other_devices)
+        await repeated(1, autopilot.gimbal_attitude, autopilot.gimbal_status, send_as_other_devices)
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbal_device_id, value.primary_control) == (1, 1, None)
         assert value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         assert len(value.gimbals) <= 9
         taken = asyncio.ensure_future(vehicle.gimbal.take_control())
-        await repeated(1, lies, autopilot.gimbal_attitude)
+        await repeated(1, send_as_other_devices, autopilot.gimbal_attitude)
         await taken
         assert autopilot.control == (255, 190)
-        assert liar.commands(1001) == []
+        assert impostor.commands(1001) == []
 
     run_with_vehicle(jump, scenario)
 

@@ -73,8 +73,8 @@ def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
     async def scenario(world, station, first, second):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
         await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
-        meant, other = (first, second) if vehicle_id == "1" else (second, first)
-        assert not meant.armed
+        named, other = (first, second) if vehicle_id == "1" else (second, first)
+        assert not named.armed
         assert other.armed
         assert not other.commands(400)
 
@@ -111,15 +111,15 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
     again."""
 
     async def scenario(world, station, first, second):
-        gone, kept = world.fleet.get("1~2"), world.fleet.get("1")
-        await gone.offboard.start(stream_request())
-        world.fleet._merge(kept, gone)
+        merged, kept = world.fleet.get("1~2"), world.fleet.get("1")
+        await merged.offboard.start(stream_request())
+        world.fleet._merge(kept, merged)
         sent = len(second.setpoints)
         await seconds(6)
         assert len(second.setpoints) == sent
         assert not first.setpoints
-        assert not gone.offboard.status().streaming
-        assert [e.data["code"] for e in gone.events.since() if e.data.get("source")] == [
+        assert not merged.offboard.status().streaming
+        assert [e.data["code"] for e in merged.events.since() if e.data.get("source")] == [
             "lost",
             "not_confirmed",
         ]
@@ -148,13 +148,13 @@ def test_a_handover_of_control_journals_both_clients(jump):
         await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
             await offboard_routes.setpoint("1", setpoint_request(PLACE), station, BERT)
-        said = lines(station)
-        assert said[0] == ("anna", "offboard/start", "1", "ok")
-        setpoints = {(who, result) for who, command, _, result in said if command == "offboard/setpoint"}
+        journal = lines(station)
+        assert journal[0] == ("anna", "offboard/start", "1", "ok")
+        setpoints = {(who, result) for who, command, _, result in journal if command == "offboard/setpoint"}
         both = {(name, result) for name in ("anna", "bert") for result in ("ok", "not_in_control")}
         assert setpoints == both | {("bert", "refused")}
-        assert len(said) < 20, "one line a second for frequent setpoints"
-        assert said[-3:] == [
+        assert len(journal) < 20, "one line a second for frequent setpoints"
+        assert journal[-3:] == [
             ("carla", "offboard/stop", "1", "not_in_control"),
             ("bert", "offboard/stop", "1", "ok"),
             ("bert", "offboard/setpoint", "1", "refused"),

@@ -86,7 +86,7 @@ def payloads_of(msg_id: int, good: bytes, *, each: bool) -> list[bytes]:
     return made
 
 
-class Look:
+class OutputChecker:
     """All outputs for the two vehicles, driven step by step on simulated time."""
 
     def __init__(self, world: OffboardWorld, link: Any) -> None:
@@ -96,18 +96,18 @@ class Look:
         self.tracks = Tracks(world.fleet, None, world.clock)
         self.seq = itertools.count()
         latest = self.good._state.latest.values()
-        self.usual = [(f.msg_id, full_payload(f)) for f in latest if f.msg_id in decoders.FORMATS]
-        self.usual.append((d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.good._state.latest[0])))
-        self.innocent = self.values()
+        self.valid_messages = [(f.msg_id, full_payload(f)) for f in latest if f.msg_id in decoders.FORMATS]
+        self.valid_messages.append((d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.good._state.latest[0])))
+        self.expected = self.values()
 
-    def hear(self, msg_id: int, payload: bytes, system: int = 1, component: int = 1) -> None:
+    def inject(self, msg_id: int, payload: bytes, system: int = 1, component: int = 1) -> None:
         raw = encode_frame(msg_id, payload, next(self.seq) & 0xFF, system, component)
         self.link.inject(raw, "ab"[system - 1])
 
-    def both_as_usual(self) -> None:
+    def send_valid_messages(self) -> None:
         self.world.loop.now_s += 0.02
-        for system, (msg_id, payload) in itertools.product((2, 1), self.usual):
-            self.hear(msg_id, payload, system)
+        for system, (msg_id, payload) in itertools.product((2, 1), self.valid_messages):
+            self.inject(msg_id, payload, system)
 
     def values(self) -> dict[str, Any]:
         topics = self.views()[1]["topics"]
@@ -121,9 +121,9 @@ class Look:
         json.dumps(views := json.loads(body, parse_constant=refused), allow_nan=False)
         return views
 
-    def everywhere(self) -> None:
+    def check_all(self) -> None:
         world, streams = self.world, self.world.streamer._streams
-        assert self.values() == self.innocent
+        assert self.values() == self.expected
         for vehicle in (self.bad, self.good):
             assert all(
                 b"NaN" not in sample for sample in self.encoded.new_samples(vehicle, sorted(ALL_TOPICS), {})
@@ -162,7 +162,7 @@ class Look:
                 StreamScheduler.engage(streams, vehicle.id, snapshot, number)
 
 
-def looked_at(scenario: Any) -> None:
+def run_with_outputs(scenario: Any) -> None:
     async def run() -> None:
         world = OffboardWorld()
         try:
@@ -194,9 +194,9 @@ def looked_at(scenario: Any) -> None:
                 raw = encode_frame(message.get_msgId(), encode_payload(message), 0, system, 1)
                 link.inject(raw, "ab"[system - 1])
             assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
-            look = Look(world, link)
-            look.stream()
-            scenario(look)
+            outputs = OutputChecker(world, link)
+            outputs.stream()
+            scenario(outputs)
         finally:
             await world.close()
 
@@ -205,53 +205,53 @@ def looked_at(scenario: Any) -> None:
 
 @pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)
 def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
-    def scenario(look: Look) -> None:
-        good = dict(look.usual).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
+    def scenario(outputs: OutputChecker) -> None:
+        good = dict(outputs.valid_messages).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
         component = 154 if msg_id in gimbal_decoder.IDS else 1
         for n, payload in enumerate(payloads_of(msg_id, good, each=True)):
-            look.both_as_usual()
-            look.stream()
-            look.hear(msg_id, payload)
-            look.hear(msg_id, payload, component=component)
-            look.everywhere()
+            outputs.send_valid_messages()
+            outputs.stream()
+            outputs.inject(msg_id, payload)
+            outputs.inject(msg_id, payload, component=component)
+            outputs.check_all()
             if n % 25 == 0:
-                look.world.fleet.tick()
-        look.world.fleet.tick()
-        for vehicle in (look.bad, look.good):
+                outputs.world.fleet.tick()
+        outputs.world.fleet.tick()
+        for vehicle in (outputs.bad, outputs.good):
             pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
             past = answer(history_view(pieces)).body
             assert len(json.loads(past)["samples"]) > 10
-        look.world.fleet.warnings()
-        look.no_fault()
+        outputs.world.fleet.warnings()
+        outputs.no_fault()
 
-    looked_at(scenario)
+    run_with_outputs(scenario)
 
 
 def test_undecoded_messages_affect_no_other_vehicle():
-    def scenario(look: Look) -> None:
+    def scenario(outputs: OutputChecker) -> None:
         for msg_id in sorted(set(LAYOUTS) - set(DECODED)):
-            look.both_as_usual()
-            look.stream()
+            outputs.send_valid_messages()
+            outputs.stream()
             for payload in payloads_of(msg_id, bytes(LAYOUTS[msg_id].unpacker.size), each=False):
-                look.hear(msg_id, payload)
-            look.everywhere()
-        look.world.fleet.tick()
-        look.no_fault()
+                outputs.inject(msg_id, payload)
+            outputs.check_all()
+        outputs.world.fleet.tick()
+        outputs.no_fault()
 
-    looked_at(scenario)
+    run_with_outputs(scenario)
 
 
 def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
-    def scenario(look: Look) -> None:
+    def scenario(outputs: OutputChecker) -> None:
         name_and_type = struct.Struct("<fHH16sB")
         for name, value in itertools.product((*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS), FLOATS):
-            look.both_as_usual()
-            look.stream()
+            outputs.send_valid_messages()
+            outputs.stream()
             for kind in (9, 6, 0, 255):
                 payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
-                look.hear(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
-            look.bad.offboard._configuration._read_values[name] = value
-            look.bad.offboard.limits()
-            look.everywhere()
+                outputs.inject(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
+            outputs.bad.offboard._configuration._read_values[name] = value
+            outputs.bad.offboard.limits()
+            outputs.check_all()
 
-    looked_at(scenario)
+    run_with_outputs(scenario)

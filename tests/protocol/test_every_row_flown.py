@@ -67,7 +67,7 @@ async def fly(vehicle, setpoint, duration_s):
     return status
 
 
-def off_m(vehicle, place):
+def distance_m(vehicle, place):
     return math.dist(local(vehicle).position_ned_m, place)
 
 
@@ -77,12 +77,12 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         started = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
         await seconds(6)
-        assert off_m(vehicle, (3.0, 2.0, -8.0)) < 0.6
+        assert distance_m(vehicle, (3.0, 2.0, -8.0)) < 0.6
         assert attitude(vehicle).yaw_ned_rad == pytest.approx(1.0, abs=0.1)
         health = vehicle.offboard.status().health
         assert health.echo.position_ned_m == pytest.approx((3.0, 2.0, -8.0), abs=1e-3)
         assert health.echo.yaw_ned_rad == pytest.approx(1.0, abs=1e-3)
-        assert health.position_error_m == pytest.approx(off_m(vehicle, (3.0, 2.0, -8.0)), abs=0.3)
+        assert health.position_error_m == pytest.approx(distance_m(vehicle, (3.0, 2.0, -8.0)), abs=0.3)
         assert health.rate_achieved_hz == pytest.approx(50, rel=0.05)
         assert 0.9 < health.failsafe_in_s <= 1.0
 
@@ -94,8 +94,8 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         assert place.alt_home_m == pytest.approx(9.0, abs=0.6)
 
         before = local(vehicle).position_ned_m
-        await fly(vehicle, PositionBody((4.0, 0.0, 1.0)), 6)  # its heading is east: forward is east
-        assert off_m(vehicle, (before[0], before[1] + 4.0, before[2] + 1.0)) < 0.9
+        await fly(vehicle, PositionBody((4.0, 0.0, 1.0)), 6)  # the heading is east: forward is east
+        assert distance_m(vehicle, (before[0], before[1] + 4.0, before[2] + 1.0)) < 0.9
 
         await fly(vehicle, Velocity((2.0, 0.0, 0.0), yaw_ned_rad=math.pi / 2), 4)
         n, e, d = local(vehicle).velocity_ned_m_s
@@ -144,7 +144,7 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
         assert (status.state, status.setpoint["type"]) == ("holding", "position")
         held = status.setpoint["position_ned_m"]
         await seconds(3)
-        assert off_m(vehicle, held) < 1.0
+        assert distance_m(vehicle, held) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
     with_vehicle(jump, scenario, 12.0)
@@ -174,9 +174,9 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
             await seconds(0.6)
             assert abs(local(vehicle).position_ned_m[2] + 8) < 2
             await flying
-        motors = group_of_four = (0.5, 0.5, 0.5, 0.5)
+        motors = (0.5, 0.5, 0.5, 0.5)
         await stream(lambda: offboard.actuators(motors), 0.3)
-        assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120), group_of_four
+        assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120)
         await vehicle.command.hold()
 
     with_vehicle(jump, scenario)
@@ -192,14 +192,14 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
         )
         started = await vehicle.offboard.start(stream_request(Path(points), valid_for_s=1.0, hold_for_s=1.0))
         assert started.valid_left_s == pytest.approx(17.0, abs=0.1)
-        worst = 0.0
+        max_distance_m = 0.0
         for index in range(1, 5):
             await seconds(4)
-            worst = max(worst, off_m(vehicle, points[index].position_ned_m))
+            max_distance_m = max(max_distance_m, distance_m(vehicle, points[index].position_ned_m))
             assert vehicle.offboard.status().ordered_type == "path"
-        assert worst < 1.6  # it lags behind a moving setpoint
+        assert max_distance_m < 1.6  # the vehicle lags behind a moving setpoint
         await seconds(0.5)
-        assert off_m(vehicle, points[-1].position_ned_m) < 1.0
+        assert distance_m(vehicle, points[-1].position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after its end
         await seconds(0.3)
         assert codes(vehicle) == ["expired", "held"]

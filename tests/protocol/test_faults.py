@@ -8,34 +8,34 @@ import pytest
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
-from tests.protocol.api_calls import ANNA, BOB, MISSION, YES, with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
-from tests.protocol.offboard_world import POSITION, mode_requests, seconds, silent
+from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds
 from vehicle_sim.mavlink import generated_dialect as sim
 
-PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
+HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
 FIRST = StartRequest.model_validate(
-    {"setpoint": PLACE, "valid_for_s": 1.0, "on_expiry": {"action": "hold", "hold_for_s": 2.0}}
+    {"setpoint": HOVER, "valid_for_s": 1.0, "on_expiry": {"action": "hold", "hold_for_s": 2.0}}
 )
-LONG = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 3600.0})
-AGAIN = SetpointRequest.model_validate({"setpoint": PLACE, "valid_for_s": 1.0})
+LONG = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 3600.0})
+AGAIN = SetpointRequest.model_validate({"setpoint": HOVER, "valid_for_s": 1.0})
 LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
 
 
 def narrative(vehicle):
     """The events in short form: control, mode and its cause, the stream, the link."""
-    said = []
+    events = []
     for event in vehicle.events.since():
         data = event.data
         if event.kind == "control":
-            said.append(f"control {data['action']}")
+            events.append(f"control {data['action']}")
         elif event.kind == "mode_changed":
-            said.append(f"mode {data['mode']} by {data['cause']}")
+            events.append(f"mode {data['mode']} by {data['cause']}")
         elif data.get("source") == "offboard":
-            said.append(f"stream {data['code']}")
+            events.append(f"stream {data['code']}")
         elif event.kind == "link":
-            said.append(event.text)
-    return said
+            events.append(event.text)
+    return events
 
 
 async def setpoints(at, client, duration_s, every_s=0.3):
@@ -49,11 +49,10 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
     async def scenario(at):
         await offboard_routes.start("1", FIRST, at.station, ANNA)
         await setpoints(at, ANNA, 3.0)
-        await seconds(
-            1.0 + 2.0 + 6.0
-        )  # validity, position hold, and the request for Hold, repeated under loss
+        # validity, position hold, and the request for Hold, which is repeated if packets are lost
+        await seconds(1.0 + 2.0 + 6.0)
         assert at.autopilot.mode == HOLD
-        await silent(at.autopilot, None, seconds_=30.0)
+        await assert_silent(at.autopilot, None, seconds_=30.0)
         assert narrative(at.vehicle) == [
             "control taken",
             "mode offboard by command",
@@ -76,7 +75,7 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
             await setpoints(at, ANNA, 3.0)
             await seconds(8.0)
             assert at.autopilot.mode == HOLD
-            await silent(at.autopilot, None, seconds_=300.0)
+            await assert_silent(at.autopilot, None, seconds_=300.0)
             with pytest.raises(Refused, match="no setpoint stream"):
                 await offboard_routes.setpoint("1", AGAIN, at.station, ANNA)
             with pytest.raises(NotInControl):
@@ -92,22 +91,22 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
     with_routes(jump, scenario)
 
 
-@pytest.mark.parametrize("agreed", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
-def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed):
+@pytest.mark.parametrize("on_expiry", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
+def test_without_network_the_vehicle_executes_its_configured_action(jump, on_expiry):
     async def scenario(at):
         with at.station.authority.connected(ANNA):
-            await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=agreed))
+            await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), at.station, ANNA)
             await seconds(100)
         await seconds(29)  # the socket is closed; the client's time until expiry begins
         assert at.autopilot.mode == MISSION
         await seconds(4)
-        await silent(at.autopilot, None, seconds_=60.0)
-        ends = ["control taken", "mode mission by command", "control expired"]
-        if agreed == "hold":
-            ends.append("mode hold by command")
-        assert narrative(at.vehicle) == ends
-        assert at.autopilot.mode == (HOLD if agreed == "hold" else MISSION)
+        await assert_silent(at.autopilot, None, seconds_=60.0)
+        expected = ["control taken", "mode mission by command", "control expired"]
+        if on_expiry == "hold":
+            expected.append("mode hold by command")
+        assert narrative(at.vehicle) == expected
+        assert at.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION)
 
     with_routes(jump, scenario)
 
@@ -120,7 +119,7 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_
         assert not at.vehicle.offboard.status().streaming
         assert at.autopilot.mode == POSITION, "PX4's own failsafe"
         at.autopilot.loss = 0.0
-        await silent(at.autopilot, None, seconds_=30.0, settle_s=0.5)
+        await assert_silent(at.autopilot, None, seconds_=30.0, settle_s=0.5)
         assert narrative(at.vehicle) == [
             "control taken",
             "mode offboard by command",
@@ -141,11 +140,11 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
             await offboard_routes.start("1", LONG, at.station, ANNA)
             await control_routes.request("1", at.station, BOB)
             await seconds(15.5)
-            await control_routes.take("1", at.station, BOB, YES)
+            await control_routes.take("1", at.station, BOB, FORCE)
             assert at.autopilot.mode == OFFBOARD, "its flight does not change"
             sent = at.autopilot.setpoints[-1][1].z
-            there = {"type": "position", "position_ned_m": [9, 0, -9]}
-            moved = SetpointRequest.model_validate({"setpoint": there})
+            target = {"type": "position", "position_ned_m": [9, 0, -9]}
+            moved = SetpointRequest.model_validate({"setpoint": target})
             for work in (
                 lambda: offboard_routes.setpoint("1", moved, at.station, ANNA),
                 lambda: offboard_routes.stop("1", at.station, ANNA),
@@ -158,7 +157,7 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
             await seconds(0.1)
             assert at.autopilot.setpoints[-1][1].z == -9
             await offboard_routes.stop("1", at.station, BOB)
-            await silent(at.autopilot, None)
+            await assert_silent(at.autopilot, None)
             assert at.autopilot.mode == HOLD
         assert narrative(at.vehicle) == [
             "control taken",
@@ -172,14 +171,17 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_pilot_takes_over_the_vehicle_by_position_mode(jump, loss, seed):
+def test_a_pilot_takes_over_the_vehicle_with_position_mode(jump, loss, seed):
     async def scenario(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
-        held = len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
+        requests_before = len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
         at.autopilot.mode = at.autopilot.requested_mode = POSITION
         at.autopilot.current_mode()
-        await silent(at.autopilot, None, seconds_=60.0, settle_s=2.5)
-        assert len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD)) == held
+        await assert_silent(at.autopilot, None, seconds_=60.0, settle_s=2.5)
+        assert (
+            len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
+            == requests_before
+        )
         assert at.autopilot.mode == POSITION
         events = narrative(at.vehicle)
         assert sorted(events[2:4]) == ["mode position by unknown", "stream left_offboard"]
@@ -198,7 +200,7 @@ def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
         await seconds(2.0)
         at.autopilot.mode = LAND
         at.autopilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
-        await silent(at.autopilot, None, seconds_=20.0, settle_s=0.1)
+        await assert_silent(at.autopilot, None, seconds_=20.0, settle_s=0.1)
         assert at.autopilot.mode == LAND
         with pytest.raises(Refused):
             await offboard_routes.start("1", FIRST, at.station, ANNA)

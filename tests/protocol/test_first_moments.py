@@ -17,7 +17,7 @@ def requests_for(autopilot, msg_id):
 
 def answer_with_limits(kit, autopilot, lost=0):
     """PX4's answer after `lost` requests, with angles in degrees and an uninitialised roll limit."""
-    left = [lost]
+    lost_count = [lost]
 
     def handler(message):
         if (
@@ -26,8 +26,8 @@ def answer_with_limits(kit, autopilot, lost=0):
             or int(message.param1) != INFORMATION
         ):
             return False
-        left[0] -= 1
-        if left[0] < 0:
+        lost_count[0] -= 1
+        if lost_count[0] < 0:
             autopilot.send(
                 kit.sim.MAVLink_gimbal_manager_information_message(
                     autopilot.boot_ms(), 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0
@@ -73,7 +73,9 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_hav
     run_test(jump, scenario, kit.World)
 
 
-def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_its_first_heartbeat(kit, jump):
+def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_unknown_until_it_answers(
+    kit, jump
+):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
         autopilot.version = False
@@ -88,13 +90,13 @@ def test_whether_it_is_simulated_is_unknown_until_its_answer_and_requested_at_it
         assert vehicle.identity.simulated is None
         topics = EncodedSamples(world.clock, world.fleet)
         seen = {}
-        (told_json,) = topics.new_samples(vehicle, ["identity"], seen)
-        assert b'"simulated":null' in told_json
+        (first_json,) = topics.new_samples(vehicle, ["identity"], seen)
+        assert b'"simulated":null' in first_json
         autopilot.version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
-        (again_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
-        assert b'"simulated":true' in again_json
+        (second_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
+        assert b'"simulated":true' in second_json
 
     run_test(jump, scenario, kit.World)
 

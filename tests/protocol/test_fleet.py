@@ -119,11 +119,11 @@ def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump)
         first.alive = False
         await asyncio.sleep(6)
         assert world.fleet.get("1").status.link_lost
-        back = world.autopilot(link, peer="b", boot_s=1010.0)
+        returned = world.autopilot(link, peer="b", boot_s=1010.0)
         await asyncio.sleep(5)
         assert ids(world) == ["1"]
         await world.fleet.get("1").command.arm()
-        assert back.armed
+        assert returned.armed
 
     run_test(jump, scenario, kit.World)
 
@@ -209,7 +209,7 @@ def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
         qgc = kit.sim.MAVLink(None, srcSystem=255, srcComponent=190)
         station.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
         await world.ready("2")
-        seen = {codec_system(data) for data, _ in station.sent}
+        seen = {system_id_of(data) for data, _ in station.sent}
         assert seen == {1, 2}
         received = [len(p.received) for p in autopilots]
         before = [len(p.commands(400)) for p in autopilots]
@@ -229,7 +229,7 @@ def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
     run_test(jump, scenario, kit.World)
 
 
-def codec_system(data):
+def system_id_of(data):
     return data[5]
 
 

@@ -82,15 +82,15 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
 
     async def work(world, ftp, autopilot, _):
         await ftp.read(PARAMETERS)
-        asked = [
+        sent = [
             _header.unpack_from(f[13:-2].ljust(12, b"\0"))
             for f in autopilot.received
             if f[7] == FTP_ID and not f[8]
         ]
         requests = {}
-        for sequence, _, opcode, _, _, _, _, offset in asked:
+        for sequence, _, opcode, _, _, _, _, offset in sent:
             assert requests.setdefault(sequence, (opcode, offset)) == (opcode, offset)
-        assert len(requests) < len(asked)  # some were repeated
+        assert len(requests) < len(sent)  # some were repeated
 
     run_ftp(kit, jump, work, loss=0.2, seed=8)
 

@@ -24,7 +24,7 @@ from tests.protocol.group_world import (
     first_s,
     modes,
     path,
-    place,
+    position,
     velocity,
     with_routes,
 )
@@ -34,20 +34,20 @@ from tests.protocol.simulated_world import SimulatedWorld, until
 
 def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump):
     async def scenario(at):
-        await begin(at, {"1": place(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": place(4)})
+        await begin(at, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)})
         await seconds(1)
-        changed = changes({"1": place(7), "3": place(7)}, valid_for_s=2.0)
+        changed = changes({"1": position(7), "3": position(7)}, valid_for_s=2.0)
         shown = view(await group_routes.setpoints("1", changed, at.station, ANNA))
         assert (shown["client"], shown["client_key"]) == ("anna", ANNA.key)
         assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
         await seconds(0.1)
-        begun = [first_s(at.autopilots[v], 7.0) for v in "13"]
-        assert max(begun) - min(begun) < STREAM_PERIOD_S
+        start_times_s = [first_s(at.autopilots[v], 7.0) for v in "13"]
+        assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         with pytest.raises(NotTogether, match="would come within"):
-            closer = changes({"1": place(0, 8)})
+            closer = changes({"1": position(0, 8)})
             await group_routes.setpoints("1", closer, at.station, ANNA)
         with pytest.raises(InvalidRequest, match="vehicle 9 is not in group 1"):
-            await group_routes.setpoints("1", changes({"9": place()}), at.station, ANNA)
+            await group_routes.setpoints("1", changes({"9": position()}), at.station, ANNA)
         await seconds(6.0)
         assert view(await group_routes.show("1", at.station))["state"] == "flying"
         await seconds(8.5)
@@ -96,7 +96,7 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump
         assert [text for text, _, warning in at.group_changes if warning]
         if others_go_on:
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
-                await group_routes.setpoints("1", changes({"2": place(5)}), at.station, ANNA)
+                await group_routes.setpoints("1", changes({"2": position(5)}), at.station, ANNA)
 
     with_routes(jump, scenario)
 
@@ -121,7 +121,7 @@ def test_a_lost_member_holds_the_others_within_two_seconds(jump):
 def test_a_member_can_follow_another_of_the_group(jump):
     async def scenario(at):
         beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
-        await begin(at, {"1": place(4), "2": beside})
+        await begin(at, {"1": position(4), "2": beside})
         await seconds(2)
         shown = view(await group_routes.show("1", at.station))
         assert [m["ordered_type"] for m in shown["members"]] == ["position", "follow"]
@@ -152,15 +152,17 @@ def test_a_server_shutdown_holds_a_group_without_findings(jump):
 # With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. Without one for 3.5 s it
 # counts as lost, so none moves and the group cannot be flown.
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_with_every_fifth_packet_lost_a_group_starts_changes_and_is_held(jump, seed):
+def test_a_group_starts_changes_and_is_held_at_20_percent_loss(jump, seed):
     async def scenario(at):
         for index, autopilot in enumerate(at.autopilots.values()):
             autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
         await begin(at, ALL_NORTH)
         await seconds(2)
-        begun = [next(t for t, m in p.setpoints if m.x > 1) for p in at.autopilots.values()]
-        assert max(begun) - min(begun) < 10 * STREAM_PERIOD_S  # the first one may have been lost
-        await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
+        start_times_s = [next(t for t, m in p.setpoints if m.x > 1) for p in at.autopilots.values()]
+        assert (
+            max(start_times_s) - min(start_times_s) < 10 * STREAM_PERIOD_S
+        )  # the first one may have been lost
+        await group_routes.setpoints("1", changes({"1": position(6)}), at.station, ANNA)
         held = view(await group_routes.hold("1", at.station, ANNA))
         assert (held["state"], held["findings"]) == ("ended", [])
         assert set(modes(at).values()) == {HOLD}
@@ -199,7 +201,7 @@ def test_a_killed_client_leaves_all_in_hold(jump):
 # --- simulated PX4s -------------------------------------------------------------------------------
 
 
-def on_earth(vehicle):
+def position_m(vehicle):
     at = vehicle.topic("global_position").value
     return (
         at.lat_deg * DEG_M,
@@ -209,7 +211,7 @@ def on_earth(vehicle):
 
 
 def apart_m(vehicles):
-    return min(math.dist(on_earth(a), on_earth(b)) for a, b in itertools.combinations(vehicles, 2))
+    return min(math.dist(position_m(a), position_m(b)) for a, b in itertools.combinations(vehicles, 2))
 
 
 def with_simulated_vehicles(jump, scenario, count=2):
@@ -229,9 +231,9 @@ def with_simulated_vehicles(jump, scenario, count=2):
 
 
 @pytest.mark.story
-def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minimum_distance(jump):
+def test_the_guard_holds_simulated_vehicles_before_they_reach_the_minimum_distance(jump):
     async def scenario(at, vehicles):
-        await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=1)
+        await begin(at, {"1": position(0, -10, -8), "2": position(0, 10, -8)}, minimum_separation_m=1)
         await until(lambda: apart_m(vehicles) > 22, 30)
         held = view(await group_routes.hold("1", at.station, ANNA))
         assert (held["state"], held["findings"]) == ("ended", [])
@@ -259,7 +261,7 @@ def test_simulated_vehicles_spread_hold_together_and_are_stopped_above_the_minim
         assert (finding["code"], finding["vehicles"]) == ("separation", ["1", "2"])
         assert finding["held"] == ["1", "2"]
         assert finding["distance_m"] > nearest_m
-        said = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
-        assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in said)
+        warnings = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
+        assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in warnings)
 
     with_simulated_vehicles(jump, scenario)

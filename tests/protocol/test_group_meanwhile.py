@@ -14,11 +14,11 @@ from tests.protocol.group_world import (
     ALL_NORTH,
     ANNA,
     BOB,
+    assert_nobody_moved,
     begin,
     changes,
     modes,
-    nobody_moved,
-    place,
+    position,
     with_routes,
 )
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds
@@ -47,19 +47,19 @@ def pilot_takes_over(at, vehicle_id):
 
 def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monkeypatch):
     async def scenario(at):
-        async def meanwhile():
+        async def event():
             assert set(modes(at).values()) == {OFFBOARD}
             await seconds(6)  # the server waits for a mode that it has just requested
             pilot_takes_over(at, "2")
             await seconds(6)
 
-        during_prediction(monkeypatch, 2, meanwhile)
+        during_prediction(monkeypatch, 2, event)
         with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
             await begin(at, ALL_NORTH, others_go_on=True)
         assert refused.value.vehicles == ("2",)
         await seconds(3)
         assert modes(at) == {"1": HOLD, "2": POSITION, "3": HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["state"] == "ended"
 
     with_routes(jump, scenario)
@@ -67,15 +67,15 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monk
 
 def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
     async def scenario(at):
-        async def meanwhile():
+        async def event():
             await group_routes.hold("1", at.station, BOB)
 
-        during_prediction(monkeypatch, 2, meanwhile)
+        during_prediction(monkeypatch, 2, event)
         with pytest.raises(NotTogether, match="left before the common start, so none moves"):
             await begin(at, ALL_NORTH)
         await seconds(3)
         assert set(modes(at).values()) == {HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["state"] == "ended"
 
     with_routes(jump, scenario)
@@ -83,11 +83,11 @@ def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
 
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monkeypatch):
     async def scenario(at):
-        async def meanwhile():
-            alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
+        async def event():
+            alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
             await offboard_routes.start("3", alone, at.station, ANNA)
 
-        during_prediction(monkeypatch, 1, meanwhile)
+        during_prediction(monkeypatch, 1, event)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
         assert at.vehicles["3"].offboard.status().state == "streaming"
@@ -98,7 +98,10 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monk
 
 def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
     async def scenario(at):
-        both = begin(at, {"1": place(4), "2": place(4)}), begin(at, {"2": place(4), "3": place(4)})
+        both = (
+            begin(at, {"1": position(4), "2": position(4)}),
+            begin(at, {"2": position(4), "3": position(4)}),
+        )
         answers = await asyncio.gather(*both, return_exceptions=True)
         refused = [answer for answer in answers if isinstance(answer, NotTogether)]
         assert len(refused) == 1
@@ -110,12 +113,12 @@ def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
 
 def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
     async def scenario(at):
-        async def meanwhile():
+        async def event():
             north_m, _, down_m = at.autopilots["2"].ned
             at.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
             await seconds(1)
 
-        during_prediction(monkeypatch, 1, meanwhile)
+        during_prediction(monkeypatch, 1, event)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
             await begin(at, ALL_NORTH)
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
@@ -126,15 +129,15 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypa
 @pytest.mark.parametrize("others_go_on", [False, True])
 def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jump, monkeypatch, others_go_on):
     async def scenario(at):
-        async def meanwhile():
+        async def event():
             pilot_takes_over(at, "2")
             await seconds(6)
 
         await begin(at, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
-        during_prediction(monkeypatch, 1, meanwhile)
+        during_prediction(monkeypatch, 1, event)
         with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
-            await group_routes.setpoints("1", changes({"1": place(7), "2": place(7)}), at.station, ANNA)
+            await group_routes.setpoints("1", changes({"1": position(7), "2": position(7)}), at.station, ANNA)
         await seconds(3)
         others = OFFBOARD if others_go_on else HOLD
         assert modes(at) == {"1": others, "2": POSITION, "3": others}
@@ -148,12 +151,12 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
         async def disconnect_during(call):
             reached = asyncio.Event()
 
-            async def meanwhile():
+            async def event():
                 reached.set()
                 await seconds(60)
 
             with monkeypatch.context() as patch:
-                during_prediction(patch, 1, meanwhile)
+                during_prediction(patch, 1, event)
                 waiting = asyncio.ensure_future(call)
                 await reached.wait()
                 waiting.cancel()
@@ -166,13 +169,13 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
         await begin(at, ALL_NORTH)
         await seconds(1)
         await disconnect_during(
-            group_routes.setpoints("1", changes({"1": place(7)}, valid_for_s=5), at.station, ANNA)
+            group_routes.setpoints("1", changes({"1": position(7)}, valid_for_s=5), at.station, ANNA)
         )
         shown = view(await group_routes.show("1", at.station))
         assert (shown["state"], shown["findings"]) == ("flying", [])
         assert shown["valid_left_s"] > 50
         assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
-        await group_routes.setpoints("1", changes({"1": place(6)}), at.station, ANNA)
+        await group_routes.setpoints("1", changes({"1": position(6)}), at.station, ANNA)
         await seconds(0.1)
         assert at.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 

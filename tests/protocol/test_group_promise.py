@@ -22,31 +22,31 @@ from tests.protocol.simulated_world import SimulatedWorld, until
 
 MINIMUM_M = 4.0
 FAR_M = 13.0
-"""From the middle, before each encounter."""
+"""Distance of each vehicle from the middle before an encounter."""
 STAY = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
 
 
-def tilted(roll_rad, yaw_rad=0.0):
-    """Heads north and tilts to the east: it accelerates to the east."""
+def attitude(roll_rad, yaw_rad=0.0):
+    """A setpoint with the nose to the north and this roll, so that the vehicle accelerates to the east."""
     half = roll_rad / 2.0
     return Attitude((math.cos(half), math.sin(half), 0.0, 0.0), 0.5)
 
 
-def lasting(setpoint):
+def request_of(setpoint):
     return StreamRequest(setpoint, 60.0, OnExpiry("hold", 1.0), "anna")
 
 
 ENCOUNTERS = {
     "head_on": (Velocity((0.0, 3.0, 0.0), yaw_ned_rad=0.0), Velocity((0.0, -3.0, 0.0), yaw_ned_rad=0.0)),
-    "fast_at_one_that_stands": (Velocity((0.0, 5.0, 0.0), yaw_ned_rad=0.0), None),
-    "drifting": (tilted(math.radians(2.0)), None),
-    "leaning": (tilted(math.radians(10.0)), tilted(math.radians(-6.0))),
+    "fast_towards_a_hovering_vehicle": (Velocity((0.0, 5.0, 0.0), yaw_ned_rad=0.0), None),
+    "drifting": (attitude(math.radians(2.0)), None),
+    "leaning": (attitude(math.radians(10.0)), attitude(math.radians(-6.0))),
 }
 
 
-def truly_apart_m(world):
-    place_ned_m = world.sim.simulation.truth.position_ned_m
-    return math.dist(place_ned_m[0], place_ned_m[1])
+def true_distance_m(world):
+    positions_ned_m = world.sim.simulation.truth.position_ned_m
+    return math.dist(positions_ned_m[0], positions_ned_m[1])
 
 
 async def one_encounter(at, vehicles, setpoints):
@@ -54,8 +54,8 @@ async def one_encounter(at, vehicles, setpoints):
     passed."""
     world = at.world
     for vehicle, east_m in zip(vehicles, (-FAR_M, FAR_M - 3.0), strict=True):  # they took off 3 m apart
-        await vehicle.offboard.start(lasting(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
-    await until(lambda: abs(truly_apart_m(world) - 2 * FAR_M) < 1.5, 60)
+        await vehicle.offboard.start(request_of(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
+    await until(lambda: abs(true_distance_m(world) - 2 * FAR_M) < 1.5, 60)
     for vehicle in vehicles:
         await vehicle.offboard.stop()
     await asyncio.sleep(3.0)
@@ -63,18 +63,17 @@ async def one_encounter(at, vehicles, setpoints):
     await asyncio.sleep(1.0)
     for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
         if setpoint is not None:
-            await vehicle.offboard.setpoint(replace(lasting(setpoint), owner="group"))
+            await vehicle.offboard.setpoint(replace(request_of(setpoint), owner="group"))
     nearest_m, standing_s = math.inf, 0.0
     for _ in range(1500):
         await asyncio.sleep(0.02)
-        nearest_m = min(nearest_m, truly_apart_m(world))
+        nearest_m = min(nearest_m, true_distance_m(world))
         held = {v.status.mode for v in vehicles} == {"hold"}
         standing_s = standing_s + 0.02 if held else 0.0
         if standing_s > 6.0:
             return nearest_m
-        if (
-            truly_apart_m(world) > 2 * FAR_M + 4.0
-        ):  # attitude setpoints hold no altitude: it passed above or below
+        # Attitude setpoints hold no altitude: one vehicle may pass above the other.
+        if true_distance_m(world) > 2 * FAR_M + 4.0:
             for vehicle in vehicles:
                 await vehicle.offboard.stop()
             await asyncio.sleep(3.0)
@@ -87,7 +86,7 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
 
     async def run():
         world = SimulatedWorld(2, parameters, seed=seed)
-        chance = random.Random(seed)
+        rng = random.Random(seed)
         try:
             async with asyncio.TaskGroup() as tasks:
                 flying = [tasks.create_task(world.in_the_air(v, 10.0)) for v in "12"]
@@ -96,16 +95,16 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
             simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
             simulation.set_gusts(1.0)
             await asyncio.sleep(8.0)
-            beat, hurry = world.streamer.update_once, world.clock.monotonic_s
+            update_once, now_s = world.streamer.update_once, world.clock.monotonic_s
             next_s = 0.0
 
-            def late():
+            def update_late():
                 nonlocal next_s
-                if hurry() >= next_s:
-                    beat()
-                    next_s = hurry() + max(SNAPSHOT_PERIOD_S, chance.uniform(0.0, late_s))
+                if now_s() >= next_s:
+                    update_once()
+                    next_s = now_s() + max(SNAPSHOT_PERIOD_S, rng.uniform(0.0, late_s))
 
-            world.streamer.update_once = late
+            world.streamer.update_once = update_late
             vehicles = [f.result() for f in flying]
             return {name: await one_encounter(at, vehicles, ENCOUNTERS[name]) for name in names}
         finally:
@@ -119,7 +118,9 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
     ("seed", "late_s", "names"),
     [(2, 0.4, ("head_on",)), (2, 0.4, tuple(ENCOUNTERS)), (1, 0.0, tuple(ENCOUNTERS))],
 )
-def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(jump, seed, late_s, names):
+def test_the_true_distance_stays_above_the_minimum_with_noise_wind_and_late_snapshots(
+    jump, seed, late_s, names
+):
     nearest_m = encounters(jump, seed, late_s, 4.0, names)
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
     met = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]

@@ -16,14 +16,14 @@ from tests.protocol.group_world import (
     ANNA,
     BOB,
     STREAM_PERIOD_S,
+    assert_nobody_moved,
     begin,
     body,
     changes,
     first_s,
     modes,
-    nobody_moved,
     path,
-    place,
+    position,
     with_routes,
 )
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds
@@ -40,9 +40,9 @@ def test_all_are_switched_to_offboard_first_and_start_within_one_period(jump):
         assert 0.3 < ahead_s <= 0.5
         instant_s = at.world.loop.time() + ahead_s
         await seconds(2.0)
-        begun = [first_s(autopilot, 4.0) for autopilot in at.autopilots.values()]
-        assert max(begun) - min(begun) < STREAM_PERIOD_S
-        assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
+        start_times_s = [first_s(autopilot, 4.0) for autopilot in at.autopilots.values()]
+        assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
+        assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
         shown = view(await group_routes.show("1", at.station))
         assert (shown["state"], [m["mode"] for m in shown["members"]]) == ("flying", ["offboard"] * 3)
         assert shown["nearest"]["distance_m"] == pytest.approx(10.0, abs=0.1)
@@ -74,9 +74,9 @@ def test_the_start_time_can_be_given(jump):
         started = await begin(at, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
         assert started["start_unix_s"] == pytest.approx(unix_s + 8.0, abs=1e-3)
         await seconds(10.0)
-        begun = [first_s(autopilot, 4.0) for autopilot in at.autopilots.values()]
-        assert max(begun) - min(begun) < STREAM_PERIOD_S
-        assert min(begun) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
+        start_times_s = [first_s(autopilot, 4.0) for autopilot in at.autopilots.values()]
+        assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
+        assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
 
     with_routes(jump, scenario)
 
@@ -99,7 +99,7 @@ def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 3.1)
         await seconds(3)
         assert set(modes(at).values()) == {HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
 
     with_routes(jump, scenario)
 
@@ -112,7 +112,7 @@ def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
         assert refused.value.vehicles == ("2",)
         await seconds(3)
         assert set(modes(at).values()) == {HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
         assert not any(v.offboard.status().streaming for v in at.vehicles.values())
         ended = view(await group_routes.show("1", at.station))
         assert ended["state"] == "ended"
@@ -129,7 +129,7 @@ def test_a_vehicle_that_never_confirms_stops_all(jump):
             await begin(at, ALL_NORTH)
         await seconds(3)
         assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
-        nobody_moved(at)
+        assert_nobody_moved(at)
 
     with_routes(jump, scenario)
 
@@ -138,7 +138,7 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
     async def scenario(at):
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
             far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
-            await begin(at, {"1": place(4), "2": far})
+            await begin(at, {"1": position(4), "2": far})
         at.autopilots["1"].estimates = False
         await seconds(1.5)
         with pytest.raises(NotTogether, match="Vehicle 1: "):
@@ -149,7 +149,7 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
         with pytest.raises(NotTogether, match="Vehicle 3 is not flying"):
             await begin(at, ALL_NORTH)
         with pytest.raises(UnknownVehicle):
-            await begin(at, {"1": place(), "9": place()})
+            await begin(at, {"1": position(), "9": position()})
         with pytest.raises(UnknownGroup, match="no group '7'"):
             await group_routes.show("7", at.station)
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
@@ -159,14 +159,14 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
 
 def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(jump):
     async def scenario(at):
-        alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
+        alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, at.station, ANNA)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
         assert at.vehicles["3"].offboard.status().state == "streaming"
-        await begin(at, {"1": place(4), "2": place(4)})
+        await begin(at, {"1": position(4), "2": position(4)})
         with pytest.raises(NotTogether, match="Vehicle 2 is already in group 1"):
-            await begin(at, {"2": place(4), "3": place(4)})
+            await begin(at, {"2": position(4), "3": position(4)})
         await seconds(1)
         assert set(modes(at).values()) == {OFFBOARD}
 
@@ -186,7 +186,7 @@ def test_another_clients_control_of_one_member_refuses_the_group(jump):
         await begin(at, ALL_NORTH)
         assert at.station.authority.held_by(ANNA) == ["1", "2", "3"]
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
-            await group_routes.setpoints("1", changes({"1": place(5)}), at.station, BOB)
+            await group_routes.setpoints("1", changes({"1": position(5)}), at.station, BOB)
         held = view(await group_routes.hold("1", at.station, BOB))
         assert (held["state"], held["ended"]) == ("ended", "bob commanded Hold.")
         assert set(modes(at).values()) == {HOLD}
@@ -201,7 +201,7 @@ def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distanc
             await begin(at, ALL_NORTH, minimum_separation_m=12)
         assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
         with pytest.raises(NotTogether, match=r"vehicles 1 and 2 would come within .* m of each other"):
-            await begin(at, {"1": place(0, 9), "2": place(0, 0)})
+            await begin(at, {"1": position(0, 9), "2": position(0, 0)})
         crossing = {  # vehicle 2 flies to where vehicle 1 will be at the same time
             "1": path((0, [0, 0, -5]), (10, [20, 10, -5])),
             "2": path((0, [0, 0, -5]), (10, [20, 0, -5])),
@@ -210,7 +210,7 @@ def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distanc
             await begin(at, crossing, minimum_separation_m=4)
         assert refused.value.vehicles == ("1", "2")
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
-        await begin(at, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": place(20)})
+        await begin(at, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": position(20)})
 
     with_routes(jump, scenario)
 
@@ -229,7 +229,7 @@ def test_a_problem_before_the_common_start_prevents_all_motion(jump):
         at.autopilots["1"].current_mode()
         await seconds(12)
         assert modes(at) == {"1": POSITION, "2": HOLD, "3": HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
 
     with_routes(jump, scenario)
 
@@ -240,7 +240,7 @@ def test_hold_before_the_common_start_prevents_all_motion(jump):
         await group_routes.hold("1", at.station, ANNA)
         await seconds(8)
         assert set(modes(at).values()) == {HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
         assert view(await group_routes.show("1", at.station))["findings"] == []
 
     with_routes(jump, scenario)
@@ -251,7 +251,7 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump)
         await begin(at, ALL_NORTH)
         await seconds(1)
         member = at.vehicles["1"].offboard
-        alone = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
+        alone = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
         with pytest.raises(Refused, match="Vehicle 1 is already in a group") as refused:
             await member.setpoint(alone.to_stream_request(ANNA))
         assert "hold the group first" in refused.value.remedy
@@ -269,12 +269,12 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump)
 def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump):
     async def scenario(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
-        other = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
+        other = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
         # Sent as the group's own setpoint: an operator's would be refused earlier.
         await at.vehicles["1"].offboard.setpoint(replace(other.to_stream_request(ANNA), owner="group"))
         await seconds(12)
         assert set(modes(at).values()) == {HOLD}
-        nobody_moved(at)
+        assert_nobody_moved(at)
         finding = view(await group_routes.show("1", at.station))["findings"][0]
         assert "Vehicle 1 was given another setpoint before the common start" in finding["text"]
 

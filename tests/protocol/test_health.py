@@ -26,9 +26,9 @@ def scenario(kit, jump, work, *, loss=0.0, seed=0, **options):
     jump(run)
 
 
-async def until(world, true, what, timeout_s=20.0):
+async def until(world, condition, what, timeout_s=20.0):
     end_s = world.loop.time() + timeout_s
-    while not true():
+    while not condition():
         assert world.loop.time() < end_s, what
         await world.clock.sleep(0.05)
 
@@ -83,9 +83,8 @@ def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed)
             texts = [e.text for e in vehicle.events.since(0) if e.kind == "event"]
             return texts.count("Returning to launch"), texts.count("Take-off detected")
 
-        await until(
-            world, lambda: events() == (6, 6), "all events"
-        )  # the loss of the last one is detected with the next counter
+        # the loss of the last event is detected with the next counter
+        await until(world, lambda: events() == (6, 6), "all events")
         await world.clock.sleep(5.0)
         assert events() == (6, 6)
         if not loss:
@@ -97,8 +96,8 @@ def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed)
 def test_the_report_is_requested_only_once(kit, jump):
     async def work(world, vehicle, autopilot):
         await world.clock.sleep(30)
-        asked = [m for m in autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
-        assert 1 <= len(asked) <= 4
+        requests = [m for m in autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
+        assert 1 <= len(requests) <= 4
         with pytest.raises(NoReply, match="did not report its checks"):
             await vehicle.health.check()
         assert vehicle.health.readiness.known is False

@@ -9,7 +9,7 @@ from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, modes, with_
 from tests.protocol.offboard_world import mode_requests, seconds
 
 
-async def held(at, vehicles, client=BOB):
+async def hold(at, vehicles, client=BOB):
     body = hold_routes.HoldRequest(vehicles=vehicles)
     return view(await hold_routes.hold_several(body, at.station, client))["results"]
 
@@ -18,7 +18,7 @@ def test_all_hold_at_once_without_control_and_their_streams_end(jump):
     async def scenario(at):
         await begin(at, ALL_NORTH, ANNA)
         began_s = at.world.clock.monotonic_s()
-        results = await held(at, ("3", "1", "2", "1"))
+        results = await hold(at, ("3", "1", "2", "1"))
         assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
             (v, True, None) for v in ("3", "1", "2")
         ]
@@ -40,7 +40,7 @@ def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump)
             autopilot.mode = MANUAL
         at.autopilots["2"].silent_commands.add(176)
         await seconds(2)
-        results = {r["vehicle"]: r for r in await held(at, ("9", "2", "1", "3"))}
+        results = {r["vehicle"]: r for r in await hold(at, ("9", "2", "1", "3"))}
         assert {v: r["held"] for v, r in results.items()} == {"9": False, "2": False, "1": True, "3": True}
         assert results["9"]["problem"]["code"] == "unknown_vehicle"
         assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
@@ -53,7 +53,7 @@ def test_without_ids_all_armed_vehicles_hold(jump):
     async def scenario(at):
         at.autopilots["1"].armed = False
         await seconds(2)
-        assert [r["vehicle"] for r in await held(at, None)] == ["2", "3"]
+        assert [r["vehicle"] for r in await hold(at, None)] == ["2", "3"]
         assert mode_requests(at.autopilots["1"], HOLD) == []
 
     with_routes(jump, scenario)
@@ -70,7 +70,7 @@ def test_an_error_for_one_is_raised_after_the_others_have_held(jump):
 
         at.vehicles["1"].command.hold = broken
         with pytest.raises(RuntimeError, match="broken"):
-            await held(at, ("1", "2", "3"))
+            await hold(at, ("1", "2", "3"))
         assert modes(at) == {"1": MANUAL, "2": HOLD, "3": HOLD}
 
     with_routes(jump, scenario)

@@ -11,7 +11,7 @@ from tests.protocol.one_vehicle import flight
 SIZE = 20_000
 
 
-def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
+def read_until_error(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
     seen = {}
 
     async def scenario(world, vehicle, autopilot):
@@ -28,30 +28,30 @@ def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **be
 
 
 def test_a_read_of_a_file_in_one_byte_pieces_is_cancelled(kit, jump):
-    asked = reading(kit, jump, "too many pieces", read=lambda at, n: [(at, b"x")])
-    assert asked[READ] < SIZE / 8
+    requests = read_until_error(kit, jump, "too many pieces", read=lambda at, n: [(at, b"x")])
+    assert requests[READ] < SIZE / 8
 
 
 def test_a_burst_of_one_byte_pieces_is_cancelled(kit, jump):
-    asked = reading(
+    requests = read_until_error(
         kit,
         jump,
         "too many pieces",
         burst=lambda at, n: [(at + 2 * i, b"x") for i in range(2000)],
         read=lambda at, n: [(at, b"x")],
     )
-    assert asked[BURST] < 20
+    assert requests[BURST] < 20
 
 
 def test_pieces_of_another_offset_are_refused(kit, jump):
-    asked = reading(
+    requests = read_until_error(
         kit, jump, "answered with byte 1,000 instead of 0", read=lambda at, n: [(1000, b"x" * n)], within_s=10
     )
-    assert asked[READ] == 1
+    assert requests[READ] == 1
 
 
 def test_an_endless_burst_without_data_is_cancelled(kit, jump):
-    reading(
+    read_until_error(
         kit,
         jump,
         "too many pieces|not finished within",
@@ -65,17 +65,17 @@ def test_a_read_of_one_piece_per_second_is_cancelled(kit, jump):
     def slowly(at, n):
         return [(at + 239 * i, b"x" * 239) for i in range(2000)]
 
-    reading(kit, jump, "not finished within", size=400_000, burst=slowly, every_s=0.58)
+    read_until_error(kit, jump, "not finished within", size=400_000, burst=slowly, every_s=0.58)
 
 
 def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(kit, jump):
-    asked = reading(kit, jump, "4,000,000,000 bytes; more than", size=4_000_000_000, within_s=10)
-    assert READ not in asked
-    assert BURST not in asked
+    requests = read_until_error(kit, jump, "4,000,000,000 bytes; more than", size=4_000_000_000, within_s=10)
+    assert READ not in requests
+    assert BURST not in requests
 
 
 def test_a_vehicle_that_answers_only_the_opening_gives_no_reply(kit, jump):
-    reading(kit, jump, "did not answer", error=NoReply, read=lambda at, n: [])
+    read_until_error(kit, jump, "did not answer", error=NoReply, read=lambda at, n: [])
 
 
 def test_an_endless_directory_list_is_cancelled(kit, jump):
@@ -96,22 +96,22 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
         HostileFiles(
             autopilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)]
         )
-        at_once, most, last = [0], [0], [0]
+        pieces_in_iteration, max_pieces, last = [0], [0], [0]
 
         def progress(received, _):
-            at_once[0] += (received - last[0]) // 239
+            pieces_in_iteration[0] += (received - last[0]) // 239
             last[0] = received
-            most[0] = max(most[0], at_once[0])
+            max_pieces[0] = max(max_pieces[0], pieces_in_iteration[0])
 
         run_once = world.loop._run_once
 
-        def turn():
-            at_once[0] = 0
+        def run_iteration():
+            pieces_in_iteration[0] = 0
             run_once()
 
-        world.loop._run_once = turn
+        world.loop._run_once = run_iteration
         content = await FtpService(vehicle).read("etc/file", progress=progress)
         assert len(content) == 239 * 1000
-        assert most[0] <= 64
+        assert max_pieces[0] <= 64
 
     flight(kit, jump, scenario)

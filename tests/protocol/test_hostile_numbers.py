@@ -16,22 +16,22 @@ from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.memory_world import run_test
 from tests.protocol.offboard_world import OffboardWorld, stream_request
 
-BAD = [math.inf, -math.inf, math.nan, 1e38]
+INVALID = [math.inf, -math.inf, math.nan, 1e38]
 
 
-async def two(world) -> tuple[Any, Any]:
+async def two_vehicles(world) -> tuple[Any, Any]:
     """Two flying vehicles; the first will send invalid values."""
     link = world.link()
-    bad = world.offboard_autopilot(link, peer="a")
-    good = world.offboard_autopilot(link, peer="b", system=2)
-    for autopilot in (bad, good):
+    invalid = world.offboard_autopilot(link, peer="a")
+    other = world.offboard_autopilot(link, peer="b", system=2)
+    for autopilot in (invalid, other):
         autopilot.fly()
     await world.ready("1")
     await world.ready("2")
-    return bad, good
+    return invalid, other
 
 
-def seen(world) -> list[Any]:
+def vehicle_views(world) -> list[Any]:
     """The answer of `GET /vehicles`, parsed as standard JSON."""
 
     def refused(word):
@@ -41,11 +41,11 @@ def seen(world) -> list[Any]:
     return json.loads(body, parse_constant=refused)
 
 
-def spoil(autopilot, kind: str, **fields: float):
+def replace_values(autopilot, kind: str, **fields: float):
     """All further messages of a kind have these values; returns a function that ends this."""
     send = autopilot.send
 
-    def spoiled(message):
+    def send_replaced(message):
         if message.get_type() == kind:
             for name, value in fields.items():
                 setattr(message, name, value)
@@ -54,19 +54,19 @@ def spoil(autopilot, kind: str, **fields: float):
     def end():
         autopilot.send = send
 
-    autopilot.send = spoiled
+    autopilot.send = send_replaced
     return end
 
 
-@pytest.mark.parametrize("roll_rad", BAD)
+@pytest.mark.parametrize("roll_rad", INVALID)
 def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad):
     async def scenario(world):
-        bad, _ = await two(world)
-        heal = spoil(bad, "ATTITUDE", roll=roll_rad)
+        invalid, _ = await two_vehicles(world)
+        restore = replace_values(invalid, "ATTITUDE", roll=roll_rad)
         await asyncio.sleep(0.1)
         for _ in range(20):
             await asyncio.sleep(0.02)
-            first, second = seen(world)
+            first, second = vehicle_views(world)
             assert "attitude" not in first["topics"]
             assert first["topics"]["local_position"]["value"]["position_ned_m"] == [0.0, 0.0, -5.0]
             assert second["topics"]["attitude"]["value"]["yaw_ned_rad"] == pytest.approx(0.5)
@@ -75,9 +75,9 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
         assert len(json.loads(past.body)["samples"]) > 3
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "telemetry"]
         assert (warning.vehicle, "attitude" in warning.text) == ("1", True)
-        heal()
+        restore()
         await asyncio.sleep(0.1)
-        assert seen(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
+        assert vehicle_views(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
         assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
 
     run_test(jump, scenario, OffboardWorld)
@@ -85,9 +85,9 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
 
 def test_an_invalid_home_keeps_the_last_valid_one(jump):
     async def scenario(world):
-        bad, _ = await two(world)
+        invalid, _ = await two_vehicles(world)
         vehicle = world.fleet.get("1")
-        spoil(bad, "HOME_POSITION", latitude=910_000_000)
+        replace_values(invalid, "HOME_POSITION", latitude=910_000_000)
         await asyncio.sleep(5.0)
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
         assert any("home" in w.text for w in world.fleet.warnings())
@@ -95,23 +95,23 @@ def test_an_invalid_home_keeps_the_last_valid_one(jump):
     run_test(jump, scenario, OffboardWorld)
 
 
-@pytest.mark.parametrize("value", BAD)
+@pytest.mark.parametrize("value", INVALID)
 def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_streams_continue(jump, value):
     async def scenario(world):
-        bad, good = await two(world)
+        invalid, other = await two_vehicles(world)
         vehicles = [world.fleet.get("1"), world.fleet.get("2")]
         for vehicle in vehicles:
             await vehicle.offboard.start(stream_request(valid_for_s=8.0 if vehicle.id == "1" else 60.0))
         began_s = world.loop.time()
 
-        spoil(bad, "LOCAL_POSITION_NED", x=value, vy=value)
+        replace_values(invalid, "LOCAL_POSITION_NED", x=value, vy=value)
         await asyncio.sleep(1.0)
         snapshot = vehicles[0].offboard.snapshot()
         assert (snapshot.position_ned_m, snapshot.velocity_ned_m_s) == (None, None)
         assert vehicles[0].offboard.available()["position"].can is False
         assert not VehicleEstimates(vehicles[0]).has_position()
         await asyncio.sleep(8.0)
-        times = [at_s for at_s, _ in good.setpoints if at_s >= began_s]
+        times = [at_s for at_s, _ in other.setpoints if at_s >= began_s]
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.03
         assert vehicles[1].status.mode == "offboard"
         assert vehicles[0].status.mode == "land", "connected, and without an estimate for a position hold"
@@ -121,7 +121,7 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
 
 def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(jump):
     async def scenario(world):
-        bad, good = await two(world)
+        invalid, other = await two_vehicles(world)
         for vehicle in world.fleet.all():
             await vehicle.offboard.start(stream_request())
         broken = world.fleet.get("1").offboard
@@ -134,14 +134,14 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "fault"]
         assert (warning.vehicle, "snapshot" in warning.text) == ("1", True)
-        bad.mode = bad.requested_mode = 3 << 16
-        bad.heartbeat()
+        invalid.mode = invalid.requested_mode = 3 << 16
+        invalid.heartbeat()
         await asyncio.sleep(0.5)
         streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
         assert streaming == ["idle", "streaming"], (
             "its mode is still known: the stream does not act against it"
         )
-        assert good.setpoints[-1][0] > world.loop.time() - 0.05
+        assert other.setpoints[-1][0] > world.loop.time() - 0.05
 
     run_test(jump, scenario, OffboardWorld)
 
@@ -150,7 +150,7 @@ class Socket:
     """Accepts everything at once."""
 
     def __init__(self) -> None:
-        self.mode_requests: asyncio.Queue[str] = asyncio.Queue()
+        self.incoming: asyncio.Queue[str] = asyncio.Queue()
         self.statuses: list[tuple[float, Any]] = []
 
     async def send_text(self, data: str) -> None:
@@ -160,7 +160,7 @@ class Socket:
                 self.statuses.append((asyncio.get_running_loop().time(), sample))
 
     async def receive_text(self) -> str:
-        return await self.mode_requests.get()
+        return await self.incoming.get()
 
     async def close(self, code: int = 1000, reason: str | None = None) -> None:
         raise AssertionError(reason)
@@ -168,26 +168,24 @@ class Socket:
 
 def test_a_lost_and_recovered_link_is_reported(jump):
     async def scenario(world):
-        bad, _ = await two(world)
+        invalid, _ = await two_vehicles(world)
         hub, socket = Hub(world.clock, world.fleet), Socket()
         async with asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
-            await socket.mode_requests.put(
-                json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20})
-            )
+            await socket.incoming.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
             await asyncio.sleep(2.0)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
-            silent_s, bad.alive = world.loop.time(), False
+            silent_s, invalid.alive = world.loop.time(), False
             await asyncio.sleep(6.0)
             lost_s, sample = next((at, s) for at, s in socket.statuses if s["value"]["link_lost"])
             assert 3.4 <= lost_s - silent_s <= 3.65
             assert 3.4 <= sample["value"]["last_heartbeat_age_s"] <= 4.6
             assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, "reported once"
-            bad.alive = True
+            invalid.alive = True
             await asyncio.sleep(1.2)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
-            run_test = [s["received_unix_s"] for _, s in socket.statuses]
-            assert run_test == sorted(run_test), "each is newer than the one before"
+            received_unix_s = [s["received_unix_s"] for _, s in socket.statuses]
+            assert received_unix_s == sorted(received_unix_s), "each is newer than the one before"
             serving.cancel()
 
     run_test(jump, scenario, OffboardWorld)

@@ -47,7 +47,7 @@ class HostileParams:
         self.autopilot.send_raw(encode_frame(22, payload, self.autopilot.mav.seq, self.autopilot.system, 1))
 
 
-def refreshed(kit, jump, answers, check, *, raises=None, **options):
+def check_refresh(kit, jump, answers, check, *, raises=None, **options):
     async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, answers, **options)
         began_s = world.loop.time()
@@ -68,7 +68,7 @@ async def answer_of(vehicle):
     return json.loads(response.body, parse_constant=pytest.fail)
 
 
-async def nothing(*_):
+async def no_check(*_):
     pass
 
 
@@ -77,20 +77,24 @@ def test_a_list_that_claims_65535_parameters_is_not_read(kit, jump):
         assert vehicle.params.list.state == "failed"
         assert hostile.requests == 1
 
-    refreshed(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="reports 65,535")
+    check_refresh(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="reports 65,535")
 
 
 def test_a_list_that_repeats_one_parameter_endlessly_is_cancelled(kit, jump):
-    refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 6000, nothing, raises="repeats values", every_s=0.001)
+    check_refresh(kit, jump, lambda: [(b"A", 0, 5)] * 6000, no_check, raises="repeats values", every_s=0.001)
 
 
 @pytest.mark.story
 def test_a_list_that_never_completes_is_cancelled(kit, jump):
-    refreshed(kit, jump, lambda: [(b"A", 0, 5)] * 2000, nothing, raises="not complete within", every_s=0.45)
+    check_refresh(
+        kit, jump, lambda: [(b"A", 0, 5)] * 2000, no_check, raises="not complete within", every_s=0.45
+    )
 
 
 def test_a_list_that_changes_its_length_is_cancelled(kit, jump):
-    refreshed(kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], nothing, raises="changed in number")
+    check_refresh(
+        kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], no_check, raises="changed in number"
+    )
 
 
 def test_any_bit_patterns_of_values_and_names_are_valid_json(kit, jump):
@@ -106,7 +110,7 @@ def test_any_bit_patterns_of_values_and_names_are_valid_json(kit, jump):
         assert values["NAN"] is values["INF"] is None
 
     answers = [(n, i, len(names), b) for i, (n, b) in enumerate(zip(names, bits, strict=True))]
-    refreshed(kit, jump, lambda: answers, check)
+    check_refresh(kit, jump, lambda: answers, check)
 
 
 def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
@@ -114,7 +118,7 @@ def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
         assert vehicle.params.list.state == "ready"
         assert vehicle.params.list.hash is None
 
-    refreshed(kit, jump, lambda: [(b"A", 0, 1)], check, checksum=NAN)
+    check_refresh(kit, jump, lambda: [(b"A", 0, 1)], check, checksum=NAN)
 
 
 def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(kit, jump):
@@ -125,21 +129,21 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
             hostile.value(b"P%d" % n, 65535, 1)
         await world.clock.sleep(2)
         assert len(vehicle.params.all()) == MAX_PARAMETERS
-        viewed, most = [0], [0]
+        viewed, max_viewed = [0], [0]
         view = param_routes._view
 
         def counted(*arguments):
             viewed[0] += 1
-            most[0] = max(most[0], viewed[0])
+            max_viewed[0] = max(max_viewed[0], viewed[0])
             return view(*arguments)
 
         run_once = world.loop._run_once
 
-        def turn():
+        def run_iteration():
             viewed[0] = 0
             run_once()
 
-        world.loop._run_once = turn
+        world.loop._run_once = run_iteration
         param_routes._view = counted
         try:
             response = await param_routes.all_params(vehicle)
@@ -147,7 +151,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
             param_routes._view = view
             world.loop._run_once = run_once
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
-        assert most[0] <= param_routes.VIEWED_AT_ONCE
+        assert max_viewed[0] <= param_routes.VIEWED_AT_ONCE
 
     flight(kit, jump, scenario)
 

@@ -106,8 +106,8 @@ def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
         found = lines(vehicle, "event")
         assert set(found) == {"unknown event 17980399 from component 1 (autopilot)"}
         assert len(found) >= 95
-        asked = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
-        assert 1 <= len(asked) <= 3 * 6
+        requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
+        assert 1 <= len(requests) <= 3 * 6
 
     flight(kit, jump, scenario)
 
@@ -127,10 +127,10 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
         await world.clock.sleep(5)
-        said = lines(vehicle, "status_text")
-        assert len(said) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
+        texts = lines(vehicle, "status_text")
+        assert len(texts) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
         (warning,) = [text for text in lines(vehicle, "warning") if "too many messages" in text]
-        assert f"{100_000 - len(said):,}" in warning
+        assert f"{100_000 - len(texts):,}" in warning
         autopilot.text("Heard again", 4)
         await world.clock.sleep(1)
         assert lines(vehicle, "status_text")[-1] == "Heard again"

@@ -42,13 +42,13 @@ def steps(height_m, east_m):
     return f"[{{step: take_off, height_m: {height_m}}}, {MEET}, {fly(6, east_m, height_m)}, {LAND}]"
 
 
-stage = functools.partial(two_vehicles.stage, apart_m=APART_M)
+run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
 
 
 async def start(at, mission, by=ANNA, **more):
     wanted = json.loads(document.write(mission))
-    asked = {"mission": wanted, "vehicles": {"lead": "1", "left": "2"}, **more}
-    body = models.StartJointMission.model_validate(asked)
+    fields = {"mission": wanted, "vehicles": {"lead": "1", "left": "2"}, **more}
+    body = models.StartJointMission.model_validate(fields)
     return view(await joint_mission_routes.start_joint_mission(body, at.station, by))["vehicles"]
 
 
@@ -63,11 +63,11 @@ async def reach(at, *wanted, within_s=60):
         raise AssertionError([v.offboard_mission.status() for v in at.vehicles]) from None
 
 
-async def crossing(at, **heights):
+async def start_crossing(at, **heights):
     """Flies until both are on their way to the other's start position."""
-    begun = await start(at, show(**heights), despite=["separation"])
-    assert [each["mission"]["role"] for each in begun] == ["lead", "left"]
-    assert begun[0]["mission"]["others"] == ["2"]
+    started = await start(at, show(**heights), despite=["separation"])
+    assert [each["mission"]["role"] for each in started] == ["lead", "left"]
+    assert started[0]["mission"]["others"] == ["2"]
     await until(lambda: at.vehicles[0].status.armed, 5)
     assert at.vehicles[1].status.armed  # at the same moment
     await reach(at, "flying", "flying")
@@ -75,7 +75,7 @@ async def crossing(at, **heights):
 
 @pytest.mark.story
 def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(jump):
-    async def story(at):
+    async def scenario(at):
         await start(at, show())
         await reach(at, "done", "done", within_s=120)
         assert not any(vehicle.status.armed for vehicle in at.vehicles)
@@ -84,7 +84,7 @@ def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(ju
         assert at.station.groups.all() == []
         assert at.station.missions.others_on_mission("1") == ()
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def dry_run_of(at, **roles):
@@ -112,64 +112,64 @@ def outside_m(at):
 
 @pytest.mark.story
 def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
-    async def story(at):
+    async def scenario(at):
         at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0, left=APART_M))
-        begun = await start(at, show(), dry_run="7")
-        assert [each["mission"]["dry_run"] for each in begun] == ["7", "7"]
+        started = await start(at, show(), dry_run="7")
+        assert [each["mission"]["dry_run"] for each in started] == ["7", "7"]
         await reach(at, "flying", "flying")
         assert max(outside_m(at)) < 3.0, "each is still above its own start"
         await until(lambda: min(outside_m(at)) > 5.0, 20)
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_none_starts_if_the_dry_run_has_no_corridor_of_one_role(jump):
-    async def story(at):
+    async def scenario(at):
         at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0))
         with pytest.raises(Refused, match="has no corridor of the role 'left'"):
             await start(at, show(), dry_run="7")
         assert not any(vehicle.status.armed for vehicle in at.vehicles)
         assert at.station.missions.others_on_mission("1") == ()
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
-def test_two_that_come_too_near_are_held_by_the_guard_and_their_mission_ends(jump):
-    async def story(at):
-        await crossing(at, lead_m=10, left_m=13)
-        least_m = APART_M
+def test_two_vehicles_that_come_too_near_are_held_by_the_guard_and_their_mission_ends(jump):
+    async def scenario(at):
+        await start_crossing(at, lead_m=10, left_m=13)
+        min_distance_m = APART_M
         truth = at.world.sim.simulation.truth.position_ned_m
         while "flying" in states(at):
-            least_m = min(least_m, float(np.linalg.norm(truth[0] - truth[1])))
+            min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
             await seconds(0.1)
         assert states(at) == ["stopped", "stopped"]
         await until(lambda: all(v.status.mode == "hold" for v in at.vehicles), 5)
         await seconds(5)
-        least_m = min(least_m, float(np.linalg.norm(truth[0] - truth[1])))
-        assert least_m >= 5.0
+        min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
+        assert min_distance_m >= 5.0
         reasons = {vehicle.offboard_mission.status().reason for vehicle in at.vehicles}
         assert len(reasons) == 1
         assert "m apart" in reasons.pop()
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_hold_of_one_vehicle_holds_the_other_and_ends_the_mission(jump):
-    async def story(at):
-        await crossing(at)
+    async def scenario(at):
+        await start_crossing(at)
         await vehicle_routes.hold("2", at.station, BOB)
         await reach(at, "stopped", "stopped", within_s=3)
         await seconds(3)
         assert [vehicle.status.mode for vehicle in at.vehicles] == ["hold", "hold"]
         assert "left has left the mission" in at.vehicles[0].offboard_mission.status().reason
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 @pytest.mark.story
 def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump):
-    async def story(at):
-        await crossing(at)
+    async def scenario(at):
+        await start_crossing(at)
         await routes.pause("2", at.station, ANNA)
         await reach(at, "paused", "paused", within_s=10)
         at.station.authority.control("1").lease.release(ANNA)
@@ -193,11 +193,11 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump
             == 1
         )
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_a_joint_mission_starts_only_if_all_vehicles_can(jump):
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(PlanFindings) as unsafe:
             await start(at, show(10, 12))
         assert unsafe.value.codes == ("separation",)
@@ -215,11 +215,11 @@ def test_a_joint_mission_starts_only_if_all_vehicles_can(jump):
         assert [vehicle.offboard_mission.status() for vehicle in at.vehicles] == [None, None]
         assert not any(vehicle.status.armed for vehicle in at.vehicles)
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
-    async def story(at):
+    async def scenario(at):
         at.world.sim.simulation.set_battery_remaining(1, 0.02)
         await until(lambda: at.vehicles[1].topic("health").value.ready_to_arm is False, 20)
         with pytest.raises(Refused, match="Vehicle 2 cannot be armed now, so none of the vehicles starts"):
@@ -227,16 +227,16 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
         await seconds(2)
         assert not any(vehicle.status.armed for vehicle in at.vehicles)
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_mission_for_several_vehicles_cannot_be_started_on_one(jump):
-    async def story(at):
+    async def scenario(at):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
         at.station.plan_work = PlanWork(Path("no elevation"))
         with pytest.raises(InvalidRequest, match="it is for 2 vehicles"):
             await routes.start("1", body, at.station, ANNA)
         assert at.vehicles[0].offboard_mission.status() is None
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)

@@ -116,15 +116,15 @@ def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(jump, tmp
 def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
-    async def unlike(world, vehicle, store):
+    async def different_uids(world, vehicle, store):
         twins = {v.identity.uid: v for v in world.fleet.all()}
         assert len(twins) == 2
         assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
         assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
 
-    with_server(jump, tmp_path, unlike, uid=7, twin_uid=8)
+    with_server(jump, tmp_path, different_uids, uid=7, twin_uid=8)
 
-    async def alike(world, vehicle, store):
+    async def same_uid(world, vehicle, store):
         first, second = world.fleet.all()
         await first.offboard.operator_limits.set(LIMITS, by="anna")
         await second.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
@@ -133,7 +133,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
         assert "not stored" in second.offboard.operator_limits.origin().warning
         assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
 
-    with_server(jump, tmp_path / "other", alike, uid=SITL_UID, twin_uid=SITL_UID)
+    with_server(jump, tmp_path / "other", same_uid, uid=SITL_UID, twin_uid=SITL_UID)
 
 
 def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp_path):

@@ -11,10 +11,10 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
-from tests.protocol.api_calls import ANNA, BOB, START, YES, lines, with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCE, START, lines, with_routes
 from tests.protocol.offboard_world import seconds
 
-WORDS = "link memory closes, vehicle 1 in flight loses its last link"
+CONFIRMATION = "link memory closes, vehicle 1 in flight loses its last link"
 
 
 def names(at):
@@ -28,7 +28,7 @@ async def close(at, client, confirm=None, name="memory"):
 def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(jump):
     async def scenario(at):
         await offboard_routes.start("1", START, at.station, ANNA)
-        for confirm in (None, WORDS):
+        for confirm in (None, CONFIRMATION):
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
                 await close(at, BOB, confirm)
         assert lines(at.station)[-1] == ("bob", "links/remove", None, "not_in_control")
@@ -40,20 +40,20 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
     with_routes(jump, scenario)
 
 
-@pytest.mark.parametrize("flown", ["streamed to", "armed", "armed and not controlled"])
-def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
+@pytest.mark.parametrize("situation", ["streamed to", "armed", "armed and not controlled"])
+def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, situation):
     async def scenario(at):
-        if flown == "streamed to":
+        if situation == "streamed to":
             await offboard_routes.start("1", START, at.station, ANNA)
-        elif flown == "armed":
+        elif situation == "armed":
             await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
-        for said in (None, "", "yes", WORDS.replace("1", "2"), WORDS.upper()):
+        for confirm in (None, "", "yes", CONFIRMATION.replace("1", "2"), CONFIRMATION.upper()):
             with pytest.raises(Refused, match="Vehicle 1 is armed or flown by setpoints") as refused:
-                await close(at, ANNA, said)
-            assert refused.value.remedy == f"To close it anyway, send confirm={WORDS!r}."
+                await close(at, ANNA, confirm)
+            assert refused.value.remedy == f"To close it anyway, send confirm={CONFIRMATION!r}."
         assert names(at) == ["memory"]
         assert lines(at.station)[-1] == ("anna", "links/remove", None, "refused")
-        await close(at, ANNA, WORDS)
+        await close(at, ANNA, CONFIRMATION)
         assert names(at) == []
         assert ("anna", "links/remove", None, "ok") in lines(at.station)
 
@@ -72,7 +72,7 @@ def test_with_a_second_link_no_confirmation_is_needed(jump):
     with_routes(jump, scenario)
 
 
-def test_on_the_ground_a_link_is_closed_by_the_client_in_control_or_by_any_without_one(jump):
+def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(jump):
     async def scenario(at):
         await close(at, BOB)
         assert names(at) == []
@@ -84,7 +84,7 @@ def test_on_the_ground_a_link_is_closed_by_the_client_in_control_or_by_any_witho
 
 def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(jump):
     async def scenario(at):
-        await control_routes.take("1", at.station, ANNA, YES)
+        await control_routes.take("1", at.station, ANNA, FORCE)
         with pytest.raises(NotInControl):
             await close(at, BOB)
         await close(at, ANNA)

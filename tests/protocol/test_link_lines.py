@@ -1,4 +1,4 @@
-"""The answer of `GET /links`: received frames, bytes that were no frames, and the recording."""
+"""The answer of `GET /links`: received frames, bytes outside of frames, and the recording."""
 
 import asyncio
 
@@ -42,17 +42,17 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
         await world.ready()
         recorder = world.router._recorder
         recorder.flush()
-        runs = world.router.links()[0].recording
-        path = tmp_path / runs.file
-        assert runs.bytes == path.stat().st_size > 0
-        assert abs(runs.started_unix_s - world.clock.unix_s()) < 3600
-        assert runs.stopped is None
+        running = world.router.links()[0].recording
+        path = tmp_path / running.file
+        assert running.bytes == path.stat().st_size > 0
+        assert abs(running.started_unix_s - world.clock.unix_s()) < 3600
+        assert running.stopped is None
         monkeypatch.setattr(recorder, "_keep_free_bytes", 1 << 62)
         await asyncio.sleep(1)
         recorder.flush()
         stopped = world.router.links()[0].recording
         assert "Free some space" in stopped.stopped
-        assert stopped.file == runs.file
+        assert stopped.file == running.file
         replay = world.link("tape", replay=True)
         assert world.router.connection(replay.name).info().recording is None
 
@@ -60,7 +60,7 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
     run_test(jump, scenario, lambda: kit.World(recording_dir=tmp_path, recording_keep_free_bytes=0))
 
 
-def test_without_recording_it_is_null(kit, jump):
+def test_without_a_recorder_the_recording_of_a_link_is_null(kit, jump):
     async def scenario(world):
         world.link()
         assert world.router.links()[0].recording is None

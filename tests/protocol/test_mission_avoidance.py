@@ -17,10 +17,10 @@ pytestmark = pytest.mark.flight
 
 BOX_NORTH_M = (4.25, 5.75)
 BOX_HALF_WIDTH_M = 2.0
-BEHIND = (10.0, 0.0)
+BEHIND_THE_BOX_NE_M = (10.0, 0.0)
 
 
-def through_the_box(jump, tmp_path, story, avoidance):
+def fly_through_the_box(jump, tmp_path, scenario, avoidance):
     """Runs a test with a vehicle at the box's height that flies a mission straight north."""
 
     async def run():
@@ -37,7 +37,7 @@ def through_the_box(jump, tmp_path, story, avoidance):
             step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {word}"
             missions.begin(vehicle, mission(f"- {{{step}}}\n- {{step: hold, duration_s: 1}}\n"), in_air=True)
             await missions.reach("flying", within_s=10)
-            await story(missions, vehicle, world.sim.simulation.truth.position_ned_m[0])
+            await scenario(missions, vehicle, world.sim.simulation.truth.position_ned_m[0])
         finally:
             await world.close()
 
@@ -49,88 +49,88 @@ def estimated_down_m(vehicle):
     return vehicle.topic("local_position").value.position_ned_m[2]
 
 
-def hit(vehicle):
+def has_collided(vehicle):
     return any("Collision" in event.text for event in vehicle.events.since())
 
 
-async def highest_over_the_box_m(missions, at):
+async def highest_over_the_box_m(missions, position_ned_m):
     """Flies to the end; returns the greatest height over the box."""
     highest_m = 0.0
     for _ in range(900):
         if missions.state not in ("flying", "waiting"):
             break
-        if BOX_NORTH_M[0] <= at[0] <= BOX_NORTH_M[1]:
-            highest_m = max(highest_m, -at[2])
+        if BOX_NORTH_M[0] <= position_ned_m[0] <= BOX_NORTH_M[1]:
+            highest_m = max(highest_m, -position_ned_m[2])
         await asyncio.sleep(0.1)
     return highest_m
 
 
 @pytest.mark.story
 def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_step(jump, tmp_path):
-    async def story(missions, vehicle, at):
+    async def scenario(missions, vehicle, position_ned_m):
         assert vehicle.offboard.status().avoidance.on
         start_down_m = estimated_down_m(vehicle)
-        assert 4.4 < await highest_over_the_box_m(missions, at) < 7.0
+        assert 4.4 < await highest_over_the_box_m(missions, position_ned_m) < 7.0
         assert missions.state == "done"
-        assert math.dist(at[:2], BEHIND) < 1.0
+        assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert estimated_down_m(vehicle) == pytest.approx(start_down_m, abs=0.4)
-        assert not hit(vehicle)
+        assert not has_collided(vehicle)
         view = vehicle.offboard.status().avoidance
         assert (view.on, view.state) == (False, None)
 
-    through_the_box(jump, tmp_path, story, "plan")
+    fly_through_the_box(jump, tmp_path, scenario, "plan")
 
 
 @pytest.mark.story
 def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(jump, tmp_path):
-    async def story(missions, vehicle, at):
+    async def scenario(missions, vehicle, position_ned_m):
         assert vehicle.offboard.status().avoidance.way == "around"
         start_down_m, farthest_east_m = estimated_down_m(vehicle), 0.0
         for _ in range(900):
             if missions.state not in ("flying", "waiting"):
                 break
             assert estimated_down_m(vehicle) == pytest.approx(start_down_m, abs=0.7)
-            farthest_east_m = max(farthest_east_m, abs(at[1]))
+            farthest_east_m = max(farthest_east_m, abs(position_ned_m[1]))
             await asyncio.sleep(0.1)
         assert missions.state == "done"
         assert farthest_east_m > BOX_HALF_WIDTH_M
-        assert math.dist(at[:2], BEHIND) < 1.0
-        assert not hit(vehicle)
+        assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
+        assert not has_collided(vehicle)
 
-    through_the_box(jump, tmp_path, story, "around")
+    fly_through_the_box(jump, tmp_path, scenario, "around")
 
 
 @pytest.mark.broad
-def test_without_avoidance_the_brake_stops_it_and_enabled_in_flight_it_climbs_over(jump, tmp_path):
-    async def story(missions, vehicle, at):
+def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enabled(jump, tmp_path):
+    async def scenario(missions, vehicle, position_ned_m):
         await asyncio.sleep(25)
         assert missions.state == "flying"
-        assert at[0] < BOX_NORTH_M[0] - 0.5
+        assert position_ned_m[0] < BOX_NORTH_M[0] - 0.5
         assert "held_back" in event_codes(vehicle)
         await vehicle.offboard.avoidance.switch_on("over")
-        assert await highest_over_the_box_m(missions, at) > 4.4
+        assert await highest_over_the_box_m(missions, position_ned_m) > 4.4
         assert missions.state == "done"
-        assert math.dist(at[:2], BEHIND) < 1.0
+        assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert vehicle.offboard.status().avoidance.on, "the operator's choice remains"
 
-    through_the_box(jump, tmp_path, story, "off")
+    fly_through_the_box(jump, tmp_path, scenario, "off")
 
 
 @pytest.mark.broad
-def test_avoidance_of_a_plan_that_the_operator_disables_stays_disabled_for_this_mission(jump, tmp_path):
-    async def story(missions, vehicle, at):
+def test_avoidance_that_the_operator_disables_stays_disabled_for_this_mission(jump, tmp_path):
+    async def scenario(missions, vehicle, position_ned_m):
         vehicle.offboard.avoidance.switch_off()
         await asyncio.sleep(15)
         assert vehicle.offboard.status().avoidance.state is None
-        assert (missions.state, at[0] < BOX_NORTH_M[0]) == ("flying", True)
+        assert (missions.state, position_ned_m[0] < BOX_NORTH_M[0]) == ("flying", True)
 
-    through_the_box(jump, tmp_path, story, "plan")
+    fly_through_the_box(jump, tmp_path, scenario, "plan")
 
 
-def test_without_avoidance_and_brake_it_hits_the_box(jump, tmp_path):
-    async def story(missions, vehicle, at):
-        await until(lambda: hit(vehicle), 30)
-        assert at[0] < BOX_NORTH_M[0]
+def test_without_avoidance_and_brake_the_vehicle_hits_the_box(jump, tmp_path):
+    async def scenario(missions, vehicle, position_ned_m):
+        await until(lambda: has_collided(vehicle), 30)
+        assert position_ned_m[0] < BOX_NORTH_M[0]
         await missions.reach("stopped", within_s=5)
 
-    through_the_box(jump, tmp_path, story, "no brake")
+    fly_through_the_box(jump, tmp_path, scenario, "no brake")

@@ -15,13 +15,13 @@ from tests.protocol.simulated_world import SimulatedWorld
 
 pytestmark = [pytest.mark.flight, pytest.mark.broad]
 
-OFF_PATH_M, BEHIND_M = 2.0, 3.5
+PATH_ERROR_M, TRACKING_ERROR_M = 2.0, 3.5
 """Limits for the distance to the path, and to the current setpoint. Measured: 1.7 m and 2.7 m at 5 m/s, 1.1 m
 and 1.9 m at 3 m/s (95 % of all samples), by the vehicle's estimate."""
 EXAMPLES = Path(__file__).resolve().parents[2] / "missions" / "examples"
 
 
-class Tracked:
+class FlightRecorder:
     """Records a flight: estimated position, position setpoint and gimbal of each sample."""
 
     def __init__(self, world, missions, vehicle):
@@ -43,15 +43,15 @@ class Tracked:
                 self.gimbal.append((status.title, None if gimbal is None else gimbal.value))
             await asyncio.sleep(0.1)
 
-    def behind_m(self):
+    def tracking_error_m(self):
         """Distance to the position setpoint of each sample, (N,) [m]."""
         return np.linalg.norm(np.array(self.flown) - np.array(self.sent), axis=1)
 
-    def off_path_m(self, timeline):
+    def path_error_m(self, timeline):
         """Distance to the nearest point of the planned path of each sample, (N,) [m]."""
         legs = [np.array(leg.points)[:, 1:] for leg in samples.legs(timeline, (0.0, 0.0, 0.0)) if leg.main]
         path = np.vstack([_dense(leg) for leg in legs])
-        return np.array([np.linalg.norm(path - place, axis=1).min() for place in np.array(self.flown)])
+        return np.array([np.linalg.norm(path - position, axis=1).min() for position in np.array(self.flown)])
 
 
 def _dense(points):
@@ -68,11 +68,11 @@ def fly_example(jump, tmp_path, name):
         try:
             vehicle = await world.ready_to_arm()
             missions.begin(vehicle, read((EXAMPLES / name).read_text(encoding="utf-8")))
-            tracked = Tracked(world, missions, vehicle)
-            await tracked.fly()
+            recorder = FlightRecorder(world, missions, vehicle)
+            await recorder.fly()
             assert (missions.state, vehicle.status.armed) == ("done", False), missions.flight.status()
             assert event_codes(vehicle)[-1] == "done"
-            return tracked
+            return recorder
         finally:
             await world.close()
 
@@ -80,24 +80,24 @@ def fly_example(jump, tmp_path, name):
 
 
 def test_the_figure_eight_at_5_m_s_is_flown_along_its_path(jump, tmp_path):
-    tracked = fly_example(jump, tmp_path, "figure_eight.yaml")
-    timeline = tracked.missions.flight._start.timeline
-    off_path, behind = tracked.off_path_m(timeline), tracked.behind_m()
-    assert np.percentile(off_path, 95) < OFF_PATH_M
-    assert np.percentile(behind, 95) < BEHIND_M
+    recorder = fly_example(jump, tmp_path, "figure_eight.yaml")
+    timeline = recorder.missions.flight._start.timeline
+    path_error, tracking_error = recorder.path_error_m(timeline), recorder.tracking_error_m()
+    assert np.percentile(path_error, 95) < PATH_ERROR_M
+    assert np.percentile(tracking_error, 95) < TRACKING_ERROR_M
 
 
 def test_the_tower_inspection_is_flown_with_all_pictures_and_the_gimbal_on_the_tower(jump, tmp_path):
-    tracked = fly_example(jump, tmp_path, "tower_inspection.yaml")
-    timeline = tracked.missions.flight._start.timeline
-    off_path, behind = tracked.off_path_m(timeline), tracked.behind_m()
-    assert np.percentile(off_path, 95) < OFF_PATH_M
-    assert np.percentile(behind, 95) < BEHIND_M
+    recorder = fly_example(jump, tmp_path, "tower_inspection.yaml")
+    timeline = recorder.missions.flight._start.timeline
+    path_error, tracking_error = recorder.path_error_m(timeline), recorder.tracking_error_m()
+    assert np.percentile(path_error, 95) < PATH_ERROR_M
+    assert np.percentile(tracking_error, 95) < TRACKING_ERROR_M
     mast = np.array((30.0, 0.0, -14.0))
-    off = []
-    for (title, gimbal), place in zip(tracked.gimbal, tracked.flown, strict=True):
+    pointing_error_rad = []
+    for (title, gimbal), position in zip(recorder.gimbal, recorder.flown, strict=True):
         if title == "Down around the mast" and gimbal is not None:
-            north, east, down = mast - np.array(place)
-            off.append(abs(gimbal.pitch_rad + math.atan2(down, math.hypot(north, east))))
-    assert np.percentile(off, 90) < math.radians(5)
-    assert "payload" not in event_codes(tracked.vehicle), "a picture or the gimbal failed"
+            north, east, down = mast - np.array(position)
+            pointing_error_rad.append(abs(gimbal.pitch_rad + math.atan2(down, math.hypot(north, east))))
+    assert np.percentile(pointing_error_rad, 90) < math.radians(5)
+    assert "payload" not in event_codes(recorder.vehicle), "a picture or the gimbal failed"

@@ -8,7 +8,7 @@ from tests.protocol.small_plan import plan_about
 
 
 def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
-    async def story():
+    async def scenario():
         world = SimulatedWorld()
         try:
             vehicle = await world.ready_to_arm()
@@ -39,4 +39,4 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
         finally:
             await world.close()
 
-    jump(story)
+    jump(scenario)

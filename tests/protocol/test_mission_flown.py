@@ -1,4 +1,4 @@
-"""The flown path of an offboard mission beside its plan, by the server's route."""
+"""The flown path of an offboard mission compared with its plan, by the server's route."""
 
 import math
 from types import SimpleNamespace
@@ -31,8 +31,8 @@ async def shown(missions, vehicle):
 
 
 @pytest.mark.story
-def test_an_ended_mission_is_shown_beside_its_plan(jump, tmp_path):
-    async def story():
+def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
+    async def scenario():
         world = SimulatedWorld()
         missions = Missions(world, tmp_path)
         try:
@@ -47,7 +47,7 @@ def test_an_ended_mission_is_shown_beside_its_plan(jump, tmp_path):
             await world.close()
 
         assert flown["over"]
-        # both are the time by setpoints: PX4's take-off and landing and the wait for arming do not count
+        # both durations exclude PX4's take-off and landing and the wait for arming
         assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], abs=2.0)
         assert flown["samples"][-1]["t_s"] > flown["duration_s"] + 20
         assert flown["planned_by"] == "mission"
@@ -64,11 +64,11 @@ def test_an_ended_mission_is_shown_beside_its_plan(jump, tmp_path):
             assert each["deviation_m"] == pytest.approx(apart_m, abs=0.01)
         assert flown["deviation_max_m"] == max(each["deviation_m"] for each in streamed)
 
-    jump(story)
+    jump(scenario)
 
 
 def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abort(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         flying = await shown(missions, vehicle)
         await seconds(5)
         later = await shown(missions, vehicle)
@@ -81,12 +81,12 @@ def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abor
         assert ended["over"]
         assert (await shown(missions, vehicle))["duration_s"] == ended["duration_s"]
 
-    run_in_flight(jump, tmp_path, mission(HOVER), story)
+    run_in_flight(jump, tmp_path, mission(HOVER), scenario)
 
 
 def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(jump):
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(Refused, match="no offboard mission"):
             await routes.show_flown(at.vehicle, at.station)
 
-    with_routes(jump, story)
+    with_routes(jump, scenario)

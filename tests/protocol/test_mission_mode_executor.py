@@ -23,16 +23,16 @@ TAKE_OFF = {"step": "take_off", "height_m": 6}
 FLY = {"step": "fly", "points": [{"offset_ned_m": [8, 0, -6]}], "speed_m_s": 3}
 CLIMBS: dict[str, Any] = {**MISSION, "steps": [TAKE_OFF, FLY, {"step": "land"}]}
 SET_NAV_STATE, NAV_TAKEOFF = 100_001, 22
-HOLD, OWN, LAND = 3, "external_1", 18
+HOLD, MISSION_MODE, LAND = 3, "external_1", 18
 
 
 def executor_commands(at: Modes) -> list[int]:
-    """Commands of the executor."""
+    """Numbers of the commands that the executor has sent."""
     return [MESSAGES["VehicleCommand"].decode(data)["command"] for data in at.sent(EXECUTOR_COMMAND)]
 
 
 def drop(at: Modes, *topics: str) -> None:
-    """Loses PX4's messages on these topics, on the way to the process that sends the setpoints."""
+    """Drops PX4's messages on these topics before they reach the process that sends the setpoints."""
     topics_of = at.world.topics[0]
     publish = topics_of.publish
 
@@ -49,36 +49,36 @@ async def arm(at: Modes) -> None:
     await until(lambda: at.vehicle.status.armed, 3)
 
 
-async def selected(at: Modes, mission: dict[str, Any] = CLIMBS) -> None:
-    """The mission's mode is registered, and another station has selected it on the ground."""
+async def register_and_select(at: Modes, mission: dict[str, Any] = CLIMBS) -> None:
+    """Registers the mission's mode, and selects it from another station on the ground."""
     mode = await at.register(mission=mission)
-    assert (mode["mode"], mode["takes_off"]) == (OWN, True)
-    at.other.choose(OWN)
-    await at.mode(OWN)
+    assert (mode["mode"], mode["takes_off"]) == (MISSION_MODE, True)
+    at.other.choose(MISSION_MODE)
+    await at.mode(MISSION_MODE)
 
 
 def height_m(at: Modes) -> float:
     return -at.vehicle.topic("local_position").value.position_ned_m[2]
 
 
-def test_selected_on_the_ground_and_armed_the_mission_takes_off_flies_and_lands(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(jump: Any) -> None:
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         at.station.authority.control("1").lease.release(ANNA)
         await seconds(2)
         assert not at.vehicle.status.armed
         assert at.mission is None
         assert executor_commands(at) == []
-        ground_m, begun_m = height_m(at), at.x_m()
+        ground_m, start_x_m = height_m(at), at.x_m()
         await arm(at)
         await at.mode("takeoff")
         assert at.mission == "taking_off"
-        assert at.station.missions.status("1").mode == OWN
+        assert at.station.missions.status("1").mode == MISSION_MODE
         assert at.station.missions.status("1").executor_in_charge is True
         assert "holds after a take-off" in at.station.missions.status("1").if_stream_stops
-        await at.mode(OWN, 30)
+        await at.mode(MISSION_MODE, 30)
         assert height_m(at) - ground_m == pytest.approx(6, abs=1)
-        await until(lambda: at.x_m() > begun_m + 7, 20)
+        await until(lambda: at.x_m() > start_x_m + 7, 20)
         await at.mode("land", 15)
         await until(lambda: not at.vehicle.status.armed, 40)
         await until(lambda: at.mission == "done", 2)
@@ -95,29 +95,29 @@ def test_selected_on_the_ground_and_armed_the_mission_takes_off_flies_and_lands(
         assert at.vehicle.status.mode == "hold"
         assert at.vehicle.status.landed_state == "on_ground"
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.story
 def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_again(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at, {**MISSION, "steps": [TAKE_OFF, {"step": "land"}]})
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at, {**MISSION, "steps": [TAKE_OFF, {"step": "land"}]})
         at.station.authority.control("1").lease.release(ANNA)
         for _ in range(2):
-            at.other.choose(OWN)
-            await at.mode(OWN)
+            at.other.choose(MISSION_MODE)
+            await at.mode(MISSION_MODE)
             await arm(at)
             await until(lambda: at.mission == "taking_off", 5)
             await until(lambda: at.mission == "done", 90)
             await at.mode("hold")
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.story
 def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at, {**MISSION, "steps": [TAKE_OFF, FLY]})
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at, {**MISSION, "steps": [TAKE_OFF, FLY]})
         await arm(at)
         await until(lambda: at.mission == "done", 90)
         await at.mode("hold")
@@ -125,17 +125,17 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(jump:
         await until(lambda: not at.station.missions.flight("1")._executor.in_charge, 2)
         assert executor_commands(at) == [NAV_TAKEOFF, SET_NAV_STATE]
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.broad
 @pytest.mark.parametrize("when", ["takeoff", "flying", "land"])
 def test_after_a_takeover_the_executor_sends_nothing_more(jump: Any, when: str) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         await arm(at)
         if when == "flying":
-            await at.mode(OWN, 30)
+            await at.mode(MISSION_MODE, 30)
             await seconds(2)
         else:
             await at.mode(when, 60)
@@ -153,16 +153,16 @@ def test_after_a_takeover_the_executor_sends_nothing_more(jump: Any, when: str) 
         }
         assert commands <= {sim.MAV_CMD_RUN_PREARM_CHECKS}
         assert at.vehicle.status.mode == "hold"
-        at.other.choose(OWN)
+        at.other.choose(MISSION_MODE)
         await until(lambda: at.mission == "done", 90)
         assert not at.vehicle.status.armed
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         await arm(at)
         await at.mode("takeoff")
         await seconds(1)
@@ -174,12 +174,12 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(jump: Any
         await seconds(3)
         assert executor_commands(at) == [NAV_TAKEOFF]
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_charge(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         await arm(at)
         await at.mode("takeoff")
         await at.vehicle.command.hold()
@@ -188,13 +188,13 @@ def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_cha
         assert at.vehicle.status.mode == "hold"
         assert executor_commands(at) == [NAV_TAKEOFF]
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
-def test_refused_arming_starts_nothing(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
-        at.world.streamer._streams._record_loop_message, alive = (
+def test_refused_arming_does_not_start_the_mission(jump: Any) -> None:
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
+        at.world.streamer._streams._record_loop_message, record = (
             lambda _: None,
             at.world.streamer._streams._record_loop_message,
         )
@@ -204,26 +204,26 @@ def test_refused_arming_starts_nothing(jump: Any) -> None:
         assert not at.vehicle.status.armed
         assert at.mission is None
         assert executor_commands(at) == []
-        at.world.streamer._streams._record_loop_message = alive
+        at.world.streamer._streams._record_loop_message = record
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 def test_a_mission_with_a_take_off_that_is_selected_in_the_air_holds_and_states_why(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         at.other.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, HOLD)
         await at.mode("hold")
         await at.vehicle.command.takeoff(8)
         await at.mode("hold", 40)
-        at.other.choose(OWN)
+        at.other.choose(MISSION_MODE)
         await until(lambda: any("cannot be flown" in text for text in at.warnings()), 5)
         await at.mode("hold")
         assert "already flying" in "".join(at.warnings())
         assert at.mission is None
         assert executor_commands(at) == []
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 async def change_settings(at: Modes) -> None:
@@ -241,22 +241,22 @@ async def mode_is_ready(at: Modes, ready: bool) -> dict[str, Any]:
     raise AssertionError(f"ready did not become {ready}")
 
 
-def test_nothing_slow_stands_between_arming_and_take_off(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+def test_slow_plan_work_does_not_delay_the_take_off_after_arming(jump: Any) -> None:
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         at.station.plan_work = SlowWork(12.0)
         await arm(at)
         await at.mode("takeoff", 1.5)
         assert at.warnings() == []
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
-def test_armed_before_px4_knows_that_the_mission_must_be_compiled_again_it_is_compiled_and_takes_off(
+def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_of_the_change(
     jump: Any,
 ) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         await mode_is_ready(at, True)
         at.station.plan_work = SlowWork(2.0)
         await change_settings(at)
@@ -266,43 +266,43 @@ def test_armed_before_px4_knows_that_the_mission_must_be_compiled_again_it_is_co
         await at.mode("takeoff", 5)
         assert at.warnings() == []
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
-        at.station.plan_work, works = NoWork(), at.station.plan_work
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
+        at.station.plan_work, plan_work = NoWork(), at.station.plan_work
         await change_settings(at)
         await mode_is_ready(at, False)
         await until(lambda: any("PX4 does not arm in this mode" in text for text in at.warnings()), 10)
         assert "No worker." in (await at.shown())["modes"][0]["reason"]
         with pytest.raises(GcsError):
             await at.vehicle.command.arm()
-        at.station.plan_work = works
+        at.station.plan_work = plan_work
         assert (await mode_is_ready(at, True))["reason"] == ""
         await arm(at)
         await at.mode("takeoff", 1.5)
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.story
 @pytest.mark.parametrize("lost", [COMMAND_ACK, MODE_COMPLETED])
 def test_lost_answers_do_not_stop_the_mission(jump: Any, lost: str) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         drop(at, lost)
         await arm(at)
         await until(lambda: at.mission == "done", 120)
         assert not at.vehicle.status.armed
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         topics = at.world.topics[0]
         send = topics.send
         lost: list[str] = []
@@ -319,19 +319,19 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(jum
         topics.send = send  # type: ignore[method-assign]
         await until(lambda: not at.vehicle.status.armed, 20)
         await at.mode("hold")
-        at.other.choose(OWN)
-        await at.mode(OWN)
+        at.other.choose(MISSION_MODE)
+        await at.mode(MISSION_MODE)
         await mode_is_ready(at, True)  # PX4 moved its local origin when it armed
         await arm(at)
         await at.mode("takeoff")
         assert at.mission == "taking_off"
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
-def test_without_answers_during_its_take_off_px4_removes_the_mode_and_holds(jump: Any) -> None:
-    async def story(at: Modes) -> None:
-        await selected(at)
+def test_px4_removes_a_mode_that_stops_answering_during_its_take_off_and_holds(jump: Any) -> None:
+    async def scenario(at: Modes) -> None:
+        await register_and_select(at)
         await arm(at)
         await at.mode("takeoff")
         at.world.streamer._streams.mode_ports[-1].working = False
@@ -342,4 +342,4 @@ def test_without_answers_during_its_take_off_px4_removes_the_mode_and_holds(jump
         assert at.vehicle.status.armed
         assert COMMAND in {topic for topic, _ in at.world.topics[0].sent}
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)

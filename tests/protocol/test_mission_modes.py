@@ -18,7 +18,7 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 
 def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         assert NAME not in await at.other.modes()
         began_s = at.world.loop.time()
         mode = await at.register()
@@ -34,11 +34,11 @@ def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) ->
         assert NAME not in await at.other.modes()
         assert not at.warnings()
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = await at.flying()
         assert at.vehicle.status.mode_label == NAME
         assert at.station.missions.status("1").mode == mode
@@ -55,26 +55,26 @@ def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> No
         assert {topic for topic, _ in at.world.topics[0].sent[before:]} == {CHECK_REPLY}
         assert (await at.shown())["modes"][0]["state"] == "registered"
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_mission_mode_can_be_started_repeatedly_by_this_server(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = (await at.register())["mode"]
         for _ in range(2):
-            begun_m = at.x_m()
+            start_x_m = at.x_m()
             await at.vehicle.command.set_mode(mode)
             await until(lambda: at.mission == "flying", 5)
             await until(lambda: at.mission == "done", 20)
             await at.mode("hold")
-            assert at.x_m() - begun_m == pytest.approx(8, abs=1.5)
+            assert at.x_m() - start_x_m == pytest.approx(8, abs=1.5)
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = await at.flying()
         at.other.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
         await at.mode("hold")
@@ -86,11 +86,11 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(jump:
         await until(lambda: at.mission == "flying", 5)
         await until(lambda: at.mission == "done", 20)
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = (await at.register())["mode"]
         await at.vehicle.command.set_mode(mode)
         await until(lambda: at.mission == "flying", 5)
@@ -102,12 +102,12 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in at.sent(COMPLETED)]
         assert [each["result"] for each in completed] == [100]
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 @pytest.mark.story
 def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = (await at.register(mission=LOITER))["mode"]
         at.other.choose(mode)
         await until(lambda: at.mission == "flying", 5)
@@ -127,11 +127,11 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
         await at.mode("hold")
         assert at.mission == "suspended"
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_without_arming_check_answers_px4_returns_and_the_operator_is_informed(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = await at.flying()
         at.world.streamer._streams.mode_ports[-1].working = False
         began_s = at.world.loop.time()
@@ -143,28 +143,28 @@ def test_without_arming_check_answers_px4_returns_and_the_operator_is_informed(j
         assert at.station.mission_modes.all("1")[0].state == "lost"
         assert at.station.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         await at.flying()
         streams = at.world.streamer._streams
         flight = at.station.missions.flight("1")
-        alive, tick = streams._record_loop_message, flight.tick
+        record, tick = streams._record_loop_message, flight.tick
         streams._record_loop_message, flight.tick = lambda _: None, lambda: None
         began_s = at.world.loop.time()
         await at.mode("rtl")
         assert 1.0 < at.world.loop.time() - began_s < 2.5
-        streams._record_loop_message, flight.tick = alive, tick
+        streams._record_loop_message, flight.tick = record, tick
         await until(lambda: at.mission == "suspended", 2)
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_a_server_that_ends_holds_the_vehicle_and_removes_the_mode(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         await at.flying()
         (stopped,) = await at.station.streamer.stop_all()
         assert stopped.error is None
@@ -174,11 +174,11 @@ def test_a_server_that_ends_holds_the_vehicle_and_removes_the_mode(jump: Any) ->
         assert NAME not in await at.other.modes()
         assert at.vehicle.status.mode == "hold"
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_a_mission_without_a_take_off_does_not_start_on_the_ground(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = (await at.register())["mode"]
         at.other.choose(mode)
         await at.mode(mode)
@@ -187,12 +187,12 @@ def test_a_mission_without_a_take_off_does_not_start_on_the_ground(jump: Any) ->
         assert not at.vehicle.status.armed
         assert at.mission is None
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.story
 def test_a_mode_that_cannot_start_holds_and_reports_the_reason(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = (await at.register())["mode"]
         at.station.plan_work = NoWork()
         at.other.choose(mode)
@@ -201,11 +201,11 @@ def test_a_mode_that_cannot_start_holds_and_reports_the_reason(jump: Any) -> Non
         assert any("No worker. Try later. The vehicle holds." in text for text in at.warnings())
         assert at.mission is None
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         await at.register()
         with pytest.raises(Refused, match="already registered"):
             await at.register()
@@ -226,11 +226,11 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ju
             await at.unregister()
         assert len(at.sent(UNREGISTER)) == sent
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
-def test_over_mavlink_alone_a_mode_cannot_be_registered(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+def test_over_mavlink_only_a_mode_cannot_be_registered(jump: Any) -> None:
+    async def scenario(at: Modes) -> None:
         mode = await at.register()
         for endpoint in at.vehicle.endpoints:
             at.vehicle.detach(endpoint)
@@ -239,12 +239,12 @@ def test_over_mavlink_alone_a_mode_cannot_be_registered(jump: Any) -> None:
             await at.register(name="Other")
         assert mode["state"] == "registered"
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.story
 def test_resuming_the_mission_selects_its_mode(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         mode = await at.flying()
         await at.vehicle.command.hold()
         await until(lambda: at.mission == "suspended", 2)
@@ -252,11 +252,11 @@ def test_resuming_the_mission_selects_its_mode(jump: Any) -> None:
         await at.mode(mode)
         await until(lambda: at.mission == "done", 20)
 
-    fly(jump, story)
+    fly(jump, scenario)
 
 
 def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         at.world.mavlink_on = True
         await until(lambda: "MAVLink" in at.vehicle.reach.protocols, 10)
         mode = (await at.register())["mode"]
@@ -270,7 +270,7 @@ def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None
         assert labels[mode] == NAME
         assert labels["hold"] == "Hold"
 
-    fly(jump, story, in_air=False)
+    fly(jump, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -278,14 +278,14 @@ def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None
 def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed(
     jump: Any, deferral_s: int
 ) -> None:
-    async def story(at: Modes) -> None:
+    async def scenario(at: Modes) -> None:
         for name, value in (("NAV_DLL_ACT", 3), ("COM_DL_LOSS_T", 5)):
             at.world.sim.simulation.parameters[0].set(name, value)
         mode = (await at.register(mission=LOITER, defer_failsafes_s=deferral_s))["mode"]
         at.other.choose(mode)
         await at.other.heartbeats(4)
         assert at.vehicle.status.mode == mode
-        told = "defers a failsafe for up to 6 s"
+        warning = "defers a failsafe for up to 6 s"
         if deferral_s:
             await until(lambda: at.station.mission_modes.all("1")[0].failsafe_deferred, 12)
             assert at.vehicle.status.mode == mode
@@ -293,8 +293,8 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         await until(lambda: at.vehicle.status.mode == "hold", 12)
         assert not deferral_s or at.world.loop.time() - began_s == pytest.approx(deferral_s, abs=1)
         await at.mode("land", 12)
-        assert any(told in text for text in at.warnings()) == bool(deferral_s)
+        assert any(warning in text for text in at.warnings()) == bool(deferral_s)
         assert not at.station.mission_modes.all("1")[0].failsafe_deferred
         assert at.mission == "suspended"
 
-    fly(jump, story)
+    fly(jump, scenario)

@@ -16,66 +16,66 @@ SUSPENDED = dict.fromkeys(STEPS, "suspended")
 
 @pytest.mark.broad
 def test_a_pause_stops_all_and_resume_completes_all_missions(jump, tmp_path):
-    async def story(air):
-        for flight in air.flights.values():
+    async def scenario(squadron):
+        for flight in squadron.flights.values():
             flight.pause("Alice")
-        stands = {kind: "suspended" if kind in BY_PX4 else "paused" for kind in STEPS}
-        await air.reach(stands, within_s=15)
-        await until(lambda: all(air.modes()[kind] == "hold" for kind in BY_PX4), 5)
-        assert {air.modes()[kind] for kind in BY_SETPOINTS} == {"offboard"}
+        states = {kind: "suspended" if kind in BY_PX4 else "paused" for kind in STEPS}
+        await squadron.reach(states, within_s=15)
+        await until(lambda: all(squadron.modes()[kind] == "hold" for kind in BY_PX4), 5)
+        assert {squadron.modes()[kind] for kind in BY_SETPOINTS} == {"offboard"}
         await asyncio.sleep(5.0)
-        await air.stay([kind for kind in STEPS if kind != "take_off"])
-        for flight in air.flights.values():
+        await squadron.stay([kind for kind in STEPS if kind != "take_off"])
+        for flight in squadron.flights.values():
             flight.resume("Alice")
         await asyncio.sleep(1.0)
-        await air.end_normally()
+        await squadron.end_normally()
 
-    fly(jump, tmp_path, story)
+    fly(jump, tmp_path, scenario)
 
 
 @pytest.mark.broad
 def test_after_an_abort_all_hold_and_nothing_is_sent(jump, tmp_path):
-    async def story(air):
-        for flight in air.flights.values():
+    async def scenario(squadron):
+        for flight in squadron.flights.values():
             flight.abort("Alice", "hold")
-        await until(lambda: set(air.modes().values()) == {"hold"}, 5)
+        await until(lambda: set(squadron.modes().values()) == {"hold"}, 5)
         await asyncio.sleep(8.0)
-        assert not any(vehicle.offboard.status().streaming for vehicle in air.vehicles.values())
-        await air.stay([kind for kind in STEPS if kind != "take_off"])
-        assert set(air.modes().values()) == {"hold"}
+        assert not any(vehicle.offboard.status().streaming for vehicle in squadron.vehicles.values())
+        await squadron.stay([kind for kind in STEPS if kind != "take_off"])
+        assert set(squadron.modes().values()) == {"hold"}
 
-    fly(jump, tmp_path, story)
+    fly(jump, tmp_path, scenario)
 
 
 @pytest.mark.broad
-def test_an_operators_hold_suspends_all_and_each_resumes_from_there(jump, tmp_path):
-    async def story(air):
+def test_an_operators_hold_suspends_all_missions_and_each_resumes_at_its_position(jump, tmp_path):
+    async def scenario(squadron):
         async with asyncio.TaskGroup() as tasks:
-            for vehicle in air.vehicles.values():
+            for vehicle in squadron.vehicles.values():
                 tasks.create_task(vehicle.command.hold(by="Bob"))
-        await air.reach(SUSPENDED, within_s=5)
-        assert all("Bob" in reason for reason in air.reasons().values())
+        await squadron.reach(SUSPENDED, within_s=5)
+        assert all("Bob" in reason for reason in squadron.reasons().values())
         await asyncio.sleep(8.0)
-        await air.stay([kind for kind in STEPS if kind != "take_off"])
-        for flight in air.flights.values():
+        await squadron.stay([kind for kind in STEPS if kind != "take_off"])
+        for flight in squadron.flights.values():
             flight.resume("Alice")
-        await air.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
-        await air.end_normally()
+        await squadron.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
+        await squadron.end_normally()
 
-    fly(jump, tmp_path, story)
+    fly(jump, tmp_path, scenario)
 
 
 @pytest.mark.broad
 @pytest.mark.parametrize("how", ["stick", "switch"])
 def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump, tmp_path, how):
-    async def story(air):
+    async def scenario(squadron):
         for row in range(len(STEPS)):
-            air.sim.set_parameter(row, "COM_RC_OVERRIDE", 3)
+            squadron.sim.set_parameter(row, "COM_RC_OVERRIDE", 3)
         forward = 0
 
         async def hold_sticks():
             while True:
-                air.move_sticks(forward)
+                squadron.move_sticks(forward)
                 await asyncio.sleep(0.1)
 
         holding = asyncio.ensure_future(hold_sticks())
@@ -85,83 +85,83 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump
                 forward = 600
             else:
                 for kind in STEPS:
-                    assert air.commander(kind).set_mode(NavState.POSITION)
-            await until(lambda: set(air.modes().values()) == {"position"}, 3)
+                    assert squadron.commander(kind).set_mode(NavState.POSITION)
+            await until(lambda: set(squadron.modes().values()) == {"position"}, 3)
             forward = 0
-            await air.reach(SUSPENDED, within_s=3)
+            await squadron.reach(SUSPENDED, within_s=3)
             await asyncio.sleep(6.0)
-            assert set(air.modes().values()) == {"position"}
-            assert not any(vehicle.offboard.status().streaming for vehicle in air.vehicles.values())
+            assert set(squadron.modes().values()) == {"position"}
+            assert not any(vehicle.offboard.status().streaming for vehicle in squadron.vehicles.values())
         finally:
             holding.cancel()
 
-    fly(jump, tmp_path, story, link_loss="continue", low_battery="return", failure="return")
+    fly(jump, tmp_path, scenario, link_loss="continue", low_battery="return", failure="return")
 
 
 @pytest.mark.broad
 def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_its_failsafe(jump, tmp_path):
-    async def story(air):
-        announced = {kind: air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+    async def scenario(squadron):
+        announced = {kind: squadron.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
         assert all(announced.values())
         for row in range(len(STEPS)):
-            air.sim.set_link_up(row, "gcs", False)
+            squadron.sim.set_link_up(row, "gcs", False)
         await asyncio.sleep(8.0)
-        failsafe = {air.modes()[kind] for kind in BY_SETPOINTS}
+        failsafe = {squadron.modes()[kind] for kind in BY_SETPOINTS}
         assert "offboard" not in failsafe
         for row in range(len(STEPS)):
-            air.sim.set_link_up(row, "gcs", True)
-        await air.reach(dict.fromkeys(BY_SETPOINTS, "suspended"), within_s=15)
-        await air.reach(dict.fromkeys(BY_PX4, "done"), within_s=40)
-        assert {air.modes()[kind] for kind in BY_SETPOINTS} <= {
+            squadron.sim.set_link_up(row, "gcs", True)
+        await squadron.reach(dict.fromkeys(BY_SETPOINTS, "suspended"), within_s=15)
+        await squadron.reach(dict.fromkeys(BY_PX4, "done"), within_s=40)
+        assert {squadron.modes()[kind] for kind in BY_SETPOINTS} <= {
             *failsafe,
             "hold",
         }  # the stream's last command
 
-    fly(jump, tmp_path, story, link_loss="continue")
+    fly(jump, tmp_path, scenario, link_loss="continue")
 
 
 @pytest.mark.broad
 def test_a_low_battery_returns_all_except_the_one_that_is_landing(jump, tmp_path):
-    async def story(air):
+    async def scenario(squadron):
         for row in range(len(STEPS)):
-            air.sim.simulation.set_battery_remaining(row, 0.12)
+            squadron.sim.simulation.set_battery_remaining(row, 0.12)
         rest = [kind for kind in STEPS if kind != "land"]
-        await air.reach(dict.fromkeys(rest, "suspended"), within_s=10)
-        await until(lambda: {air.modes()[kind] for kind in rest} == {"rtl"}, 5)
-        assert all("Battery" in air.reasons()[kind] for kind in rest)
-        await air.reach({"land": "done"}, within_s=40)
+        await squadron.reach(dict.fromkeys(rest, "suspended"), within_s=10)
+        await until(lambda: {squadron.modes()[kind] for kind in rest} == {"rtl"}, 5)
+        assert all("Battery" in squadron.reasons()[kind] for kind in rest)
+        await squadron.reach({"land": "done"}, within_s=40)
 
-    fly(jump, tmp_path, story)
+    fly(jump, tmp_path, scenario)
 
 
 @pytest.mark.broad
 def test_a_lost_position_makes_all_descend(jump, tmp_path):
-    async def story(air):
+    async def scenario(squadron):
         for row in range(len(STEPS)):
-            air.sim.simulation.set_gps_enabled(row, False)
-        await air.reach({kind: ("suspended", "done", "stopped") for kind in STEPS}, within_s=60)
-        before = {kind: -air.place(kind)[2] for kind in STEPS}
+            squadron.sim.simulation.set_gps_enabled(row, False)
+        await squadron.reach({kind: ("suspended", "done", "stopped") for kind in STEPS}, within_s=60)
+        before = {kind: -squadron.place(kind)[2] for kind in STEPS}
         await asyncio.sleep(5.0)
-        sinks = {kind: height - -air.place(kind)[2] for kind, height in before.items()}
-        assert all(sinks[kind] > 1.0 or -air.place(kind)[2] < 0.5 for kind in STEPS), sinks
+        sinks = {kind: height - -squadron.place(kind)[2] for kind, height in before.items()}
+        assert all(sinks[kind] > 1.0 or -squadron.place(kind)[2] < 0.5 for kind in STEPS), sinks
 
-    fly(jump, tmp_path, story)
+    fly(jump, tmp_path, scenario)
 
 
 @pytest.mark.broad
 def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(jump, tmp_path):
-    async def story(air):
-        announced = {air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+    async def scenario(squadron):
+        announced = {squadron.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
         assert all("without" in text or "lands" in text for text in announced), announced
-        await air.world.supervisor.close()
+        await squadron.world.supervisor.close()
         for _ in range(300):
-            air.sim.step(0.02)
-        modes = air.modes()
+            squadron.sim.step(0.02)
+        modes = squadron.modes()
         assert "offboard" not in modes.values()
         assert modes["take_off"] in ("takeoff", "hold")
         assert modes["land"] == "land"
 
-    fly(jump, tmp_path, story)
+    fly(jump, tmp_path, scenario)
 
 
 def test_each_kind_of_step_is_flown_by_one_of_the_vehicles():

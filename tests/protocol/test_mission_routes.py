@@ -32,7 +32,7 @@ PLAN = {
 OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **PLACE, "lat_deg": 47.41}]}
 
 
-def story(jump, tmp_path, work, **pilot_options):
+def scenario(jump, tmp_path, work, **pilot_options):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -66,14 +66,14 @@ def start(at, by=ANNA, **body):
 
 def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tmp_path):
     async def work(at):
-        kept = await at.station.plans.create(
+        stored = await at.station.plans.create(
             "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
-        body = mission_models.UploadRequest.model_validate({"plan_id": kept.id})
-        begun = await mission_routes.upload("1", body, at.station, ANNA)
-        assert begun.status_code == 202
-        operation = view(begun)
-        assert begun.headers["Location"] == f"/api/v1/operations/{operation['id']}"
+        body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
+        started = await mission_routes.upload("1", body, at.station, ANNA)
+        assert started.status_code == 202
+        operation = view(started)
+        assert started.headers["Location"] == f"/api/v1/operations/{operation['id']}"
         assert (operation["kind"], operation["vehicle"], operation["state"]) == (
             "mission/upload",
             "1",
@@ -86,28 +86,28 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tm
         assert ended.result == {"items": {"fence": 1, "rally": 0, "mission": 3}, "not_kept": []}
         now = await shown(at)
         assert now["holds"]["state"] == "plan"
-        assert now["holds"]["plan"] == {"id": kept.id, "version": 1, "name": "Tower"}
+        assert now["holds"]["plan"] == {"id": stored.id, "version": 1, "name": "Tower"}
         assert (now["mission"]["count"], now["mission"]["current"], now["transfer"]) == (3, 0, None)
         assert ("anna", "mission/upload", "1", "ok") in lines(at.station)
         read = view(await mission_routes.downloaded_plan(at.vehicle))
         assert [item["kind"] for item in read["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
         assert (read["still_held"], read["notes"], read["plan"]["fence"][0]["radius_m"]) == (True, [], 200)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(jump, tmp_path):
     async def work(at):
         await upload(at)
         many = {**PLAN, "items": PLAN["items"][:2] * 20}
-        begun = view(await upload(at, many, wait=False))
+        started = view(await upload(at, many, wait=False))
         await seconds(0.15)
-        ended = view(await operation_routes.cancel_operation(begun["id"], at.station, ANNA))
+        ended = view(await operation_routes.cancel_operation(started["id"], at.station, ANNA))
         assert ended["state"] == "cancelled"
         await seconds(2)
         assert ((await shown(at))["holds"]["state"], (await shown(at))["mission"]["count"]) == ("plan", 3)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
@@ -123,7 +123,7 @@ def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
                 await attempt
         assert at.autopilot.service._plans[0] == []
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
@@ -142,7 +142,7 @@ def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
         await mission_routes.clear("1", at.station, ANNA, "vehicle 1 loses the mission that it flies")
         assert at.autopilot.service._plans[0] == []
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path):
@@ -163,7 +163,7 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path
         await OtherStation(at.autopilot).upload([])
         await seconds(2)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_path):
@@ -173,17 +173,17 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_pat
 
     async def work(at):
         plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
-        kept = await at.station.plans.create("Tower", plan, by=("anna", "key"))
-        await upload(at, None, plan_id=kept.id)
+        stored = await at.station.plans.create("Tower", plan, by=("anna", "key"))
+        await upload(at, None, plan_id=stored.id)
         with pytest.raises(PlanFindings, match="passes through Tower") as raised:
             await start(at)
         assert "obstacle_hit" in raised.value.codes
-        await at.station.plans.delete(kept.id, base_version=1, by=("anna", "key"))
+        await at.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
         others = set(raised.value.codes) - {"obstacle_hit"}
         done = view(await start(at, despite=sorted(others)))
         assert done["status"]["armed"], "the obstacles of a deleted plan are not known"
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
@@ -199,7 +199,7 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
         await mission_routes.resume("1", at.station, ANNA)
         assert (at.autopilot.mode, at.autopilot.flight.current) == (MISSION, 1)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission_mode(jump, tmp_path):
@@ -211,7 +211,7 @@ def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission_mode(jump
         await seconds(1)
         assert (at.autopilot.armed, at.vehicle.status.mode) == (False, "hold")
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
@@ -234,25 +234,25 @@ def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
             20,
         )
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_path):
     async def work(at):
         await upload(at)  # a plan without a name on this server
         which = mission_models.WhichPlan.model_validate
-        kept = await at.station.plans.create("Tower", which({"plan": PLAN}).plan, by=("anna", "key"))
+        stored = await at.station.plans.create("Tower", which({"plan": PLAN}).plan, by=("anna", "key"))
         other = await at.station.plans.create("Other", which({"plan": OUTSIDE}).plan, by=("anna", "key"))
-        for plan, held in ((other, None), (kept, kept.id)):
+        for plan, held in ((other, None), (stored, stored.id)):
             await mission_routes.compare(at.vehicle, which({"plan_id": plan.id}), at.station)
             assert (await shown(at))["holds"]["plan"]["id"] == held
         theirs = at.vehicle.mission.held.items["mission"][1]
         await OtherStation(at.autopilot).upload([replace(theirs, seq=0, z=9.0)])
         await seconds(2)
-        await mission_routes.compare(at.vehicle, which({"plan_id": kept.id}), at.station)
+        await mission_routes.compare(at.vehicle, which({"plan_id": stored.id}), at.station)
         assert (await shown(at))["holds"]["state"] == "another"
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
@@ -271,7 +271,7 @@ def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
         read = view(await mission_routes.downloaded_plan(at.vehicle))
         assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 @pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
@@ -289,15 +289,15 @@ def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
         assert "lost" in str(result)
         assert at.vehicle.mission.doing is None
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_an_offboard_mission_cannot_be_uploaded(jump, tmp_path):
     async def work(at):
         mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
-        kept = await at.station.plans.create("Mast", mission, by=("anna", "key"))
-        body = mission_models.UploadRequest.model_validate({"plan_id": kept.id})
+        stored = await at.station.plans.create("Mast", mission, by=("anna", "key"))
+        body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         with pytest.raises(InvalidRequest, match="the server flies it"):
             await mission_routes.upload("1", body, at.station, ANNA)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)

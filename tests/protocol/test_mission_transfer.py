@@ -20,7 +20,7 @@ LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
 NAN = float("nan")
 
 
-def story(jump, work, *, loss=0.0, seed=0):
+def scenario(jump, work, *, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -98,7 +98,7 @@ def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(jump, loss
         for part in PARTS:
             assert bytes_of(uploaded.held.items[part]) == bytes_of(sent[part])
 
-    story(jump, work, loss=loss, seed=seed)
+    scenario(jump, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
@@ -116,7 +116,7 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, 
         assert at.vehicle.topic("mission").value.count == 0
         assert at.mission.held.plan is None
 
-    story(jump, work, loss=loss, seed=seed)
+    scenario(jump, work, loss=loss, seed=seed)
 
 
 def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump):
@@ -133,7 +133,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump
         read = await at.mission.download()
         assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
@@ -145,7 +145,7 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
         await seconds(1.5)
         assert at.mission.holds() == "another"
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
@@ -168,7 +168,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         holds = "plan" if is_old or done else "not_known"
         assert (at.mission.holds(), at.mission.held.plan is not None) == (holds, holds == "plan")
 
-    story(jump, work, loss=loss, seed=int(after_s * 100) + 1)
+    scenario(jump, work, loss=loss, seed=int(after_s * 100) + 1)
 
 
 def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
@@ -182,7 +182,7 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
         await at.mission.upload(plan(4), PLAN)
         assert at.mission.holds() == "plan"
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
@@ -202,7 +202,7 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
         is_ours = bytes_of(read.items["mission"]) == bytes_of(ours["mission"])
         assert claimed == is_ours
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
@@ -218,10 +218,10 @@ def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
             await at.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
         long.cancel()
 
-    story(jump, work)
+    scenario(jump, work)
 
 
-def test_of_two_simultaneous_transfers_one_is_refused_but_not_of_two_consecutive_ones(jump):
+def test_a_transfer_is_refused_during_another_one_but_not_after_it(jump):
     async def work(at):
         first = asyncio.ensure_future(at.mission.upload(plan(30), PLAN))
         await seconds(0.05)
@@ -231,7 +231,7 @@ def test_of_two_simultaneous_transfers_one_is_refused_but_not_of_two_consecutive
         await first
         await at.mission.download()
 
-    story(jump, work)
+    scenario(jump, work)
 
 
 def test_a_vehicle_without_mission_answers_is_reported_as_silent(jump):
@@ -244,4 +244,4 @@ def test_a_vehicle_without_mission_answers_is_reported_as_silent(jump):
         with pytest.raises(NoReply, match="clear the geofence"):
             await at.mission.clear()
 
-    story(jump, work)
+    scenario(jump, work)

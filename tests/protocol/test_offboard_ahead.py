@@ -28,34 +28,34 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 ATTITUDE, VELOCITY, POSITION, HEIGHT = 1, 2 | 4, 8 | 16, 32
 
 
-def sends_flags(autopilot, flags):
+def send_estimator_flags(autopilot, flags):
     autopilot.send(sim.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0))
 
 
-def cannot(vehicle):
+def unavailable(vehicle):
     return {name for name, available in vehicle.offboard.available().items() if not available.can}
 
 
-NEVER = {"thrust_torque", "actuators"}
-PLACES = {"position", "position_global", "position_body", "path", "follow", "trajectory"}
+NEVER_AVAILABLE = {"thrust_torque", "actuators"}
+NEED_POSITION = {"position", "position_global", "position_body", "path", "follow", "trajectory"}
 
 
 @pytest.mark.parametrize(
     ("flags", "impossible"),
     [
-        (ATTITUDE | VELOCITY | POSITION | HEIGHT, NEVER),
-        (ATTITUDE | VELOCITY | HEIGHT, NEVER | PLACES),
-        (ATTITUDE | VELOCITY | POSITION, NEVER | PLACES),
-        (ATTITUDE, NEVER | PLACES | {"velocity", "velocity_body", "acceleration"}),
+        (ATTITUDE | VELOCITY | POSITION | HEIGHT, NEVER_AVAILABLE),
+        (ATTITUDE | VELOCITY | HEIGHT, NEVER_AVAILABLE | NEED_POSITION),
+        (ATTITUDE | VELOCITY | POSITION, NEVER_AVAILABLE | NEED_POSITION),
+        (ATTITUDE, NEVER_AVAILABLE | NEED_POSITION | {"velocity", "velocity_body", "acceleration"}),
         (0, set(KINDS)),
     ],
 )
-def test_the_available_setpoints_follow_the_vehicles_estimates(jump, flags, impossible):
+def test_the_available_setpoints_depend_on_the_vehicles_estimates(jump, flags, impossible):
     async def scenario(world, vehicle, autopilot, link):
-        sends_flags(autopilot, flags)
+        send_estimator_flags(autopilot, flags)
         await seconds(0.1)
-        assert cannot(vehicle) == impossible
-        for name in impossible - NEVER:
+        assert unavailable(vehicle) == impossible
+        for name in impossible - NEVER_AVAILABLE:
             assert "estimate" in vehicle.offboard.available()[name].why_not
 
     flight(jump, scenario)
@@ -116,7 +116,7 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
     async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
-        beat, world.streamer._streams.update_snapshots = (
+        update_snapshots, world.streamer._streams.update_snapshots = (
             world.streamer._streams.update_snapshots,
             lambda snapshots: None,
         )
@@ -124,14 +124,14 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
         assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
         await seconds(1.6)
         assert world.loop.time() - targets[-1][0] > 0.3
-        world.streamer._streams.update_snapshots = beat
+        world.streamer._streams.update_snapshots = update_snapshots
         await seconds(0.2)
         assert "server_silent" in codes(vehicle)
 
     flight(jump, scenario)
 
 
-def test_limits_come_from_vehicle_and_operator_and_the_narrower_one_applies(jump):
+def test_of_the_vehicles_and_the_operators_limit_the_lower_one_applies(jump):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),

@@ -8,12 +8,12 @@ from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
+    assert_silent,
     codes,
     flight,
     gaps_s,
     mode_requests,
     seconds,
-    silent,
     stream_request,
 )
 
@@ -26,7 +26,7 @@ def test_nothing_is_sent_after_stop(jump):
         await seconds(2)
         await vehicle.offboard.stop()
         assert autopilot.mode == HOLD
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
         assert max(gaps_s(autopilot)) < 0.05
         assert autopilot.failsafes == 0
 
@@ -39,7 +39,7 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
         await seconds(1)
         autopilot.mode = autopilot.requested_mode = POSITION
         autopilot.current_mode()
-        await silent(autopilot, link, settle_s=0.15)
+        await assert_silent(autopilot, link, settle_s=0.15)
         assert codes(vehicle) == ["left_offboard"]
 
     flight(jump, scenario)
@@ -59,7 +59,7 @@ def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
         assert world.loop.time() - began < 6
         assert autopilot.mode == HOLD
         assert autopilot.failsafes == 0
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
 
     flight(jump, scenario, loss=0.2, seed=seed)
 
@@ -119,7 +119,7 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
         await seconds(8)
         assert autopilot.failsafes == 0
         assert autopilot.mode == HOLD
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
 
     flight(jump, scenario)
 
@@ -169,12 +169,12 @@ def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(
         await seconds(6)
         assert autopilot.failsafes == 0
         assert autopilot.mode == HOLD
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
 
     flight(jump, scenario)
 
 
-def test_offboard_that_is_reached_after_the_deadline_is_reversed(jump):
+def test_a_switch_to_offboard_after_the_deadline_is_reversed(jump):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
@@ -191,7 +191,7 @@ def test_after_a_late_refusal_the_stream_ends_at_once(jump):
         autopilot.has_stream = lambda: False
         with pytest.raises(Rejected):
             await vehicle.offboard.start(stream_request())
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
         assert autopilot.mode == HOLD
 
     flight(jump, scenario)
@@ -208,7 +208,7 @@ def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
         assert not vehicle.offboard.status().streaming
         assert autopilot.mode == HOLD, "although the vehicle received the request"
         assert autopilot.failsafes == 0
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
 
     flight(jump, scenario)
 
@@ -218,7 +218,7 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.start(stream_request(), rate_hz=2.0)
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
         await vehicle.offboard.start(stream_request(), rate_hz=5.0)
 
     flight(jump, scenario)
@@ -235,7 +235,7 @@ def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
     flight(jump, scenario)
 
 
-def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(jump):
+def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
@@ -248,7 +248,7 @@ def test_disarmed_on_the_ground_it_streams_until_expiry_and_then_arms_in_hold(ju
 # --- expiry ---------------------------------------------------------------------------------------
 
 
-def test_after_expiry_it_holds_the_position_estimated_at_that_moment(jump):
+def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(jump):
     async def scenario(world, vehicle, autopilot, link):
         async def move():
             while True:
@@ -316,7 +316,7 @@ def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
         assert codes(vehicle) == ["expired", "not_confirmed"]
         assert len(mode_requests(autopilot, HOLD)) == 5
         assert autopilot.failsafes == 1
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
 
     flight(jump, scenario)
 
@@ -371,7 +371,7 @@ def test_a_stop_on_a_lost_link_is_repeated(jump):
         autopilot.silent_commands.clear()
         await seconds(3)
         assert autopilot.mode == HOLD
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
 
     flight(jump, scenario)
 

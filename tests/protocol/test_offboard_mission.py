@@ -14,7 +14,7 @@ from tests.protocol.api_calls import ANNA, WorkHere, lines, view, with_routes
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, run_in_flight
-from tests.protocol.offboard_world import POSITION, mode_requests, seconds, silent, stream_request
+from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds, stream_request
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -37,7 +37,7 @@ def hover(**actions):
 
 
 def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lands(jump, tmp_path):
-    async def story():
+    async def scenario():
         world = SimulatedWorld(camera=True)
         missions = Missions(world, tmp_path)
         try:
@@ -45,14 +45,14 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
             flight = missions.begin(vehicle, mission(FLIGHT))
             await missions.reach("flying")
             assert flight.status().if_stream_stops
-            worst_m, pointed = 0.0, False
+            deviation_max_m, gimbal_pointed_down = 0.0, False
             while missions.state == "flying":
-                worst_m = max(worst_m, flight.status().deviation_m or 0.0)
+                deviation_max_m = max(deviation_max_m, flight.status().deviation_m or 0.0)
                 gimbal = vehicle.topic("gimbal")
-                pointed |= gimbal is not None and gimbal.value.pitch_rad < -0.2
+                gimbal_pointed_down |= gimbal is not None and gimbal.value.pitch_rad < -0.2
                 await seconds(0.1)
-            assert worst_m < 3.0  # besides its newest position, which is some tenths of a second old
-            assert pointed
+            assert deviation_max_m < 3.0  # the newest reported position is some tenths of a second old
+            assert gimbal_pointed_down
             assert (missions.state, flight.status().question) == ("waiting", "Sharp?")
             flight.go_on("Alice")
             await missions.reach("done")
@@ -61,14 +61,14 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
         finally:
             await world.close()
 
-    jump(story)
+    jump(scenario)
 
 
 # --- operator and pilot ---------------------------------------------------------------------------
 
 
 def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         missions.flight.pause("Alice")
         await missions.reach("paused", within_s=5)
         left_s = missions.flight.status().remaining_s
@@ -78,11 +78,11 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
         await seconds(5)
         assert missions.flight.status().remaining_s < left_s - 2
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
             await vehicle.offboard.setpoint(stream_request())
         assert "Pause or abort" in str(refused.value.remedy)
@@ -92,83 +92,80 @@ def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
             missions.begin(vehicle, hover(), in_air=True)
         assert missions.state == "flying"
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
         assert "Bob" in missions.flight.status().reason
-        await silent(autopilot, None)
+        await assert_silent(autopilot, None)
         assert autopilot.mode == HOLD
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
         assert autopilot.mode == OFFBOARD
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         await vehicle.offboard.stop()
         await missions.reach("suspended", within_s=2)
-        await silent(autopilot, None)
+        await assert_silent(autopilot, None)
         assert autopilot.mode == HOLD
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         missions.flight.abort("Alice", "hold")
         assert missions.state == "aborted"
         await until(lambda: autopilot.mode == HOLD, 5)
-        await silent(autopilot, None, settle_s=1.0)
+        await assert_silent(autopilot, None, settle_s=1.0)
         with pytest.raises(Refused, match="has ended"):
             missions.flight.resume("Alice")
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         autopilot.mode = autopilot.requested_mode = POSITION
         autopilot.current_mode()
         await missions.reach("suspended", within_s=2)
-        await silent(autopilot, None, 10.0, settle_s=0.3)
+        await assert_silent(autopilot, None, 10.0, settle_s=0.3)
         assert autopilot.mode == POSITION
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    run_in_flight(jump, tmp_path, hover(low_battery="return", link_loss="continue"), story)
+    run_in_flight(jump, tmp_path, hover(low_battery="return", link_loss="continue"), scenario)
 
 
 def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
-        asked = len(mode_requests(autopilot, OFFBOARD))
+        request_count = len(mode_requests(autopilot, OFFBOARD))
         missions.flight.resume("Alice")
         await seconds(0.6)  # setpoints are sent, Offboard has not been requested
         autopilot.mode = autopilot.requested_mode = POSITION
         autopilot.current_mode()
         await missions.reach("suspended", within_s=2)
-        await silent(autopilot, None, 5.0, settle_s=0.3)
-        assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (asked, POSITION)
+        await assert_silent(autopilot, None, 5.0, settle_s=0.3)
+        assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (request_count, POSITION)
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
-def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back(jump, tmp_path):
+    async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
-        autopilot.ned = [
-            -20 * math.cos(YAW_RAD),
-            -20 * math.sin(YAW_RAD),
-            -5.0,
-        ]  # the path is straight ahead
+        # 20 m behind the path, so that the way back is straight ahead
+        autopilot.ned = [-20 * math.cos(YAW_RAD), -20 * math.sin(YAW_RAD), -5.0]
 
         def measure():
             autopilot.send(
@@ -186,11 +183,11 @@ def test_a_way_back_with_a_measured_obstacle_is_not_flown(jump, tmp_path):
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         assert missions.flight.reading().wind_speed_m_s is None
         for orientation, centimetres in ((0, 150), (25, 420)):
             autopilot.send(
@@ -209,14 +206,14 @@ def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp
             None,
         )
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 # --- control --------------------------------------------------------------------------------------
 
 
 def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         lease = missions.authority.control("1").lease
         lease.request(BOB)
         lease.grant(ALICE, "bob")
@@ -224,20 +221,20 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
         assert autopilot.mode == OFFBOARD
         assert "control_taken" in event_codes(vehicle)
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 @pytest.mark.parametrize(
     ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
 )
 def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, state, mode):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         missions.authority.control("1").lease.release(ALICE)
         await seconds(LEASE_S + 3)
         assert (missions.state, autopilot.mode) == (state, mode)
         assert autopilot.failsafes == 0
 
-    run_in_flight(jump, tmp_path, hover(control_lost=action), story)
+    run_in_flight(jump, tmp_path, hover(control_lost=action), scenario)
 
 
 # --- faults ---------------------------------------------------------------------------------------
@@ -245,7 +242,7 @@ def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, st
 
 @pytest.mark.parametrize(("action", "state"), [("hold", "suspended"), ("continue", "flying")])
 def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp_path, action, state):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         autopilot.loss = 1.0
         await seconds(8)
         autopilot.loss = 0.0
@@ -253,55 +250,59 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
-    run_in_flight(jump, tmp_path, hover(link_loss=action), story)
+    run_in_flight(jump, tmp_path, hover(link_loss=action), scenario)
 
 
 def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         missions.all.update = lambda: None
         await seconds(4)
         assert vehicle.offboard.status().state == "holding"
         await until(lambda: autopilot.mode == HOLD, 10)
         assert autopilot.failsafes == 0
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.all.update
-        beat, streamer.update_once, missions.all.update = streamer.update_once, lambda: None, lambda: None
+        update_once, streamer.update_once, missions.all.update = (
+            streamer.update_once,
+            lambda: None,
+            lambda: None,
+        )
         await until(lambda: autopilot.mode == POSITION, 6)
-        streamer.update_once, missions.all.update = beat, update
+        streamer.update_once, missions.all.update = update_once, update
         await missions.reach("suspended", within_s=3)
-        await silent(autopilot, None, settle_s=0.5)
+        await assert_silent(autopilot, None, settle_s=0.5)
         assert autopilot.failsafes == 1
 
-    run_in_flight(jump, tmp_path, hover(link_loss="continue", failure="return"), story)
+    run_in_flight(jump, tmp_path, hover(link_loss="continue", failure="return"), scenario)
 
 
 def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
-    async def story(missions, vehicle, autopilot):
+    async def scenario(missions, vehicle, autopilot):
         await missions.world.streamer.stop_all()
         assert autopilot.mode == HOLD
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"
 
-    run_in_flight(jump, tmp_path, hover(), story)
+    run_in_flight(jump, tmp_path, hover(), scenario)
 
 
 # --- its routes -----------------------------------------------------------------------------------
 
 
-def routed(jump, story):
-    async def at_the_desk(at):
+def run_with_routes(jump, scenario):
+    async def with_missions(at):
         at.station.plan_work = WorkHere()
         at.station.missions.attach(at.vehicle)
         at.station.missions.start()
-        await story(at)
+        await scenario(at)
 
-    with_routes(jump, at_the_desk)
+    with_routes(jump, with_missions)
 
 
 async def started(at, document=HOVER, by=ANNA, **more):
@@ -310,11 +311,15 @@ async def started(at, document=HOVER, by=ANNA, **more):
     return view(await routes.start("1", body, at.station, by))["mission"]
 
 
-def test_the_client_in_control_starts_controls_and_aborts_a_mission_and_the_journal_has_each_command(jump):
-    async def story(at):
-        begun = await started(at)
-        assert (begun["state"], begun["client"], begun["plan_id"]) == ("starting", "anna", None)
-        assert "Position" in begun["if_stream_stops"]
+def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_command_is_journaled(jump):
+    async def scenario(at):
+        started_mission = await started(at)
+        assert (started_mission["state"], started_mission["client"], started_mission["plan_id"]) == (
+            "starting",
+            "anna",
+            None,
+        )
+        assert "Position" in started_mission["if_stream_stops"]
         await until(lambda: at.vehicle.offboard_mission.status().state == "flying", 10)
         for call in (routes.pause, routes.skip, routes.abort):
             with pytest.raises(NotInControl):
@@ -334,13 +339,13 @@ def test_the_client_in_control_starts_controls_and_aborts_a_mission_and_the_jour
         commands = [line[1] for line in lines(at.station) if line[3] == "ok"]
         assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
 
-    routed(jump, story)
+    run_with_routes(jump, scenario)
 
 
 def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
     far = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
 
-    async def story(at):
+    async def scenario(at):
         await at.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=30.0), by="anna")
         with pytest.raises(PlanFindings, match="your limit is 30 m from home") as refused:
             await started(at, far)
@@ -348,13 +353,13 @@ def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
         await at.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
         await started(at, far)
 
-    routed(jump, story)
+    run_with_routes(jump, scenario)
 
 
 def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
     bad = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
 
-    async def story(at):
+    async def scenario(at):
         with pytest.raises(PlanFindings, match="above the vehicle's limits") as refused:
             await started(at, bad)
         assert refused.value.codes[0] == "speed_exceeded"
@@ -362,24 +367,24 @@ def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
         await started(at, bad, despite=list(refused.value.codes))
         assert at.vehicle.offboard_mission.status().state != "aborted"
 
-    routed(jump, story)
+    run_with_routes(jump, scenario)
 
 
 def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
-    async def story(at):
+    async def scenario(at):
         at.autopilot.estimates = False
         await seconds(2)
         with pytest.raises(Refused, match="no valid position"):
             await started(at)
         assert at.autopilot.setpoints == []
 
-    routed(jump, story)
+    run_with_routes(jump, scenario)
 
 
 def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(jump):
-    async def story(at):
+    async def scenario(at):
         assert view(await routes.show_mission(at.vehicle, at.station))["mission"] is None
         with pytest.raises(Refused, match="no offboard mission"):
             await routes.pause("1", at.station, ANNA)
 
-    routed(jump, story)
+    run_with_routes(jump, scenario)

@@ -18,7 +18,7 @@ class Closed(Exception):
 
 
 class FakeSocket:
-    """The client's end of a socket: `say` sends, `received` has the answers."""
+    """The client's end of a socket: `submit` sends, `received` has the answers."""
 
     def __init__(self):
         self.inbox = asyncio.Queue()
@@ -27,7 +27,7 @@ class FakeSocket:
         self.reads = asyncio.Event()
         self.reads.set()
 
-    def say(self, **fields):
+    def submit(self, **fields):
         self.inbox.put_nowait(json.dumps(fields))
 
     async def receive_text(self):
@@ -71,7 +71,7 @@ def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump
     async def scenario(vehicle, autopilot, socket):
         for seq in range(1, 51):
             before = len(autopilot.setpoints)
-            socket.say(seq=seq, **north(seq / 10))
+            socket.submit(seq=seq, **north(seq / 10))
             await seconds(0.0101)
             new = [m.x for _, m in autopilot.setpoints[before:]]
             assert any(x == pytest.approx(seq / 10) for x in new), (seq, new)
@@ -86,8 +86,8 @@ def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump
 def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(10):
-            socket.say(seq=seq, **north(seq))
-        socket.say(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
+            socket.submit(seq=seq, **north(seq))
+        socket.submit(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
         await seconds(0.1)
         answers = {a["seq"]: a for a in socket.received}
         assert answers[10]["error"]["field"] == "setpoint.position_ned_m.0"
@@ -171,7 +171,7 @@ def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump
 
 def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(jump):
     async def scenario(vehicle, autopilot, socket):
-        socket.say(seq=1, **north(1))
+        socket.submit(seq=1, **north(1))
         await seconds(0.1)
         assert socket.received[0]["error"]["code"] == "refused"
         assert "offboard/start" in socket.received[0]["error"]["remedy"]
@@ -185,7 +185,7 @@ def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
     async def scenario(vehicle, autopilot, socket):
         socket.reads.clear()
         for seq in range(1000):
-            socket.say(seq=seq, **north(seq / 100))
+            socket.submit(seq=seq, **north(seq / 100))
             await seconds(0.01)
         assert autopilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
         socket.reads.set()
@@ -210,7 +210,7 @@ def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_
         for _ in range(100):
             socket.inbox.put_nowait(text)
             await seconds(0.02)
-        socket.say(seq=7, **north(3))
+        socket.submit(seq=7, **north(3))
         await seconds(0.1)
         assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
         socket.reads.set()
@@ -224,7 +224,7 @@ def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_
 def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(FLOOD_PER_S + 10):
-            socket.say(seq=seq, **north(seq / 1000, valid_for_s=0.5))
+            socket.submit(seq=seq, **north(seq / 1000, valid_for_s=0.5))
         await seconds(0.1)
         assert socket.closed[0] == CLOSE_FLOOD
         await seconds(7)
@@ -236,7 +236,7 @@ def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
 
 def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
     async def scenario(vehicle, autopilot, socket):
-        socket.say(seq=1, **(north(3) | {"valid_for_s": 4}))
+        socket.submit(seq=1, **(north(3) | {"valid_for_s": 4}))
         await seconds(0.1)
         socket.inbox.put_nowait(None)
         await seconds(3)

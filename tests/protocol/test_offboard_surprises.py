@@ -11,12 +11,12 @@ from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
     OffboardWorld,
+    assert_silent,
     codes,
     flight,
     gaps_s,
     mode_requests,
     seconds,
-    silent,
     stream_request,
 )
 
@@ -53,7 +53,7 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
         status = vehicle.offboard.status()
         assert not status.streaming
         assert "Position" in status.ended or "position" in status.ended
-        await silent(autopilot, link)
+        await assert_silent(autopilot, link)
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(stream_request())
 
@@ -68,7 +68,7 @@ def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
         await seconds(2.0)
         autopilot.alive = True
         autopilot.land_and_disarm()
-        await silent(autopilot, link, settle_s=1.2)
+        await assert_silent(autopilot, link, settle_s=1.2)
         assert codes(vehicle) == ["disarmed"]
 
     flight(jump, scenario)
@@ -90,7 +90,7 @@ def test_a_kill_in_flight_ends_the_stream(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
-        await silent(autopilot, link, settle_s=0.2)
+        await assert_silent(autopilot, link, settle_s=0.2)
         assert codes(vehicle) == ["disarmed"]
 
     flight(jump, scenario)
@@ -174,10 +174,10 @@ def test_the_stream_does_not_request_hold_during_another_command(jump, call):
         await seconds(0.9)
         autopilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and world.loop.time() < late_s)
         late_s = world.loop.time() + 1.3
-        asked = len(mode_requests(autopilot, HOLD))
+        requests = len(mode_requests(autopilot, HOLD))
         await getattr(vehicle.command, call)()
         await seconds(2)
-        assert len(mode_requests(autopilot, HOLD)) == asked
+        assert len(mode_requests(autopilot, HOLD)) == requests
         assert vehicle.status.mode == call
         assert autopilot.failsafes == 0
 
@@ -255,15 +255,15 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
         autopilot = world.offboard_autopilot(first)
         autopilot.fly()
         second.autopilots["peer"] = autopilot
-        dead = []
+        failed_links = []
 
-        def both(raw):
+        def send_on_both(raw):
             autopilot.mav.seq = (autopilot.mav.seq + 1) % 256
             for link in (first, second):
-                if link.name not in dead:
+                if link.name not in failed_links:
                     link.inject(raw, "peer")
 
-        autopilot.send_raw = both
+        autopilot.send_raw = send_on_both
         try:
             vehicle = await world.ready()
             await seconds(5)
@@ -274,7 +274,7 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
             other = second if used is first else first
             before = len(other.sent)
             if how == "silent":
-                dead.append(used.name)
+                failed_links.append(used.name)
                 used.autopilots.clear()
             else:
                 used._sender._write = unreachable

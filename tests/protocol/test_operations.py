@@ -51,10 +51,10 @@ async def newest(at):
 
 def test_reading_the_parameters_is_an_operation_with_progress(jump):
     async def work(at):
-        begun = await refresh(at, ANNA)
-        assert (begun.status_code, view(begun)["state"]) == (202, "reading")
-        again = await refresh(at, BOB)
-        assert again.headers["Location"] == begun.headers["Location"] == "/api/v1/operations/1"
+        first = await refresh(at, ANNA)
+        assert (first.status_code, view(first)["state"]) == (202, "reading")
+        second = await refresh(at, BOB)
+        assert second.headers["Location"] == first.headers["Location"] == "/api/v1/operations/1"
         shares = []
         while (now := await newest(at))["state"] == "running":
             shares.append(now["progress"] or 0.0)
@@ -69,7 +69,7 @@ def test_reading_the_parameters_is_an_operation_with_progress(jump):
     scenario(jump, work)
 
 
-def test_an_operation_is_cancelled_by_its_client_or_by_any_if_no_other_has_control(jump):
+def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_nobody_else_has_control(jump):
     async def work(at):
         await control_routes.take("1", at.station, BOB)
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))

@@ -19,15 +19,15 @@ LIST, READ, SET, FTP = (
 LOSS = [(0.0, 1), (0.05, 2), pytest.param(0.2, 3, marks=pytest.mark.broad)]
 
 
-async def inline(work):
-    return work()
+async def inline(scenario):
+    return scenario()
 
 
 async def read_inline(kind, packed, crc):
     return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
 
 
-def run_with_vehicle(kit, jump, work, *, loss=0.0, seed=0, cache=None):
+def run_with_vehicle(kit, jump, scenario, *, loss=0.0, seed=0, cache=None):
     async def run():
         world = kit.World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed)
@@ -36,7 +36,7 @@ def run_with_vehicle(kit, jump, work, *, loss=0.0, seed=0, cache=None):
             vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, inline
             vehicle.metadata.read = read_inline
             autopilot.loss = loss
-            await work(world, vehicle, autopilot)
+            await scenario(world, vehicle, autopilot)
         finally:
             autopilot.alive = False
             await world.close()
@@ -50,7 +50,7 @@ def true_values(autopilot):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, seed):
-    async def work(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"
         assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing that was not requested
         known = await vehicle.params.refresh()
@@ -67,7 +67,7 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
                 2,
             )  # the list, and the checksum twice
 
-    run_with_vehicle(kit, jump, work, loss=loss, seed=seed)
+    run_with_vehicle(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
@@ -99,7 +99,7 @@ def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
 
 
 def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
-    async def work(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         params = vehicle.params
         await params.set("MPC_XY_CRUISE", 19.5)  # before its metadata is read: PX4 accepts any value
         await params.refresh()
@@ -114,11 +114,11 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
         assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
         assert (await params.set("COM_RC_OVERRIDE", 3)).value == 3
 
-    run_with_vehicle(kit, jump, work)
+    run_with_vehicle(kit, jump, scenario)
 
 
 def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, jump):
-    async def work(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         reading = asyncio.ensure_future(vehicle.params.refresh())
         await world.clock.sleep(0.4)
         assert vehicle.params.list.state == "reading"
@@ -140,7 +140,7 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, 
         await world.clock.sleep(2)
         assert vehicle.params.list.state == "outdated"
 
-    run_with_vehicle(kit, jump, work)
+    run_with_vehicle(kit, jump, scenario)
 
 
 def test_a_vehicle_without_parameters_is_reported(kit, jump):
@@ -163,7 +163,7 @@ def test_a_vehicle_without_parameters_is_reported(kit, jump):
 
 
 def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
-    async def work(world, vehicle, autopilot):
+    async def scenario(world, vehicle, autopilot):
         before = (await vehicle.health.check()).findings
         vehicle.health.apply_definitions(await vehicle.metadata.events())
         after = vehicle.health.readiness
@@ -175,4 +175,4 @@ def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
         assert autopilot.count(FTP) == fetched  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
-    run_with_vehicle(kit, jump, work, cache=Cache(tmp_path), loss=0.05, seed=4)
+    run_with_vehicle(kit, jump, scenario, cache=Cache(tmp_path), loss=0.05, seed=4)

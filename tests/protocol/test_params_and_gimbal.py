@@ -65,7 +65,7 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_the_gimbal_is_controlled_pointed_and_released(kit, jump, loss, seed):
+def test_gimbal_control_is_taken_used_and_released(kit, jump, loss, seed):
     async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
@@ -110,18 +110,18 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
     flight(kit, jump, scenario)
 
 
-def turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
-    """A gimbal with its own rate that stops at a limit that it does not report, and still accepts the
-    command."""
-    at = {"pitch": 0.0, "asked": 0.0}
+def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
+    """The gimbal turns at this rate and stops at an unreported pitch limit; it accepts commands beyond
+    the limit."""
+    at = {"pitch": 0.0, "setpoint": 0.0}
 
     def command(message):
         if getattr(message, "command", None) == 1000:
-            at["asked"] = max(pitch_min_deg, message.param1)
+            at["setpoint"] = max(pitch_min_deg, message.param1)
         return False
 
     def step():
-        at["pitch"] += max(-rate_deg_s * 0.05, min(rate_deg_s * 0.05, at["asked"] - at["pitch"]))
+        at["pitch"] += max(-rate_deg_s * 0.05, min(rate_deg_s * 0.05, at["setpoint"] - at["pitch"]))
         half_rad = math.radians(at["pitch"]) / 2
         autopilot.gimbal_q = [math.cos(half_rad), 0.0, math.sin(half_rad), 0.0]
 
@@ -132,7 +132,7 @@ def turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, jump, loss, seed):
     async def scenario(world, vehicle, autopilot):
-        turning(autopilot, pitch_min_deg=-45.0)
+        simulate_turning(autopilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
         limited = await vehicle.gimbal.set_angles(-90, 0)
         assert limited.pitch_deg == pytest.approx(-45.0, abs=0.2)
@@ -143,9 +143,9 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, 
     flight(kit, jump, scenario, loss=loss, seed=seed)
 
 
-def test_without_wait_the_answer_is_the_acknowledgement(kit, jump):
+def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(kit, jump):
     async def scenario(world, vehicle, autopilot):
-        turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
+        simulate_turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
         began_s = world.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
@@ -156,7 +156,7 @@ def test_without_wait_the_answer_is_the_acknowledgement(kit, jump):
 
 def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit, jump):
     async def scenario(world, vehicle, autopilot):
-        turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
+        simulate_turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
         began_s = world.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0) is None

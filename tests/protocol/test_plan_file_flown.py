@@ -21,7 +21,7 @@ COMMANDS_OF_ITEMS = (178, 205, 206, 530, 1000, 2000, 197)
 """Items that PX4 executes as commands."""
 
 
-def story(jump, tmp_path, work):
+def scenario(jump, tmp_path, work):
     async def run():
         world = SimulatedWorld()
         try:
@@ -37,7 +37,7 @@ def story(jump, tmp_path, work):
     jump(run)
 
 
-async def imported(at):
+async def import_file(at):
     """The file as a stored plan."""
 
     async def body():
@@ -49,9 +49,9 @@ async def imported(at):
     return await at.station.plans.create("Survey", plan, by=("anna", "key"))
 
 
-async def exported(at, kept):
+async def export_file(at, stored):
     """The stored plan as a .plan file."""
-    _, document = await at.station.plans.get(kept.id, None)
+    _, document = await at.station.plans.get(stored.id, None)
     body = plan_models.PlanToExport.model_validate({"plan": json.loads(document)})
     answer = await plan_routes.export_plan(body, at.station, "plan")
     assert json.loads(answer.headers["X-Plan-Notes"]) == []
@@ -64,7 +64,7 @@ def items_on(at):
     return {part: [repr(item) for item in held.items[part]] for part in PARTS}, held.ids, held.plan
 
 
-async def compared(at, which):
+async def compare_with_vehicle(at, which):
     """Whether the downloaded items equal a plan, the differences, and whether the vehicle still has them."""
     body = mission_models.WhichPlan.model_validate(which)
     answer = view(await mission_routes.compare(at.vehicle, body, at.station))
@@ -88,31 +88,33 @@ async def flown_commands(at):
 )
 def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(jump, tmp_path, loss):
     async def work(at):
-        kept = await imported(at)
-        _, document = await at.station.plans.get(kept.id, None)
+        stored = await import_file(at)
+        _, document = await at.station.plans.get(stored.id, None)
         plan = documents.read(document)
         at.world.loss = loss
-        uploading = mission_models.UploadRequest.model_validate({"plan_id": kept.id, "wait": True})
+        uploading = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})
         done = view(await mission_routes.upload("1", uploading, at.station, ANNA))["result"]
         assert done == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}
         before = items_on(at)
         assert all(before[1].values())
-        assert before[2].id == kept.id
+        assert before[2].id == stored.id
 
         executed = await flown_commands(at)
         planned = [item.COMMAND for _, item in plan.simple_items() if item.COMMAND in COMMANDS_OF_ITEMS]
         assert executed == planned
         await seconds(5)
         answer = view(await mission_routes.show_mission(at.vehicle, at.station))
-        assert (answer["flight"]["state"], answer["flight"]["plan_id"]) == ("done", kept.id)
+        assert (answer["flight"]["state"], answer["flight"]["plan_id"]) == ("done", stored.id)
         assert (answer["mission"]["reached"], answer["holds"]["state"]) == (18, "plan")
 
         at.vehicle.mission.held = None  # as after a restart of the server
         await mission_routes.download(at.vehicle, at.station, ANNA, mission_models.DownloadRequest(wait=True))
-        assert await compared(at, {"plan_id": kept.id}) == (True, [], True)
+        assert await compare_with_vehicle(at, {"plan_id": stored.id}) == (True, [], True)
         assert items_on(at) == before
         read = view(await mission_routes.downloaded_plan(at.vehicle))
-        assert await compared(at, {"plan": read["plan"]}) == (True, [], True)
-        assert json.dumps(json.loads(await exported(at, kept))) == json.dumps(json.loads(FILE.read_bytes()))
+        assert await compare_with_vehicle(at, {"plan": read["plan"]}) == (True, [], True)
+        assert json.dumps(json.loads(await export_file(at, stored))) == json.dumps(
+            json.loads(FILE.read_bytes())
+        )
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)

@@ -28,26 +28,26 @@ APART_M = 40.0
 """Vehicle 2 stands this far east of vehicle 1."""
 
 
-def at_place(kind, east_m, alt_m, **more):
+def item_at(kind, east_m, alt_m, **more):
     lat, lon, _ = ORIGIN.to_geodetic((0.0, east_m, 0.0))
     altitude = {"value_m": alt_m, "reference": "home"}
     return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **more}
 
 
-HOP = {"items": [at_place("takeoff", 0, 2.5), at_place("land", 0, 0)]}
+HOP = {"items": [item_at("takeoff", 0, 2.5), item_at("land", 0, 0)]}
 """Vehicle 1 above its own position."""
-OVER = [at_place("takeoff", APART_M, 6), at_place("waypoint", -APART_M, 6), at_place("land", -APART_M, 0)]
+OVER = [item_at("takeoff", APART_M, 6), item_at("waypoint", -APART_M, 6), item_at("land", -APART_M, 0)]
 ZONE = {
     "shape": "circle",
     "inclusion": False,
-    "center": {key: at_place("waypoint", 20, 0)[key] for key in ("lat_deg", "lon_deg")},
+    "center": {key: item_at("waypoint", 20, 0)[key] for key in ("lat_deg", "lon_deg")},
     "radius_m": 5,
 }
 ACROSS = {"items": OVER, "fence": [ZONE]}
 """Vehicle 2 over the position of vehicle 1, through an area that it must not fly in."""
 
 
-stage = functools.partial(two_vehicles.stage, apart_m=APART_M)
+run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
 
 
 async def upload(at, vehicle_id, plan):
@@ -80,7 +80,7 @@ async def warnings_of_check(at, plan=ACROSS):
 
 
 def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(jump):
-    async def story(at):
+    async def scenario(at):
         await upload(at, "1", HOP)
         await upload(at, "2", ACROSS)
         assert await warnings_of_check(at) == []
@@ -100,11 +100,11 @@ def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_othe
         await start(at, "2", "fence_crossed")
         assert at.two.status.armed
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_of_two_starts_at_the_same_time_the_second_is_compared_with_the_first_and_can_be_accepted(jump):
-    async def story(at):
+    async def scenario(at):
         await upload(at, "1", HOP)
         await upload(at, "2", {"items": OVER})
         answers = await asyncio.gather(start(at, "1"), start(at, "2"), return_exceptions=True)
@@ -114,11 +114,11 @@ def test_of_two_starts_at_the_same_time_the_second_is_compared_with_the_first_an
         await start(at, "2", "separation")
         assert (at.two.status.armed, at.two.status.mode) == (True, "mission")
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
-def test_a_failed_start_is_not_expected_to_fly(jump):
-    async def story(at):
+def test_later_starts_are_not_compared_with_a_failed_start(jump):
+    async def scenario(at):
         await upload(at, "1", HOP)
         await upload(at, "2", {"items": OVER})
         at.one.command.start_mission = None  # fails
@@ -127,12 +127,12 @@ def test_a_failed_start_is_not_expected_to_fly(jump):
         await start(at, "2")
         assert at.two.status.armed
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 @pytest.mark.story
-def test_a_vehicle_that_hovers_in_the_way_or_moves_without_a_known_path(jump):
-    async def story(at):
+def test_a_start_is_refused_over_a_hovering_vehicle_and_warned_about_one_whose_path_is_unknown(jump):
+    async def scenario(at):
         await upload(at, "2", {"items": OVER})
         await at.one.command.takeoff(6.0)
         await seconds(4)
@@ -143,22 +143,22 @@ def test_a_vehicle_that_hovers_in_the_way_or_moves_without_a_known_path(jump):
         assert "of vehicle 1 (hovering)" in found.reasons[0]
         assert "The time at which vehicle 1 is there is not known." in found.reasons[0]
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 UP_THERE = "- {step: hold, duration_s: 30}\n"
 OVER_THERE = "- {step: fly, points: [{offset_ned_m: [0, -80, -6]}]}\n"
 
 
-async def start_mission(at, vehicle_id, flown, *despite):
-    mission = read(f"name: Up\nsteps:\n- {{step: take_off, height_m: 6}}\n{flown}- {{step: land}}\n")
+async def start_mission(at, vehicle_id, steps, *despite):
+    mission = read(f"name: Up\nsteps:\n- {{step: take_off, height_m: 6}}\n{steps}- {{step: land}}\n")
     wanted = {"mission": json.loads(document.write(mission)), "despite": list(despite)}
     body = offboard_mission_models.StartMission.model_validate(wanted)
     await offboard_mission_routes.start(vehicle_id, body, at.station, ANNA)
 
 
 def test_an_offboard_mission_is_refused_where_it_comes_too_near_and_can_be_accepted(jump):
-    async def story(at):
+    async def scenario(at):
         await upload(at, "1", HOP)
         await start(at, "1")
         with pytest.raises(PlanFindings) as caught:
@@ -172,11 +172,11 @@ def test_an_offboard_mission_is_refused_where_it_comes_too_near_and_can_be_accep
         await start_mission(at, "2", OVER_THERE, "separation")
         await until(lambda: at.two.status.armed, 10)
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_of_two_offboard_missions_started_at_the_same_time_the_second_is_compared_with_the_first(jump):
-    async def story(at):
+    async def scenario(at):
         missions = (start_mission(at, "1", UP_THERE), start_mission(at, "2", OVER_THERE))
         answers = await asyncio.gather(*missions, return_exceptions=True)
         assert answers[0] is None
@@ -184,15 +184,15 @@ def test_of_two_offboard_missions_started_at_the_same_time_the_second_is_compare
         await seconds(1.0)
         assert not at.two.status.armed
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)
 
 
 def test_an_offboard_mission_in_flight_is_compared_along_its_steps(jump):
-    async def story(at):
+    async def scenario(at):
         await upload(at, "2", {"items": OVER})
         await start_mission(at, "1", UP_THERE)
         found = await refused(at)
         assert found.codes == ("separation",)
         assert "of vehicle 1 (step " in found.reasons[0]
 
-    stage(jump, story)
+    run_with_two_vehicles(jump, scenario)

@@ -1,4 +1,4 @@
-"""A flight with the messages of PX4 v1.17, which a filter makes of those of the simulated v1.16."""
+"""A flight with the messages of PX4 v1.17, converted from those of the simulated v1.16."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.protocol.small_plan import plan_about
 from vehicle_sim.mavlink import generated_dialect as sim
 
 FIRMWARE = 0x011100FF
-REMOVED = "MPC_HOLD_DZ"
+REMOVED_PARAMETER = "MPC_HOLD_DZ"
 GLOBAL_POSITION = 296
 """A message of v1.17 that the dialect does not know."""
 NO_MISSION, NOT_ACTIVE = 1, 2
@@ -33,7 +33,7 @@ class NewerPx4:
         self._parser, self._received = sim.MAVLink(None), sim.MAVLink(None)
         self._packers: dict[tuple[int, int], Any] = {}
         self._answers: list[bytes] = []
-        self.cruises = False
+        self.in_altitude_cruise = False
         self._frames, self._feed = world.sim.frames, world.sim.feed
         world.sim.frames, world.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
 
@@ -41,7 +41,7 @@ class NewerPx4:
         """Passes messages to the vehicle, except those that v1.17 refuses."""
         for message in self._received.parse_buffer(data) or []:
             name = getattr(message, "param_id", "")
-            if name == REMOVED:
+            if name == REMOVED_PARAMETER:
                 error = sim.MAVLink_param_error_message(
                     message.get_srcSystem(),
                     message.get_srcComponent(),
@@ -74,10 +74,10 @@ class NewerPx4:
             case "AUTOPILOT_VERSION":
                 message.flight_sw_version = FIRMWARE
             case "HEARTBEAT":
-                if self.cruises:
+                if self.in_altitude_cruise:
                     message.custom_mode = ALTITUDE_CRUISE
                 extra = self._unknown(packer) + self._integrity().pack(packer)
-            case "CURRENT_MODE" if self.cruises:
+            case "CURRENT_MODE" if self.in_altitude_cruise:
                 message.custom_mode = message.intended_custom_mode = ALTITUDE_CRUISE
         return message.pack(packer) + extra
 
@@ -106,7 +106,7 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any
             assert vehicle.topic("hud").value.airspeed_m_s is None
             assert vehicle.topic("mission").value.count == 0
             with pytest.raises(Rejected, match="it has no parameter of that name"):
-                await vehicle.params.set(REMOVED, 0.2)
+                await vehicle.params.set(REMOVED_PARAMETER, 0.2)
             assert (await vehicle.params.set("MPC_XY_CRUISE", 4.0)).value == 4.0
 
             await vehicle.command.takeoff(5.0)
@@ -124,9 +124,9 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any
             await vehicle.command.start_mission()
             await until(lambda: not vehicle.status.armed, 120)
 
-            newer.cruises = True
+            newer.in_altitude_cruise = True
             await until(lambda: vehicle.status.mode == "altitude_cruise", 3)
-            newer.cruises = False
+            newer.in_altitude_cruise = False
             await until(lambda: vehicle.status.mode != "altitude_cruise", 3)
             await seconds(1)
             (link,) = (connection.info() for connection in world.router.connections())

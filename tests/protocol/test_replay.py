@@ -22,7 +22,7 @@ LOGS = [
     "offboard.tlog.gz",
 ]
 WANTED = {0, 33, 436, 245, 265, 285, 31}
-EVERY = 199
+COMPARED_EVERY = 199
 
 
 def records(path):
@@ -42,7 +42,7 @@ def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
     async def scenario():
         world = kit.World()
         link = world.link("tape", replay=True)
-        theirs, newest, vehicle, compared = sim.MAVLink(None), {}, None, 0
+        reference_decoder, newest, vehicle, compared = sim.MAVLink(None), {}, None, 0
         last_us = None
         try:
             for count, (time_us, raw) in enumerate(records(path)):
@@ -51,9 +51,9 @@ def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
                 link.inject(raw, "log")
                 msg_id = raw[7] | raw[8] << 8 | raw[9] << 16
                 if msg_id in WANTED and raw[6] == 1 and raw[5] < 200:
-                    newest[msg_id] = theirs.decode(bytearray(raw))
+                    newest[msg_id] = reference_decoder.decode(bytearray(raw))
                     newest["mode"] = newest[msg_id].custom_mode if msg_id in (0, 436) else newest.get("mode")
-                if count % EVERY or len(newest) < 6:
+                if count % COMPARED_EVERY or len(newest) < 6:
                     continue
                 (vehicle,) = world.fleet.all()
                 compared += compare(vehicle, newest)
@@ -88,8 +88,8 @@ def compare(vehicle, newest):
         if newest[265].time_boot_ms > newest[285].time_boot_ms:
             assert math.degrees(gimbal.pitch_rad) == pytest.approx(newest[265].pitch, abs=1e-4)
             yaw = gimbal.yaw_ned_rad if newest[285].flags & 16 else gimbal.yaw_frd_rad
-            off = (math.degrees(yaw) - newest[265].yaw + 180) % 360 - 180
-            assert off == pytest.approx(0, abs=1e-3) or gimbal.flags != newest[285].flags
+            yaw_error_deg = (math.degrees(yaw) - newest[265].yaw + 180) % 360 - 180
+            assert yaw_error_deg == pytest.approx(0, abs=1e-3) or gimbal.flags != newest[285].flags
         else:
             assert gimbal.q == pytest.approx(tuple(newest[285].q), abs=1e-6)
     return 1

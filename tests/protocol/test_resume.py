@@ -37,7 +37,7 @@ PLAN = {
 }
 
 
-def story(jump, tmp_path, work):
+def scenario(jump, tmp_path, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service."""
 
     async def run():
@@ -48,7 +48,7 @@ def story(jump, tmp_path, work):
         try:
             at.vehicle = await world.ready()
             await seconds(1.5)
-            await begin_server(at)
+            await start_server(at)
             await work(at)
             at.progress.close()
         finally:
@@ -58,8 +58,8 @@ def story(jump, tmp_path, work):
     jump(run)
 
 
-async def begin_server(at):
-    """A server on the data folder of the test."""
+async def start_server(at):
+    """Starts a server on the data folder of the test."""
     at.progress = ProgressStore(Records(at.folder / "flights"))
     await at.progress.load()
     at.station = station_of(at.world, at.progress)
@@ -67,7 +67,7 @@ async def begin_server(at):
     at.flights = at.station.waypoint_flights
 
 
-async def watched(at, duration_s):
+async def monitor_for(at, duration_s):
     """The server monitors the vehicle for some seconds."""
     for _ in range(int(duration_s * 10)):
         at.flights.update()
@@ -93,19 +93,19 @@ async def shown(at):
 async def fly_to(at, item, north_m):
     at.autopilot.landed, at.autopilot.flight.current = 2, item
     at.autopilot.position[0] = LAT + north_m * NORTH_DEG
-    await watched(at, 2.5)
+    await monitor_for(at, 2.5)
 
 
 async def land(at, north_m=0.0):
     """Returns because of its battery, lands and disarms."""
     at.autopilot.mode = RTL
-    await watched(at, 2.5)
+    await monitor_for(at, 2.5)
     at.autopilot.position[0] = LAT + north_m * NORTH_DEG
     at.autopilot.armed, at.autopilot.landed, at.autopilot.mode = False, 1, HOLD
-    await watched(at, 2.5)
+    await monitor_for(at, 2.5)
 
 
-async def interrupted_at_item_4(at):
+async def interrupt_at_item_4(at):
     await upload(at)
     await start(at, item=0)
     await fly_to(at, 1, 10)
@@ -113,17 +113,17 @@ async def interrupted_at_item_4(at):
     await land(at)
 
 
-def test_after_a_battery_change_the_leg_that_was_interrupted_is_flown_from_its_beginning(jump, tmp_path):
+def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump, tmp_path):
     async def work(at):
         assert ((await shown(at))["resume"], (await shown(at))["no_resume"]) == (None, None)
-        await interrupted_at_item_4(at)
+        await interrupt_at_item_4(at)
         at.autopilot.alive = False
-        await watched(at, 12)
+        await monitor_for(at, 12)
         at.autopilot.alive, at.autopilot.flight.current = True, 0
-        await watched(at, 3)
+        await monitor_for(at, 3)
         offer = (await shown(at))["resume"]
         landed_s = at.world.clock.unix_s() - offer["interrupted_unix_s"]
-        assert 17 < landed_s < 22, "it was interrupted when it began to return"
+        assert 17 < landed_s < 22, "the flight was interrupted when the vehicle began to return"
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
             6,
@@ -146,33 +146,33 @@ def test_after_a_battery_change_the_leg_that_was_interrupted_is_flown_from_its_b
         await land(at)
         assert (await shown(at))["resume"]["item"] == 3
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(jump, tmp_path):
     async def work(at):
-        await interrupted_at_item_4(at)
+        await interrupt_at_item_4(at)
         at.progress.close()
         at.vehicle.mission.held = None
-        await begin_server(at)
+        await start_server(at)
         now = await shown(at)
         assert now["resume"] is None
         assert now["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
-        kept = await at.station.plans.create(
+        stored = await at.station.plans.create(
             "Field", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
         body = mission_models.DownloadRequest(wait=True)
         await mission_routes.download(at.vehicle, at.station, ANNA, body)
-        which = mission_models.WhichPlan(plan_id=kept.id)
+        which = mission_models.WhichPlan(plan_id=stored.id)
         await mission_routes.compare(at.vehicle, which, at.station)
         assert (await shown(at))["resume"]["item"] == 1
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
-def test_another_plan_is_not_resumed_and_the_reason_says_so(jump, tmp_path):
+def test_another_plan_is_not_resumed_and_the_reason_is_shown(jump, tmp_path):
     async def work(at):
-        await interrupted_at_item_4(at)
+        await interrupt_at_item_4(at)
         offer = (await shown(at))["resume"]
         higher = [{**each} for each in PLAN["items"]]
         higher[1] = item("waypoint", 40, 25)
@@ -194,7 +194,7 @@ def test_another_plan_is_not_resumed_and_the_reason_says_so(jump, tmp_path):
         await seconds(2)
         assert (await shown(at))["resume"] is None
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 def test_a_finished_plan_is_not_resumed_nor_is_one_that_did_not_reach_its_first_waypoint(jump, tmp_path):
@@ -205,7 +205,7 @@ def test_a_finished_plan_is_not_resumed_nor_is_one_that_did_not_reach_its_first_
         await land(at)
         now = await shown(at)
         assert (now["resume"], now["no_resume"]) == (None, None)
-        await interrupted_at_item_4(at)
+        await interrupt_at_item_4(at)
         await start(at, item=0)
         await fly_to(at, 1, 10)
         await land(at)
@@ -216,21 +216,21 @@ def test_a_finished_plan_is_not_resumed_nor_is_one_that_did_not_reach_its_first_
         await fly_to(at, 4, 150)
         await fly_to(at, 5, 180)
         at.autopilot.armed, at.autopilot.landed = False, 1
-        await watched(at, 2.5)
+        await monitor_for(at, 2.5)
         now = await shown(at)
         assert (now["resume"], now["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
-def test_a_resume_is_checked_and_refused_as_a_start_and_from_the_place_of_the_vehicle(jump, tmp_path):
+def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, tmp_path):
     async def work(at):
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
         polygon = [{"lat_deg": LAT + n * NORTH_DEG, "lon_deg": LON + e * NORTH_DEG} for n, e in corners]
         tower = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
         plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
-        kept = await at.station.plans.create("Field", plan, by=("anna", "key"))
-        body = mission_models.UploadRequest(plan_id=kept.id, wait=True)
+        stored = await at.station.plans.create("Field", plan, by=("anna", "key"))
+        body = mission_models.UploadRequest(plan_id=stored.id, wait=True)
         await mission_routes.upload("1", body, at.station, ANNA)
         await seconds(1.5)
         await start(at, item=0)
@@ -255,7 +255,7 @@ def test_a_resume_is_checked_and_refused_as_a_start_and_from_the_place_of_the_ve
         await start(at, BOB, item=offer["item"], despite=["flight_from_here"])
         assert (at.autopilot.armed, at.autopilot.flight.current) == (True, 1)
 
-    story(jump, tmp_path, work)
+    scenario(jump, tmp_path, work)
 
 
 SHORT = {
@@ -278,7 +278,7 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
         at = SimpleNamespace(world=world, folder=tmp_path)
         try:
             at.vehicle = await world.ready_to_arm()
-            await begin_server(at)
+            await start_server(at)
             at.flights.start()
             mission = world.sim.autopilots[0].navigator.mission
             await upload(at, SHORT)

@@ -1,4 +1,4 @@
-"""What a vehicle's links carry: over ROS 2 alone, over MAVLink, and over both."""
+"""The features that are available over ROS 2 only, over MAVLink, and over both."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_each_feature_has_a_request_that_is_refused() -> None:
     assert set(REQUESTS) == set(FEATURES) == set(NEEDS_MAVLINK)
 
 
-def test_over_ros_2_alone_a_request_that_needs_mavlink_is_refused_at_once(jump: Any) -> None:
+def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(jump: Any) -> None:
     async def run() -> None:
         world = Ros2World()
         vehicle = await world.ready_to_arm()
@@ -80,7 +80,7 @@ def test_routes_refuse_before_they_start_an_operation(jump: Any) -> None:
     jump(run)
 
 
-def test_over_both_protocols_commands_take_mavlink_and_setpoints_ros_2(jump: Any) -> None:
+def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(jump: Any) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         vehicle = await world.ready_to_arm()

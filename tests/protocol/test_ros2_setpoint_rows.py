@@ -34,7 +34,7 @@ from tests.protocol.ros2_world import Ros2World, request_of, value_of
 from tests.protocol.simulated_world import until
 
 HEIGHT_M = 20.0
-PLACE = (0.0, 0.0, -HEIGHT_M)
+HOVER_NED_M = (0.0, 0.0, -HEIGHT_M)
 SWITCHED_S = 0.8
 GRAVITY_M_S2 = 9.80665
 FULL_THRUST_M_S2 = 20.0
@@ -60,7 +60,7 @@ class Motion:
         return cls(local.position_ned_m, local.velocity_ned_m_s, *angles)
 
 
-Error = Callable[[Motion, Motion], float]
+MotionError = Callable[[Motion, Motion], float]
 """Difference from the expected motion, of the motion at `SWITCHED_S` and at the end."""
 
 
@@ -75,22 +75,22 @@ class Row:
     setpoint: Setpoint
     duration_s: float
     """Time from `SWITCHED_S` to the comparison."""
-    error: Error
+    error: MotionError
     tolerance: float
 
 
-def acceleration_error(axis: int, acceleration_m_s2: float, time_s: float) -> Error:
+def acceleration_error(axis: int, acceleration_m_s2: float, time_s: float) -> MotionError:
     """Error of the velocity after a constant acceleration, against the drag [m/s]."""
-    left = math.exp(-DRAG_PER_S * time_s)
+    decay = math.exp(-DRAG_PER_S * time_s)
 
     def error(begin: Motion, end: Motion) -> float:
-        expected = begin.velocity_ned_m_s[axis] * left + acceleration_m_s2 / DRAG_PER_S * (1.0 - left)
+        expected = begin.velocity_ned_m_s[axis] * decay + acceleration_m_s2 / DRAG_PER_S * (1.0 - decay)
         return end.velocity_ned_m_s[axis] - expected
 
     return error
 
 
-def lift_error(thrust: float, time_s: float) -> Error:
+def lift_error(thrust: float, time_s: float) -> MotionError:
     """Error of the vertical velocity after a collective thrust of 0 to 1 [m/s]."""
     return acceleration_error(2, GRAVITY_M_S2 - thrust * FULL_THRUST_M_S2, time_s)
 
@@ -160,7 +160,7 @@ def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
     async def run() -> None:
         world = Ros2World()
         vehicle = await world.in_the_air(height_m=HEIGHT_M)
-        await vehicle.offboard.start(request_of(Position(PLACE, yaw_ned_rad=0.0)))
+        await vehicle.offboard.start(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
         for row in ROWS:
             await hover(vehicle)
             await fly(world, vehicle, row)
@@ -175,12 +175,12 @@ def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
 
 async def hover(vehicle: Vehicle) -> None:
     """Flies back to the first position and waits until the vehicle hovers there."""
-    await vehicle.offboard.setpoint(request_of(Position(PLACE, yaw_ned_rad=0.0)))
+    await vehicle.offboard.setpoint(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
 
     def hovers() -> bool:
         now = Motion.of(vehicle)
         return (
-            math.dist(now.position_ned_m, PLACE) < 0.5
+            math.dist(now.position_ned_m, HOVER_NED_M) < 0.5
             and math.hypot(*now.velocity_ned_m_s) < 0.2
             and abs(now.yaw_ned_rad) < 0.1
         )

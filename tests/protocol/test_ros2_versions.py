@@ -101,7 +101,7 @@ def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("topic", [REGISTER, TRAJECTORY])
 def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
-    async def story(modes: Modes) -> None:
+    async def scenario(modes: Modes) -> None:
         world = modes.world
         other_version(world, topic)
         began_s = world.loop.time()
@@ -110,4 +110,4 @@ def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
         assert world.loop.time() - began_s < 1.0
         assert not modes.sent(REGISTER)
 
-    fly(jump, story)
+    fly(jump, scenario)

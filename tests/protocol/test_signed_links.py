@@ -32,9 +32,9 @@ HEARTBEAT = b"\0\0\0\0\x02\x0c\x51\x04\x03"
 
 class SignedWorld(World):
     def __init__(self, tmp_path, **settings):
-        kept = KeyStore(tmp_path / "signing")
-        if not kept.names():
-            kept.add("field", SecretKey(KEY))
+        keys = KeyStore(tmp_path / "signing")
+        if not keys.names():
+            keys.add("field", SecretKey(KEY))
         super().__init__(signing_dir=tmp_path / "signing", **settings)
         self.autopilots, self.sent = {}, []
 
@@ -146,8 +146,8 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
 
     folder = tmp_path / "recordings"
     with_signed_world(jump, scenario, tmp_path, recording_dir=folder)
-    (tape,) = folder.glob("*radio*.tlog")
-    frames = [raw for _, raw in read_tlog(tape)]
+    (recording,) = folder.glob("*radio*.tlog")
+    frames = [raw for _, raw in read_tlog(recording)]
     assert len(frames) > 20
     assert all(is_signed(raw) for raw in frames)
     assert len(set(frames)) == len(frames)

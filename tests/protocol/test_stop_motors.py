@@ -10,9 +10,9 @@ import pytest
 from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from tests.protocol.api_calls import MISSION
-from tests.protocol.api_calls import with_routes as station_desk
+from tests.protocol.api_calls import with_routes as with_station
 from tests.protocol.fake_autopilot import HOLD
-from tests.protocol.group_world import ANNA, begin, place, with_routes
+from tests.protocol.group_world import ANNA, begin, position, with_routes
 from tests.protocol.offboard_world import flight, seconds, stream_request
 from tests.protocol.one_vehicle import LOSS
 
@@ -34,23 +34,24 @@ def is_kill(message):
     return getattr(message, "command", None) == 400 and message.param2 == KILL_PARAM
 
 
-def others(autopilot):
-    """Other commands that fly the vehicle: arm, modes, take-off, go to."""
+def other_commands(autopilot):
+    """All other received commands that could move the vehicle: arm, modes, take-off, go to."""
     return [
         m for m in autopilot.received if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)
     ]
 
 
 def ignore_kill(autopilot, for_s):
+    """The autopilot ignores stop motors for this time; returns the times at which it receives it."""
     until_s = autopilot.loop.time() + for_s
     times = []
 
-    def swallow(message):
+    def ignore(message):
         if is_kill(message):
             times.append(autopilot.loop.time())
         return is_kill(message) and autopilot.loop.time() < until_s
 
-    autopilot.handlers.append(swallow)
+    autopilot.handlers.append(ignore)
     return times
 
 
@@ -60,13 +61,13 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(j
         times = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
         await seconds(1.0)
-        before = len(others(autopilot))
+        before = len(other_commands(autopilot))
         with pytest.raises(Refused, match="Stop motors was commanded by anna") as caught:
             await CALLS[name](vehicle)
         assert "disarmed" in caught.value.remedy
         await kill
         assert not autopilot.armed
-        assert len(others(autopilot)) == before
+        assert len(other_commands(autopilot)) == before
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
         await CALLS["hold"](vehicle)  # it has ended: commands are accepted again
 
@@ -93,11 +94,11 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
-        asked = len(autopilot.commands(176))
+        mode_requests = len(autopilot.commands(176))
         await vehicle.command.kill()  # 2.5 s later the stream would request Hold
         assert not autopilot.armed
         await seconds(0.3)
-        assert len(autopilot.commands(176)) == asked
+        assert len(autopilot.commands(176)) == mode_requests
         assert not vehicle.offboard.status().streaming
 
     flight(jump, scenario)
@@ -106,14 +107,14 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
 def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
-        asked = len(autopilot.commands(176))
+        mode_requests = len(autopilot.commands(176))
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
         stop = asyncio.ensure_future(vehicle.offboard.stop())
         await seconds(1.0)
         assert not stop.done()
-        assert len(autopilot.commands(176)) == asked
+        assert len(autopilot.commands(176)) == mode_requests
         await kill
         await stop
         assert not vehicle.offboard.status().streaming
@@ -123,10 +124,10 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
 
 def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
     async def scenario(at):
-        await begin(at, {"1": place(), "2": place()})
+        await begin(at, {"1": position(), "2": position()})
         await seconds(2.0)
         times = ignore_kill(at.autopilots["1"], 3.0)
-        asked = len(at.autopilots["1"].commands(176))
+        mode_requests = len(at.autopilots["1"].commands(176))
         kill = asyncio.ensure_future(at.vehicles["1"].command.kill())
         await seconds(0.3)
         at.world.streamer._streams.force_hold("1", "the guard's finding")
@@ -134,7 +135,7 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
         await kill
         assert not at.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        assert len(at.autopilots["1"].commands(176)) - asked <= 1  # Hold follows after its end
+        assert len(at.autopilots["1"].commands(176)) - mode_requests <= 1  # Hold follows after its end
         assert at.vehicles["2"].status.mode == "hold"
         assert at.autopilots["2"].armed
 
@@ -164,7 +165,7 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
     flight(jump, scenario)
 
 
-def test_stop_motors_continues_after_its_caller(jump):
+def test_stop_motors_continues_after_its_caller_is_cancelled(jump):
     async def scenario(world, vehicle, autopilot, link):
         ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
@@ -182,7 +183,7 @@ def test_stop_motors_continues_after_its_caller(jump):
 
 def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
     async def scenario(world, vehicle, autopilot, link):
-        quiet_raw = autopilot.send_raw
+        send_raw = autopilot.send_raw
         autopilot.send_raw = lambda raw: None
         times = ignore_kill(autopilot, 100.0)
         await seconds(1.0)  # no messages for 3.5 s, so it is lost during the command
@@ -192,7 +193,7 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
         assert vehicle.status.link_lost
         assert world.loop.time() - began_s == pytest.approx(6.0, abs=0.1)
         assert times[-1] - times[0] > 5.5
-        autopilot.send_raw = quiet_raw
+        autopilot.send_raw = send_raw
 
     flight(jump, scenario)
 
@@ -203,9 +204,8 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
         await seconds(2.0)
         late = []
 
-        def slow_arm(
-            message,
-        ):  # the arm command is executed half a second late, after a heartbeat that shows disarmed
+        def slow_arm(message):
+            # The arm command is executed half a second late, after a heartbeat that shows disarmed.
             if getattr(message, "command", None) == 400 and message.param1 == 1.0 and not late:
                 late.append(message)
                 world.loop.call_later(0.5, lambda: setattr(autopilot, "armed", True))
@@ -225,23 +225,23 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
     flight(jump, scenario)
 
 
-@pytest.mark.parametrize(("deaf_s", "ends"), [(2.0, None), (20.0, HOLD)])
-def test_on_expiry_waits_for_stop_motors(jump, deaf_s, ends):
+@pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
+def test_on_expiry_waits_for_stop_motors(jump, ignored_s, mode_after):
     async def scenario(at):
         at.autopilot.mode = MISSION
         await seconds(2.5)
         await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="hold"))
         await seconds(28.5)
-        ignore_kill(at.autopilot, deaf_s)
+        ignore_kill(at.autopilot, ignored_s)
         kill = asyncio.ensure_future(at.vehicle.command.kill())
         await seconds(3.0)  # control expires during the command
         assert not at.autopilot.commands(176)
         await asyncio.gather(kill, return_exceptions=True)
         await seconds(3.0)
-        assert bool(at.autopilot.commands(176)) == (ends is not None)
-        assert at.autopilot.mode == (ends or MISSION)
+        assert bool(at.autopilot.commands(176)) == (mode_after is not None)
+        assert at.autopilot.mode == (mode_after or MISSION)
 
-    station_desk(jump, scenario)
+    with_station(jump, scenario)
 
 
 def test_a_server_shutdown_waits_for_stop_motors(jump):
@@ -284,7 +284,7 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, los
         received = autopilot.received[seen:]
         last = max(i for i, m in enumerate(received) if is_kill(m))
         first = next(i for i, m in enumerate(received) if is_kill(m))
-        between = [m for m in received[first : last + 1] if m in others(autopilot)]
+        between = [m for m in received[first : last + 1] if m in other_commands(autopilot)]
         assert not between
         await asyncio.gather(*running)
 

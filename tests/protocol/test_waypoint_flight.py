@@ -41,11 +41,11 @@ async def simulate_here(_command, report, *, request, max_line_bytes):
     return json.loads(json.dumps(task.run(json.loads(request), report)))
 
 
-async def simulated(at, **more):
+async def run_dry_run(at, **more):
     """Id of a dry run of the plan."""
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
-    begun = view(await dry_run_routes.start_dry_run(body, at.station, ANNA))
-    return (await at.station.operations.wait(begun["id"])).result["dry_run"]
+    operation = view(await dry_run_routes.start_dry_run(body, at.station, ANNA))
+    return (await at.station.operations.wait(operation["id"])).result["dry_run"]
 
 
 async def upload(at, plan=PLAN):
@@ -70,7 +70,7 @@ def codes(at):
     return [each["code"] for each in data if each.get("source") == "waypoint_flight"]
 
 
-def story(jump, monkeypatch, work):
+def scenario(jump, monkeypatch, work):
     monkeypatch.setattr(dry_runs, "run_process", simulate_here)
 
     async def run():
@@ -87,18 +87,18 @@ def story(jump, monkeypatch, work):
 
 
 @pytest.mark.story
-def test_a_plan_is_simulated_flown_blown_out_of_its_corridor_landed_and_compared(jump, monkeypatch):
+def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_it(jump, monkeypatch):
     async def work(at):
         assert await flight(at) is None
-        dry_run = await simulated(at, flights=3)
+        dry_run = await run_dry_run(at, flights=3)
         with pytest.raises(Refused, match="not made for the plan"):
             await start(at, dry_run=dry_run, despite=["plan_not_known"])
         await upload(at)
         await start(at, dry_run=dry_run)
-        begun = await flight(at)
-        assert (begun["state"], begun["client"], begun["dry_run"]) == ("flying", "anna", dry_run)
-        assert (begun["item"], begun["count"], begun["planned_by"]) == (0, 3, "dry_run")
-        assert begun["remaining_s"] == pytest.approx(begun["duration_s"], abs=4)
+        started = await flight(at)
+        assert (started["state"], started["client"], started["dry_run"]) == ("flying", "anna", dry_run)
+        assert (started["item"], started["count"], started["planned_by"]) == (0, 3, "dry_run")
+        assert started["remaining_s"] == pytest.approx(started["duration_s"], abs=4)
 
         await until(lambda: at.vehicle.topic("mission").value.current == 1, 30)
         await seconds(3)
@@ -107,7 +107,7 @@ def test_a_plan_is_simulated_flown_blown_out_of_its_corridor_landed_and_compared
         assert on_leg["deviation_horizontal_m"] < 1.5
         assert abs(on_leg["deviation_vertical_m"]) < 1.5
         assert on_leg["outside_corridor_m"] == 0
-        assert on_leg["remaining_s"] < begun["remaining_s"] - 5
+        assert on_leg["remaining_s"] < started["remaining_s"] - 5
 
         at.world.sim.simulation.set_wind(WIND_M_S)
         await until(lambda: "corridor_left" in codes(at), 8)
@@ -126,7 +126,7 @@ def test_a_plan_is_simulated_flown_blown_out_of_its_corridor_landed_and_compared
         mission_routes.FlownMissionView.model_validate(answer)
         flown = answer["flown"]
         assert (flown["over"], flown["planned_by"]) == (True, "dry_run")
-        assert flown["planned_duration_s"] == begun["duration_s"]
+        assert flown["planned_duration_s"] == started["duration_s"]
         assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], abs=4)
         assert flown["planned_length_m"] == pytest.approx(6 + 35 + 6, abs=4)
         assert [leg["place"] for leg in flown["planned_legs"]] == ["item 1", "item 2", "item 3"]
@@ -135,10 +135,10 @@ def test_a_plan_is_simulated_flown_blown_out_of_its_corridor_landed_and_compared
         await seconds(2)
         assert view(await mission_routes.show_flown(at.vehicle, at.station)) == answer, "kept unchanged"
 
-    story(jump, monkeypatch, work)
+    scenario(jump, monkeypatch, work)
 
 
-def scripted(jump, work):
+def run_scripted(jump, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service and no position."""
 
     async def run():
@@ -190,7 +190,7 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         flown = view(await mission_routes.show_flown(at.vehicle, at.station))["flown"]
         assert (flown["over"], flown["planned_by"], flown["deviation_max_m"]) == (True, "plan", None)
 
-    scripted(jump, work)
+    run_scripted(jump, work)
 
 
 def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(jump):
@@ -208,7 +208,7 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
         await seconds(2.5)
         assert (await flight(at))["state"] == "stopped"
 
-    scripted(jump, work)
+    run_scripted(jump, work)
 
 
 async def inline(work):
@@ -239,10 +239,10 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         select(at, MISSION)
         at.autopilot.flight.current = 1
         await seconds(2.5)
-        (kept,) = tmp_path.iterdir()
-        content = kept.read_bytes()
+        (cached,) = tmp_path.iterdir()
+        content = cached.read_bytes()
         if damage is not None:
-            kept.write_bytes(
+            cached.write_bytes(
                 content[:-20] if damage == "cut" else content.replace(b'"fence": 0', b'"fence": 7')
             )
         await restart(at)
@@ -253,7 +253,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
             not {each.command for each in at.autopilot.received if hasattr(each, "command")} & FLIGHT_COMMANDS
         )
         if damage is not None:
-            assert (flown, at.vehicle.mission.holds(), kept.exists()) == (None, "not_known", False)
+            assert (flown, at.vehicle.mission.holds(), cached.exists()) == (None, "not_known", False)
             return
         held = at.vehicle.mission.held
         assert at.vehicle.mission.holds() == "plan"
@@ -264,7 +264,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         await seconds(2.5)
         assert (await flight(at))["reason"] == "The vehicle has another plan now."
 
-    scripted(jump, work)
+    run_scripted(jump, work)
 
 
 def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(jump):
@@ -288,7 +288,7 @@ def test_before_the_start_the_server_states_what_px4_does_without_a_ground_stati
         read = [each.param_id for each in at.autopilot.received if each.get_type() == "PARAM_REQUEST_READ"]
         assert read == [*PARAMETERS, *PARAMETERS]
 
-    scripted(jump, work)
+    run_scripted(jump, work)
 
 
 def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
@@ -308,7 +308,7 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
         await start(at)
         assert ((await flight(at))["client"], codes(at)) == ("anna", [])
 
-    scripted(jump, work)
+    run_scripted(jump, work)
 
 
 def kept_dry_run(at, plan=PLAN, north_m=0.0):
@@ -343,4 +343,4 @@ def test_in_flight_a_start_that_names_a_dry_run_begins_a_new_flight_and_any_othe
                 await start(at, item=1, dry_run=kept_dry_run(at, **wrong))
         assert (await flight(at))["started_unix_s"] == second["started_unix_s"], "nothing was sent"
 
-    scripted(jump, work)
+    run_scripted(jump, work)

@@ -11,7 +11,7 @@ from tests.support.snapshot import snapshot
 ready = functools.cache(ready_in_a_row)
 
 
-def stage(jump, story, apart_m):
+def run_with_two_vehicles(jump, scenario, apart_m):
     """Runs a test with vehicle 2 this far east of vehicle 1; both can be armed."""
 
     async def run():
@@ -27,7 +27,7 @@ def stage(jump, story, apart_m):
             station.authority.start()
             one, two = vehicles
             at = SimpleNamespace(world=world, station=station, vehicles=vehicles, one=one, two=two)
-            await story(at)
+            await scenario(at)
         finally:
             await world.close()
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import in_both_themes, opened, press
+from tests.e2e.browser import opened, press, violations_in_both_themes
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.question import Question, await_command, refuse_commands
+from tests.e2e.keyboard.confirmation import Confirmation, await_command, refuse_commands
 from tests.station import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
@@ -40,7 +40,7 @@ def test_stopping_the_motors_is_confirmed_only_by_its_own_slider(browser: Browse
             page.keyboard.press("Shift+K")
 
         ask()
-        Question(page, commands).check(ask)
+        Confirmation(page, commands).check(ask)
     assert flying.drone.status()["armed"]
 
 
@@ -79,7 +79,7 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         page.keyboard.press("?")
         press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         expect(page.get_by_role("status").filter(has_text="The H key is off")).to_be_visible()
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
         page.reload()
         expect(page.locator(".pill b")).to_have_text("Holding")

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import in_both_themes, opened
+from tests.e2e.browser import opened, violations_in_both_themes
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.question import await_command, refuse_commands
+from tests.e2e.keyboard.confirmation import await_command, refuse_commands
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
@@ -65,14 +65,14 @@ def check_escape(page: Page, overlay: Locator, button: Locator, checks: Locator)
     expect(checks).to_be_visible()
 
 
-def test_keys_in_an_open_menu_choose_in_it_and_ask_no_flight_command(
+def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
     browser: Browser, flying: Station
 ) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("w")
         menu = opened_menu(page)
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         for key, title in (("End", "Rally point"), ("ArrowUp", "Obstacle"), ("t", "Take off")):
             page.keyboard.press(key)
             expect(menu.get_by_role("menuitem", name=title, exact=True)).to_be_focused()
@@ -84,7 +84,7 @@ def test_keys_in_an_open_menu_choose_in_it_and_ask_no_flight_command(
         expect(add_step(page)).to_be_focused()
 
 
-def test_keys_in_an_open_list_choose_in_it_and_ask_no_flight_command(
+def test_keys_in_an_open_list_select_its_entries_and_request_no_flight_command(
     browser: Browser, flying: Station
 ) -> None:
     with opened(browser, flying.url, scene=False) as page:
@@ -92,7 +92,7 @@ def test_keys_in_an_open_list_choose_in_it_and_ask_no_flight_command(
         commands = refuse_commands(page)
         page.keyboard.press("p")
         types = opened_list(page)
-        assert in_both_themes(page) == []
+        assert violations_in_both_themes(page) == []
         for key, name in (("End", "Motors"), ("Home", "Position"), ("t", "Trajectory"), ("l", "Trajectory")):
             page.keyboard.press(key)
             expect(types.locator("[data-highlighted]")).to_contain_text(name)
@@ -106,14 +106,16 @@ def test_keys_in_an_open_list_choose_in_it_and_ask_no_flight_command(
         assert commands == []
 
 
-def test_arrow_keys_choose_among_a_few_options_that_are_one_stop_for_tab(
+def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
     browser: Browser, flying: Station
 ) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("p")
-        ways = page.get_by_role("radiogroup", name="How setpoints are given")
-        form, group = (ways.get_by_role("radio", name=name, exact=True) for name in ("Form", "Group"))
+        input_selector = page.get_by_role("radiogroup", name="How setpoints are given")
+        form, group = (
+            input_selector.get_by_role("radio", name=name, exact=True) for name in ("Form", "Group")
+        )
         form.focus()
         page.keyboard.press("ArrowLeft")
         expect(group).to_be_focused()
@@ -148,7 +150,7 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
             button.press("Enter")
             panel = page.get_by_role("dialog", name=panel_name)
             expect(panel).to_be_visible()
-            assert in_both_themes(page) == []
+            assert violations_in_both_themes(page) == []
             check_escape(page, panel, button, checks)
         page.keyboard.press("Escape")
         expect(checks).to_be_hidden()
@@ -159,7 +161,7 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
     [("w", opened_menu), ("p", opened_list), (None, opened_panel)],
     ids=["menu", "list", "panel"],
 )
-def test_the_safety_keys_and_the_hold_button_work_beside_it(
+def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_open(
     browser: Browser, flying: Station, room: str | None, open_it: Callable[[Page], Locator]
 ) -> None:
     with opened(browser, flying.url, scene=False) as page:
@@ -174,11 +176,11 @@ def test_the_safety_keys_and_the_hold_button_work_beside_it(
         assert commands.pop().endswith("/vehicles/101/hold")
 
         page.keyboard.press("Shift+K")
-        question = page.get_by_role("alertdialog")
-        expect(question.get_by_role("slider")).to_be_focused()
+        confirmation = page.get_by_role("alertdialog")
+        expect(confirmation.get_by_role("slider")).to_be_focused()
         expect(overlay).to_be_hidden()
         page.keyboard.press("Escape")
-        expect(question).to_be_hidden()
+        expect(confirmation).to_be_hidden()
 
         overlay = open_it(page)
         page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Hold").click()

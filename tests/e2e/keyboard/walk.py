@@ -36,44 +36,44 @@ WITHOUT_A_NAME = """
 """
 
 
-def walk(page: Page, way: str) -> None:
+def walk(page: Page, tab_key: str) -> None:
     """Presses Tab through the whole page; checks that every visible control is reached and has a name.
 
     A control that appears at an earlier position (a warning, for example) is reached in the next round.
     """
     page.evaluate(WALK)
     for _ in range(MAX_ROUNDS):
-        _round(page, way)
+        _round(page, tab_key)
         if page.evaluate(UNREACHED) == []:
             break
     assert page.evaluate(UNREACHED) == []
     assert page.evaluate(WITHOUT_A_NAME) == []
 
 
-def _round(page: Page, way: str) -> None:
+def _round(page: Page, tab_key: str) -> None:
     for _ in range(0, MAX_STOPS, STOPS_AT_ONCE):
         before = page.evaluate("() => window.walked.size")
         for _ in range(STOPS_AT_ONCE):
-            page.keyboard.press(way)
+            page.keyboard.press(tab_key)
         if page.evaluate("() => window.walked.size") == before:
             return  # all controls were reached
-    pytest.fail(f"{MAX_STOPS} presses of {way} do not complete a round")
+    pytest.fail(f"{MAX_STOPS} presses of {tab_key} do not complete a round")
 
 
 def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
     """Every room and panel, with the keys that open it."""
 
-    ways = page.get_by_label("How setpoints are given")
+    input_selector = page.get_by_label("How setpoints are given")
 
     def offboard() -> None:
-        if not ways.is_visible():
+        if not input_selector.is_visible():
             page.keyboard.press("p")
-            ways.wait_for()
+            input_selector.wait_for()
 
-    def way(name: str) -> Callable[[], None]:
+    def input_kind(name: str) -> Callable[[], None]:
         def choose() -> None:
             offboard()
-            ways.get_by_role("radio", name=name, exact=True).focus()
+            input_selector.get_by_role("radio", name=name, exact=True).focus()
             page.keyboard.press("Enter")
 
         return choose
@@ -100,7 +100,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
     keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
     keys["vehicles"] = "j"
-    parts = [(f"room: {name}", way(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
+    parts = [(f"room: {name}", input_kind(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
     return [
         ("fly", lambda: None),
         *((name, key(character)) for name, character in keys.items()),

@@ -36,7 +36,7 @@ async def until(condition):
             await asyncio.sleep(0.02)
 
 
-def held(port):
+def in_use(port):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("127.0.0.1", port))
@@ -51,7 +51,7 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         folder.prepare()
         first = simulator(folder, port)
         first.start()
-        await until(lambda: held(port))
+        await until(lambda: in_use(port))
         assert os.getsid(first.pid) != os.getsid(0), "signals for the server do not reach it"
         second = simulator(folder, port)
         second.start()
@@ -59,7 +59,7 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         assert second.pid == first.pid
         await second.stop()
         await until(lambda: first._child.poll() is not None)
-        assert not held(port)
+        assert not in_use(port)
         assert not folder.simulator_pid.exists()
 
     asyncio.run(scenario())
@@ -151,7 +151,7 @@ async def watched(process):
         await process.stop()
 
 
-def test_after_the_end_of_another_programs_simulator_its_own_is_started(tmp_path):
+def test_the_server_starts_its_own_simulator_when_that_of_another_program_ends(tmp_path):
     async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
@@ -165,9 +165,9 @@ def test_after_the_end_of_another_programs_simulator_its_own_is_started(tmp_path
                 assert process.pid is None
                 assert not watch.done()
                 other.close()
-                await until(lambda: process.pid is not None and held(port))
+                await until(lambda: process.pid is not None and in_use(port))
                 assert (process.found, process.warnings()) == (False, [])
-        assert not held(port)
+        assert not in_use(port)
 
     asyncio.run(scenario())
 
@@ -181,35 +181,35 @@ def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypa
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = simulator(folder, port)
-        with monkeypatch.context() as short:
-            short.setattr(simulator_process.subprocess, "Popen", without_descriptors)
+        with monkeypatch.context() as patched:
+            patched.setattr(simulator_process.subprocess, "Popen", without_descriptors)
             process.start()
             (notice,) = process.warnings()
             reason = "Too many open files"
             assert notice.text == f"The simulator could not be started: {reason}. The server tries again."
         async with watched(process):
-            await until(lambda: held(port))
+            await until(lambda: in_use(port))
             assert process.warnings() == []
 
     asyncio.run(scenario())
 
 
 @pytest.mark.parametrize("whose", ["its own", "found"])
-def test_missing_descriptors_do_not_count_as_the_simulators_end(tmp_path, monkeypatch, whose):
+def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(tmp_path, monkeypatch, whose):
     async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = first = simulator(folder, port)
         first.start()
-        await until(lambda: held(port))
+        await until(lambda: in_use(port))
         if whose == "found":
             process = simulator(folder, port)
             process.start()
             assert process.found
         async with watched(process) as watch:
-            with monkeypatch.context() as short:
+            with monkeypatch.context() as patched:
                 for name in ("read_bytes", "read_text"):
-                    short.setattr(simulator_process.Path, name, without_descriptors)
+                    patched.setattr(simulator_process.Path, name, without_descriptors)
                 await asyncio.sleep(0.2)
                 assert not watch.done()
                 assert process.warnings() == []

@@ -37,7 +37,7 @@ def test_the_process_streams_and_ends_on_sigterm() -> None:
 
 
 @pytest.mark.story
-def test_a_port_in_use_is_named_and_ends_the_process_if_no_other_is_open() -> None:
+def test_the_process_names_a_port_in_use_and_ends_if_no_other_port_is_open() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen(1)

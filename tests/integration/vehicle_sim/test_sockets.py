@@ -16,7 +16,7 @@ from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.transports import is_web_client
 from vehicle_sim.server import Ports, SimServer
 
-FLAT_OUT = float("inf")
+MAX_SPEED = float("inf")
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def client(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), timeout=2.0)
 
 
-def drained(connection: socket.socket) -> set[str]:
+def received_names(connection: socket.socket) -> set[str]:
     """Names of the received messages."""
     parser, names = FrameParser(), set[str]()
     connection.setblocking(False)
@@ -52,42 +52,42 @@ def drained(connection: socket.socket) -> set[str]:
 
 def test_the_next_tcp_client_is_served_after_the_previous_one(server: SimServer, tcp_port: int) -> None:
     first = client(tcp_port)
-    server.run(FLAT_OUT, 1.2)
-    assert {"HEARTBEAT", "ATTITUDE"} <= drained(first)
+    server.run(MAX_SPEED, 1.2)
+    assert {"HEARTBEAT", "ATTITUDE"} <= received_names(first)
     second = client(tcp_port)
-    server.run(FLAT_OUT, 1.2)
-    assert drained(second) == set()
+    server.run(MAX_SPEED, 1.2)
+    assert received_names(second) == set()
     first.close()
-    server.run(FLAT_OUT, 1.2)
-    assert {"HEARTBEAT", "ATTITUDE"} <= drained(second)
+    server.run(MAX_SPEED, 1.2)
+    assert {"HEARTBEAT", "ATTITUDE"} <= received_names(second)
     second.close()
 
 
 def test_after_a_connection_reset_the_next_tcp_client_is_served(server: SimServer, tcp_port: int) -> None:
-    gone = client(tcp_port)
-    server.run(FLAT_OUT, 0.2)
+    first = client(tcp_port)
+    server.run(MAX_SPEED, 0.2)
     # A reset instead of an orderly close; the server may detect it while sending or while receiving.
-    gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    gone.close()
-    server.run(FLAT_OUT, 0.2)
-    again = client(tcp_port)
-    server.run(FLAT_OUT, 1.2)
-    assert "HEARTBEAT" in drained(again)
-    again.close()
+    first.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    first.close()
+    server.run(MAX_SPEED, 0.2)
+    second = client(tcp_port)
+    server.run(MAX_SPEED, 1.2)
+    assert "HEARTBEAT" in received_names(second)
+    second.close()
 
 
 def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
-        beat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
-        station.sendto(beat, ("127.0.0.1", server.vehicles[0].transports["gcs"].port))
-        server.run(FLAT_OUT, 1.2)
-        assert {"HEARTBEAT", "ATTITUDE"} <= drained(station)
+        heartbeat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
+        station.sendto(heartbeat, ("127.0.0.1", server.vehicles[0].transports["gcs"].port))
+        server.run(MAX_SPEED, 1.2)
+        assert {"HEARTBEAT", "ATTITUDE"} <= received_names(station)
 
 
-@pytest.mark.parametrize(("speed", "hears"), [(1.0, False), (3.0, True)])
+@pytest.mark.parametrize(("speed", "connected"), [(1.0, False), (3.0, True)])
 def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
-    server: SimServer, speed: float, hears: bool
+    server: SimServer, speed: float, connected: bool
 ) -> None:
     """At three times real time, its heartbeats come every three seconds of the vehicle's time."""
     server.run(speed, 0.02)
@@ -96,7 +96,7 @@ def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
     link.gcs_heartbeat_at_s = context.view.time_s
     assert context.gcs_connected(link)
     server.run(speed, 3.2)
-    assert context.gcs_connected(link) is hears
+    assert context.gcs_connected(link) is connected
 
 
 WEB_CLIENTS = {
@@ -110,28 +110,28 @@ WEB_CLIENTS = {
 
 
 @pytest.mark.parametrize("pieces", WEB_CLIENTS.values(), ids=WEB_CLIENTS.keys())
-def test_a_web_page_cannot_command_the_vehicle_by_its_tcp_port(
+def test_a_web_page_cannot_command_the_vehicle_over_its_tcp_port(
     server: SimServer, tcp_port: int, pieces: list[bytes], caplog: pytest.LogCaptureFixture
 ) -> None:
-    server.run(FLAT_OUT, 2.0)
-    beat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
+    server.run(MAX_SPEED, 2.0)
+    heartbeat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
     for _ in range(2):
         page = client(tcp_port)
         page.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        for piece in [*pieces, beat]:
+        for piece in [*pieces, heartbeat]:
             with contextlib.suppress(ConnectionError):  # closed before everything was sent
                 page.sendall(piece)
-            server.run(FLAT_OUT, 0.02)
+            server.run(MAX_SPEED, 0.02)
         assert not server.vehicles[0].transports["tcp"].connected  # type: ignore[union-attr]
         page.close()
     assert len([r for r in caplog.records if "web browser" in r.message]) == 1
     assert all(not link.parser.counts.frames for link in server.fleet.nodes[0].context.links)
     # Afterwards the port accepts a ground station, even if its first frame comes in pieces.
     station = client(tcp_port)
-    server.run(FLAT_OUT, 0.2)
-    for piece in (beat[:1], beat[1:]):
+    server.run(MAX_SPEED, 0.2)
+    for piece in (heartbeat[:1], heartbeat[1:]):
         station.sendall(piece)
-        server.run(FLAT_OUT, 0.2)
+        server.run(MAX_SPEED, 0.2)
     assert sum(link.parser.counts.frames for link in server.fleet.nodes[0].context.links) == 1
     station.close()
 

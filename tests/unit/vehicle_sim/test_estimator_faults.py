@@ -233,7 +233,7 @@ IN_THE_SUITE = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "ba
 
 @pytest.mark.flight
 def test_flights_with_faults_match_the_recordings():
-    for compared in faults.compare_all([fault_recordings.load_thin(name) for name in IN_THE_SUITE]):
+    for compared in faults.compare_all([fault_recordings.load_reduced(name) for name in IN_THE_SUITE]):
         assert not compared.late, (compared.name, compared.late)
         # The direction of a drift is random, so a few values lie outside the range of PX4's two runs.
         assert len(compared.off) <= 0.1 * compared.numbers, (compared.name, compared.off)
@@ -241,7 +241,7 @@ def test_flights_with_faults_match_the_recordings():
 
 def test_the_reduced_recordings_match_the_full_ones(shared):
     for name in IN_THE_SUITE:
-        assert fault_recordings.load_thin(name) == fault_recordings.load(name)
+        assert fault_recordings.load_reduced(name) == fault_recordings.load(name)
 
 
 def test_every_recorded_fault_can_be_read(shared):

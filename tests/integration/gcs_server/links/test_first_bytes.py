@@ -23,19 +23,19 @@ from gcs_server.mavlink.codec import encode_frame
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.supervise import Supervisor
 
-BEAT = encode_frame(0, bytes(9), 0, 1, 1)
+HEARTBEAT = encode_frame(0, bytes(9), 0, 1, 1)
 WEB_CLIENTS = {
-    "post": [b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 40\r\n\r\n" + BEAT],
-    "in pieces": [b"PO", b"ST / HTTP/1.1\r\n\r\n" + BEAT],
-    "letter by letter": [*(bytes([letter]) for letter in b"OPTIONS * HTTP/1.1\r\n\r\n"), BEAT],
-    "http 2": [b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + BEAT],
-    "tls": [b"\x16", b"\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + BEAT],
+    "post": [b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 40\r\n\r\n" + HEARTBEAT],
+    "in pieces": [b"PO", b"ST / HTTP/1.1\r\n\r\n" + HEARTBEAT],
+    "letter by letter": [*(bytes([letter]) for letter in b"OPTIONS * HTTP/1.1\r\n\r\n"), HEARTBEAT],
+    "http 2": [b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + HEARTBEAT],
+    "tls": [b"\x16", b"\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + HEARTBEAT],
 }
 
 
-async def until(good, timeout_s=10.0):
+async def until(condition, timeout_s=10.0):
     async with asyncio.timeout(timeout_s):
-        while not good():  # noqa: ASYNC110 a test polls
+        while not condition():  # noqa: ASYNC110 a test polls
             await asyncio.sleep(0.005)
 
 
@@ -68,8 +68,8 @@ def test_a_web_page_that_connects_by_tcp_is_disconnected_before_a_frame_is_read(
             assert "used" in info.detail
             assert "127.0.0.1" in info.detail
             assert ("link", "radio", info.detail) in router.warnings()
-            await loop.sock_sendall(vehicle, BEAT[:1])
-            await loop.sock_sendall(vehicle, BEAT[1:])
+            await loop.sock_sendall(vehicle, HEARTBEAT[:1])
+            await loop.sock_sendall(vehicle, HEARTBEAT[1:])
             await until(lambda: len(frames) == 1)
         await router.close()
 
@@ -81,7 +81,7 @@ def test_a_tcp_link_to_a_web_server_reports_http_and_waits_before_the_next_attem
         received = []
 
         async def answer(_reader, writer):
-            writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n" + BEAT)
+            writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n" + HEARTBEAT)
             await writer.drain()
 
         server = await asyncio.start_server(answer, "127.0.0.1", 0)

@@ -21,11 +21,11 @@ def run(scenario):
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
 def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
-    turns = [0.0]
+    iterations_s = [0.0]
 
     def slowly(data, peer, received_s):
         time.sleep(HANDLING_S)
-        turns[-1] += HANDLING_S
+        iterations_s[-1] += HANDLING_S
 
     async def scenario():
         loop = asyncio.get_running_loop()
@@ -43,20 +43,20 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
             for _ in range(60):
                 sender.send(b"x" * 16_000)
 
-            def turn():
+            def next_iteration():
                 nonlocal handle
-                turns.append(0.0)
-                handle = loop.call_soon(turn)
+                iterations_s.append(0.0)
+                handle = loop.call_soon(next_iteration)
 
-            handle = loop.call_soon(turn)
+            handle = loop.call_soon(next_iteration)
             async with asyncio.timeout(10):
-                while sum(turns) < 40 * HANDLING_S:  # noqa: ASYNC110
+                while sum(iterations_s) < 40 * HANDLING_S:  # noqa: ASYNC110
                     await asyncio.sleep(0)
             handle.cancel()
         await link.close()
 
     run(scenario)
-    assert max(turns) <= MAX_READ_S + 2 * HANDLING_S
+    assert max(iterations_s) <= MAX_READ_S + 2 * HANDLING_S
 
 
 def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):

@@ -19,9 +19,9 @@ from gcs_server.supervise import Supervisor
 ATTITUDE = 30
 
 
-async def until(good, timeout_s=10.0):
+async def until(condition, timeout_s=10.0):
     async with asyncio.timeout(timeout_s):
-        while not good():  # noqa: ASYNC110 a test polls
+        while not condition():  # noqa: ASYNC110 a test polls
             await asyncio.sleep(0.005)
 
 
@@ -41,7 +41,7 @@ class Sink:
         raise KeyError("nobody knows this peer")
 
 
-def routed(scenario):
+def run_with_router(scenario):
     async def run():
         clock = SystemClock()
         router = Router(clock, Supervisor(clock), RouterSettings())
@@ -80,7 +80,7 @@ def test_a_frame_that_cannot_be_handled_is_skipped_and_the_link_continues():
         assert "ArithmeticError: no number" in text
         vehicle.close()
 
-    routed(scenario)
+    run_with_router(scenario)
 
 
 def test_a_failing_listener_does_not_prevent_reopening_a_link():
@@ -104,7 +104,7 @@ def test_a_failing_listener_does_not_prevent_reopening_a_link():
         assert "waiting" in states
         await again.close()
 
-    routed(scenario)
+    run_with_router(scenario)
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcp", "tcpin"])
@@ -130,7 +130,7 @@ def test_a_link_without_a_free_file_descriptor_waits_and_opens_later(kind, monke
         await until(lambda: router.links()[0].state == "open")
         other.close()
 
-    routed(scenario)
+    run_with_router(scenario)
 
 
 def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):

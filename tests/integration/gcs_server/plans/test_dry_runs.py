@@ -45,13 +45,13 @@ def request(plan, **changes):
 def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_description():
     reports = []
 
-    async def story():
+    async def scenario():
         runs = DryRuns()
         wanted = request(hop(6.0), flights=1, spread={})
         summary = await runs.run("1", wanted, ABOUT, lambda text, share: reports.append((text, share)))
         return summary, runs.get("1")
 
-    summary, found = asyncio.run(story())
+    summary, found = asyncio.run(scenario())
     assert summary["dry_run"] == "1"
     assert summary["finished"]
     assert summary["errors"] == 0
@@ -75,12 +75,12 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     wanted = request(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
     wanted["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
 
-    async def story():
+    async def scenario():
         runs = DryRuns()
         await runs.run("1", wanted, {**ABOUT, "assumed": ["No wind."]}, lambda *_: None)
         return runs.get("1")
 
-    found = asyncio.run(story())
+    found = asyncio.run(scenario())
     assert found["assumed"][0] == "No wind."
     assert found["assumed"][1].startswith(
         "The dry run flies over the ground of the elevation files, on a grid"
@@ -108,12 +108,12 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     about = {**ABOUT, "kind": "offboard_mission"}
     reports = []
 
-    async def story():
+    async def scenario():
         runs = DryRuns()
         await runs.run("1", wanted, about, lambda text, _: reports.append(text))
         return runs.get("1")
 
-    view = DryRunView.model_validate_json(json.dumps(asyncio.run(story())))
+    view = DryRunView.model_validate_json(json.dumps(asyncio.run(scenario())))
     assert view.monte_carlo is not None
     assert view.monte_carlo.chances["nearer_than_minimum"].count == 0
     assert view.together is not None
@@ -128,18 +128,18 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
 
 @pytest.mark.story
 def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
-    async def story():
+    async def scenario():
         plan = hop().model_copy(update={"items": ()})
         await DryRuns().run("1", request(plan), ABOUT, lambda *_: None)
 
     with pytest.raises(Refused, match="nothing to fly"):
-        asyncio.run(story())
+        asyncio.run(scenario())
 
 
 def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
     monkeypatch.setattr(dry_runs, "COMMAND", ("sleep", "600"))
 
-    async def story():
+    async def scenario():
         runs = DryRuns()
         tasks = [
             asyncio.ensure_future(runs.run(str(n), request(hop()), ABOUT, lambda *_: None))
@@ -156,7 +156,7 @@ def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
         assert all(isinstance(each, asyncio.CancelledError) for each in ended)
         return runs.next_id()
 
-    assert asyncio.run(story()) == "1"
+    assert asyncio.run(scenario()) == "1"
 
 
 def test_the_newest_results_are_kept(monkeypatch):
@@ -164,16 +164,16 @@ def test_the_newest_results_are_kept(monkeypatch):
         ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m"), 1
     )
     result = {"nominal": {**nominal, "findings": []}, "monte_carlo": None, "assumed": []}
-    said = json.dumps({"result": result})
-    monkeypatch.setattr(dry_runs, "COMMAND", ("echo", said))
+    line = json.dumps({"result": result})
+    monkeypatch.setattr(dry_runs, "COMMAND", ("echo", line))
 
-    async def story():
+    async def scenario():
         runs = DryRuns()
         for n in range(MAX_KEPT + 1):
             await runs.run(str(n), request(hop()), ABOUT, lambda *_: None)
         return runs
 
-    runs = asyncio.run(story())
+    runs = asyncio.run(scenario())
     assert runs.get(str(MAX_KEPT))["nominal"]["finished"]
     with pytest.raises(UnknownDryRun, match="There is no result of a dry run '0'"):
         runs.get("0")

@@ -19,10 +19,10 @@ def plan_text(count):
     return json.dumps({"items": items})
 
 
-def run(story):
+def run(scenario):
     plan_work = PlanWork(Path("no elevation"))
     try:
-        return asyncio.run(story(plan_work))
+        return asyncio.run(scenario(plan_work))
     finally:
         plan_work.close()
 
@@ -39,10 +39,10 @@ def test_process_and_thread_give_the_same_result():
         "elevation": [],
     }
 
-    async def story(plan_work):
+    async def scenario(plan_work):
         return [await plan_work.run("check", arguments, small=small) for small in (True, False)]
 
-    in_thread, in_process = run(story)
+    in_thread, in_process = run(scenario)
     assert in_thread == in_process
     assert in_thread["estimates"]["length_m"] > 0
 
@@ -50,30 +50,30 @@ def test_process_and_thread_give_the_same_result():
 def test_an_unreadable_plan_is_an_invalid_request_and_not_a_failure_of_the_process():
     arguments = {"file": base64.b64encode(b"PK no archive").decode(), "filename": "x.kmz", "altitude": None}
 
-    async def story(plan_work):
+    async def scenario(plan_work):
         with pytest.raises(InvalidRequest, match="KMZ") as raised:
             await plan_work.run("import", arguments, small=False, field="body")
         assert raised.value.field == "body"
 
-    run(story)
+    run(scenario)
 
 
 def test_work_beyond_the_process_limits_is_refused(monkeypatch):
     program = "import os, signal; os.kill(os.getpid(), signal.SIGXCPU)"
     monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
 
-    async def story(plan_work):
+    async def scenario(plan_work):
         with pytest.raises(Refused, match="more memory or time"):
             await plan_work.run("pattern", {"pattern": "{}"}, small=False)
 
-    run(story)
+    run(scenario)
 
 
 def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
     program = "import sys; sys.stdin.read()"
     monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
 
-    async def story(plan_work):
+    async def scenario(plan_work):
         waiting = [
             asyncio.ensure_future(plan_work.run("pattern", {"pattern": "{}"}, small=False))
             for _ in range(work.MAX_WAITING)
@@ -100,7 +100,7 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
                 small=True,
             )
 
-    run(story)
+    run(scenario)
 
 
 def test_every_task_has_its_function():

@@ -65,7 +65,7 @@ def attitude_unix_s(client: TestClient, vehicle: str) -> float:
     return 0.0 if sample is None else sample["received_unix_s"]
 
 
-def warned(client: TestClient) -> str:
+def warning_texts(client: TestClient) -> str:
     return " ".join(each["text"] for each in client.get("warnings").json()["warnings"])
 
 
@@ -124,7 +124,7 @@ def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
     good, bad = AnsweringVehicle(DOMAIN, "good", 1), Publisher(DOMAIN, "bad")
     background.steps += [lambda: fault(bad), good.step]
     until(lambda: connected(client, "1"))
-    until(lambda: text is None or text in warned(client))
+    until(lambda: text is None or text in warning_texts(client))
     armed = client.post("vehicles/1/arm", json={})
     assert armed.status_code == 200, armed.text
     assert client.get("vehicles/1").json()["status"]["armed"]

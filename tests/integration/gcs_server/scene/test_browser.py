@@ -76,35 +76,35 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         wait_for(page, lambda: abs(tag.bounding_box()["x"] - box["x"]) < 0.05 * 350)
         assert frame.locator(".mantine-Paper-root:visible").count() == 0
         canvas = page.frames[1].locator("canvas").first.bounding_box()
-        low = (canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.9)
-        was = page.frames[1].evaluate("() => [...window.__viserMutable.camera.position]")
-        page.mouse.move(*low)
+        ground_px = (canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.9)
+        position_before = page.frames[1].evaluate("() => [...window.__viserMutable.camera.position]")
+        page.mouse.move(*ground_px)
         page.mouse.down()
-        page.mouse.move(low[0] + 60, low[1] - 10, steps=6)
+        page.mouse.move(ground_px[0] + 60, ground_px[1] - 10, steps=6)
         page.mouse.up()
         position = "() => [...window.__viserMutable.camera.position]"
         # A drag turns the camera and is not a click.
-        wait_for(page, lambda: math.dist(was, page.frames[1].evaluate(position)) > 0.1)
+        wait_for(page, lambda: math.dist(position_before, page.frames[1].evaluate(position)) > 0.1)
         assert running.clicks == []
-        page.mouse.click(low[0], canvas["y"] + 3)  # the sky
-        page.mouse.click(*low)
+        page.mouse.click(ground_px[0], canvas["y"] + 3)  # the sky
+        page.mouse.click(*ground_px)
         wait_for(page, lambda: running.clicks)
         (click,) = running.clicks
         assert (click.view, click.vehicle) == ("frame", "1")
         assert click.alt_amsl_m == pytest.approx(488.0)
         assert 2.0 < ground_distance_m(click) < 60.0  # the vehicle hovers ten metres over the home
         assert (click.view_x, click.view_y) == pytest.approx((0.5, 0.9), abs=0.01)
-        # The page edits a plan: it knows the world's zero, gets the clicks, and the server gets none.
+        # While a plan is edited, the page knows the origin of the view and gets the clicks, not the server.
         root = page.frames[1].locator("html")
         assert root.get_attribute("data-gcs-origin") == "47.397742000,8.545594000,488.000"
         page.evaluate(
             "() => addEventListener('message', (event) => { window.clicked = event.data.gcsClick; })"
         )
         send_and_wait(page, {"gcsEditing": True})
-        page.mouse.click(*low)
+        page.mouse.click(*ground_px)
         wait_for(page, lambda: page.evaluate("window.clicked"))
         assert page.evaluate("window.clicked") == pytest.approx(
-            [low[0] - canvas["x"], low[1] - canvas["y"]], abs=1
+            [ground_px[0] - canvas["x"], ground_px[1] - canvas["y"]], abs=1
         )
         assert len(running.clicks) == 1
         page.evaluate(
@@ -115,8 +115,8 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         frame.locator('html[data-gcs-theme="light"]').wait_for(state="attached", timeout=8_000)
         browser.close()
     ours = f"127.0.0.1:{running.port}/"
-    outward = [u for u in requested if not u.startswith(("data:", "blob:"))]
-    foreign = [u for u in outward if not u.split("://", 1)[1].startswith(ours)]
+    network = [u for u in requested if not u.startswith(("data:", "blob:"))]
+    foreign = [u for u in network if not u.split("://", 1)[1].startswith(ours)]
     assert foreign == []
     assert any(u.startswith("ws://") for u in requested)
     assert errors == []

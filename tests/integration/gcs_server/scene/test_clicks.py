@@ -27,7 +27,7 @@ def test_a_ray_intersects_the_level_ground():
         (10.0, (0.0, 1.0, 0.1)),  # the sky
         (10.0, (1.0, 0.0, 0.0)),  # the horizon
         (-1.0, (0.0, 0.0, -1.0)),  # from below
-        (10.0, (1.0, 0.0, -9.0 / REACH_M)),  # far beyond what a click can mean
+        (10.0, (1.0, 0.0, -9.0 / REACH_M)),  # farther than a click can reach
     ],
 )
 def test_a_ray_that_does_not_reach_the_ground_gives_none(eye_z_m, ray):

@@ -1,4 +1,4 @@
-"""Start, failure and end of the 3D view, and vehicles in views of browsers that are slow."""
+"""Start, failure and end of the 3D view, and its vehicles when browsers are slow."""
 
 from __future__ import annotations
 
@@ -88,9 +88,9 @@ def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monk
     monkeypatch.setattr("gcs_server.scene.browser_scene.VehicleNode", Counted)
     monkeypatch.setattr(running.fleet, "vehicles", [*running.fleet.vehicles, *more])
     asyncio.run(run())
-    places = [index for _, index in made]
-    assert places[0] == [v.id for v in running.fleet.vehicles].index("33")
-    assert sorted(places) == list(range(len(running.fleet.vehicles)))
+    indices = [index for _, index in made]
+    assert indices[0] == [v.id for v in running.fleet.vehicles].index("33")
+    assert sorted(indices) == list(range(len(running.fleet.vehicles)))
     assert len({step for step, _ in made}) == len(made), "one vehicle per step"
 
 

@@ -21,13 +21,13 @@ POINTS = np.array([[[0, 0, 0], [1, 2, 3]], [[1, 2, 3], [4, 5, 6]]], np.float32)
 Q = (0.5, 0.5, 0.5, 0.5)
 
 
-def moving() -> tuple[MovingNode, list[Any]]:
+def node_and_queue() -> tuple[MovingNode, list[Any]]:
     queued: list[Any] = []
     connection = SimpleNamespace(queue_message=queued.append)
     return MovingNode(SimpleNamespace(client_id=7, _websock_connection=connection), "/a/b"), queued
 
 
-def on_the_wire(message: Any) -> tuple[Any, list[bytes]]:
+def encoded(message: Any) -> tuple[Any, list[bytes]]:
     """A message and its arrays, encoded like viser's `_message_producer`."""
     buffers: list[memoryview] = []
     packed = msgspec.msgpack.encode(message.as_serializable_dict(buffers))
@@ -56,11 +56,11 @@ CHANGES = {
 
 @pytest.mark.parametrize(("change", "of_viser"), CHANGES.values(), ids=CHANGES)
 def test_a_change_is_encoded_as_viser_encodes_it(change, of_viser):
-    node, queued = moving()
+    node, queued = node_and_queue()
     change(node)
     (ours,) = queued
     of_viser.owner = "7"
-    assert on_the_wire(ours) == on_the_wire(of_viser)
+    assert encoded(ours) == encoded(of_viser)
     assert ours.redundancy_key() == of_viser.redundancy_key(), "each replaces the other in the queue"
 
 
@@ -91,7 +91,7 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
     vehicle = running.fleet.vehicles[0]
     client_ids: set[str] = set()
 
-    async def rests_at(stream, height_m: float) -> None:
+    async def wait_for_height(stream, height_m: float) -> None:
         async for data in stream:
             for message in messages_in(data):
                 if message["type"] == "SetPositionMessage" and message["name"].endswith("/place"):
@@ -104,14 +104,14 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
             await stream.send(msgspec.msgpack.encode(CAMERA))
             for height_m in (12.0, 9.0):
                 monkeypatch.setitem(vehicle.values, "local_position", local(0.0, 0.0, -height_m))
-                await rests_at(stream, height_m)
+                await wait_for_height(stream, height_m)
             assert client_ids == set(map(str, running.host.clients())), "viser shows a node only to its owner"
 
     asyncio.run(run())
 
 
 def test_unchanged_values_are_not_sent():
-    node, queued = moving()
+    node, queued = node_and_queue()
     node.place((0.0, 0.0, 0.0))
     node.turn((1.0, 0.0, 0.0, 0.0))
     assert queued == []
@@ -121,7 +121,7 @@ def test_unchanged_values_are_not_sent():
 
 
 def test_numpy_numbers_are_encoded():
-    node, queued = moving()
+    node, queued = node_and_queue()
     node.place(tuple(np.array([1.0, 2.0, 3.0])))
     node.scale(*np.array([1.0, 1.0, 3.0]))
-    assert [on_the_wire(message)[0]["name"] for message in queued] == ["/a/b", "/a/b"]
+    assert [encoded(message)[0]["name"] for message in queued] == ["/a/b", "/a/b"]

@@ -165,13 +165,13 @@ def test_a_request_for_a_public_tunnel_is_dropped(running, monkeypatch):
 
     monkeypatch.setattr(server._websock_server, "_handle_incoming_message", spy)
 
-    async def ask():
+    async def request_tunnel():
         async with open_stream(running) as stream:
             await stream.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
             await stream.send(msgspec.msgpack.encode(CAMERA))
             await eventually(lambda: "ViewerCameraMessage" in seen)
 
-    asyncio.run(ask())
+    asyncio.run(request_tunnel())
     assert "ShareUrlRequest" not in seen
     assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
     assert server.request_share_url() is None
@@ -179,7 +179,7 @@ def test_a_request_for_a_public_tunnel_is_dropped(running, monkeypatch):
 
 
 def test_a_text_message_ends_only_the_stream_that_sent_it(running):
-    async def talk():
+    async def exchange():
         async with open_stream(running) as good, open_stream(running) as bad:
             await bad.send("hello")
             async with asyncio.timeout(30):
@@ -187,7 +187,7 @@ def test_a_text_message_ends_only_the_stream_that_sent_it(running):
             await good.send(msgspec.msgpack.encode(CAMERA))
             assert types_in(await good.recv())
 
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 # --- data for a browser --------------------------------------------------------------------------
@@ -278,11 +278,11 @@ def test_a_new_theme_rebuilds_the_scene(running):
                 await client.post(running.url + "view/page2", json={"theme": "light"})
             browser_scenes = running.scene._browser_scenes
             camera = next(iter(running.host.clients().values())).camera
-            was = tuple(camera.position)
+            position_before = tuple(camera.position)
             await eventually(
                 lambda: all(s.theme == "light" for _, s in browser_scenes.values()) and browser_scenes
             )
-            assert tuple(camera.position) == was
+            assert tuple(camera.position) == position_before
 
     asyncio.run(run())
 

@@ -73,8 +73,8 @@ def test_the_documents_of_all_vehicles_take_limited_memory(monkeypatch):
     async def read():
         return await reader.read(PARAMETERS, parameters(), 0)
 
-    held = [asyncio.run(read())]
+    documents = [asyncio.run(read())]
     with pytest.raises(ValueError, match="metadata of all vehicles"):
         asyncio.run(read())
-    held.clear()
+    documents.clear()
     assert list(asyncio.run(read())) == ["GOOD"]

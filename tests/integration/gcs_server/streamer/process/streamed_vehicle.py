@@ -35,7 +35,7 @@ class Vehicle:
         self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.datagrams = True
         link = SimpleNamespace(datagram_socket=lambda: self.link_socket if self.datagrams else None)
-        self.way = SimpleNamespace(
+        self.path = SimpleNamespace(
             connection=SimpleNamespace(link=link, count_sent_elsewhere=self._record, signing=None),
             peer=Peer("peer", self.receiver.getsockname()),
         )
@@ -55,14 +55,14 @@ class Vehicle:
         return True
 
     def send_path(self):
-        return self.way
+        return self.path
 
     def close(self):
         self.receiver.close()
         self.link_socket.close()
 
 
-def flown(scenario):
+def with_stream_process(scenario):
     """Runs a test with the stream process and one vehicle in its own event loop."""
 
     @functools.wraps(scenario, assigned=("__name__", "__doc__"))
@@ -114,7 +114,7 @@ def stall(seconds):
     time.sleep(seconds)
 
 
-async def soon(condition, within_s=3.0):
+async def until(condition, within_s=3.0):
     until_s = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < until_s

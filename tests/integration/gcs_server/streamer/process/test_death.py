@@ -18,19 +18,19 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     OWN_IDS,
     begin,
     ended,
-    flown,
     snapshot,
-    soon,
     stall,
+    until,
+    with_stream_process,
 )
 
 
-@flown
+@with_stream_process
 async def test_a_killed_process_is_reported_and_restarted_without_its_streams(streams, vehicle):
     number = await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGKILL)
-    await soon(lambda: streams.pid != pid)
+    await until(lambda: streams.pid != pid)
     count = len(vehicle.frames)
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
     state = streams.state("1")
@@ -41,10 +41,10 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
     assert await begin(streams, "1", vehicle, attach=False) > number
-    await soon(lambda: len(vehicle.frames) > count)
+    await until(lambda: len(vehicle.frames) > count)
 
 
-@flown
+@with_stream_process
 async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.2)
     await begin(streams, "1", vehicle)
@@ -53,22 +53,22 @@ async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
     streams.attach("2", vehicle, (8, 1))
     with pytest.raises(Refused, match="restarted"):
         await streams.begin("2", StreamRequest(HOVER), 50.0, snapshot())
-    await soon(lambda: ended(pid))
+    await until(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
 
-@flown
+@with_stream_process
 async def test_a_hanging_process_is_killed_without_pending_requests(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
-    await soon(lambda: streams.update_snapshots({"1": snapshot()}) or streams.pid != pid)
-    await soon(lambda: ended(pid))
+    await until(lambda: streams.update_snapshots({"1": snapshot()}) or streams.pid != pid)
+    await until(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
 
-@flown
+@with_stream_process
 async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
@@ -85,7 +85,7 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
     assert streams.pid == pid
 
 
-@flown
+@with_stream_process
 async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
     """The process hangs: plain calls return at once, and the loop runs while a coroutine waits for it."""
     await begin(streams, "1", vehicle)
@@ -126,16 +126,16 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
             began_s = time.thread_time()
             call()
             slowest_s = max(slowest_s, time.thread_time() - began_s)
-        turn_s = time.monotonic()
+        iteration_s = time.monotonic()
         await asyncio.sleep(0.01)
-        assert time.monotonic() - turn_s < 1.0, "the loop was blocked"
+        assert time.monotonic() - iteration_s < 1.0, "the loop was blocked"
         assert time.thread_time() < until_s
     assert not await changing
     assert slowest_s < 0.1
     assert streams.active() == []
 
 
-@flown
+@with_stream_process
 async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.handle.MAX_WAITING_BYTES", 2_000_000)
     await begin(streams, "1", vehicle)
@@ -146,18 +146,18 @@ async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicl
     for _ in range(12):
         streams.update_snapshots({"1": big})
     assert time.monotonic() - began_s < 1.0, "the calls waited"
-    await soon(lambda: ended(pid))
+    await until(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@flown
+@with_stream_process
 async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, number):
     await begin(streams, "1", vehicle)
     os.kill(streams.pid, number)
     await asyncio.sleep(0.1)
     count = len(vehicle.frames)
-    await soon(lambda: len(vehicle.frames) >= count + 3)
+    await until(lambda: len(vehicle.frames) >= count + 3)
 
 
 def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):

@@ -15,19 +15,19 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     Vehicle,
     begin,
     bindable,
-    flown,
     snapshot,
-    soon,
     stall,
+    until,
+    with_stream_process,
 )
 
 
-@flown
+@with_stream_process
 async def test_sent_frames_have_own_ids_and_continuous_sequence_numbers_and_are_recorded(streams, vehicle):
     await begin(streams, "1", vehicle)
-    await soon(lambda: len(vehicle.frames) >= 10)
+    await until(lambda: len(vehicle.frames) >= 10)
     streams.end("1", "stopped", "")
-    await soon(lambda: len(vehicle.recorded) == len(vehicle.frames))
+    await until(lambda: len(vehicle.recorded) == len(vehicle.frames))
     frames = [frame for _, frame in vehicle.frames]
     assert [raw for _, raw in vehicle.recorded] == frames
     assert {(frame[5], frame[6]) for frame in frames} == {OWN_IDS}
@@ -37,19 +37,19 @@ async def test_sent_frames_have_own_ids_and_continuous_sequence_numbers_and_are_
     assert vehicle.relayed == []
 
 
-@flown
+@with_stream_process
 async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_arguments(streams, vehicle):
     key = bytes(range(32))
     signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
-    vehicle.way.connection.signing = SimpleNamespace(signer=signer)
+    vehicle.path.connection.signing = SimpleNamespace(signer=signer)
     await begin(streams, "1", vehicle)
-    await soon(lambda: len(vehicle.frames) >= 10)
+    await until(lambda: len(vehicle.frames) >= 10)
     signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # a vehicle's clock is ahead
     count = len(vehicle.frames)
     for _ in range(25):
         streams.update_snapshots({"1": snapshot()})
         await asyncio.sleep(0.02)
-    await soon(lambda: len(vehicle.frames) >= count + 10)
+    await until(lambda: len(vehicle.frames) >= count + 10)
     frames = [raw for _, raw in vehicle.frames]
     other = common.MAVLink(None)
     other.signing.secret_key = key
@@ -68,7 +68,7 @@ def shown_to_other_users(pid):
     return b"".join(Path(f"/proc/{pid}/{name}").read_bytes() for name in ("cmdline", "environ"))
 
 
-@flown
+@with_stream_process
 async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams, vehicle):
     vehicle.datagrams = False
     await begin(streams, "1", vehicle)
@@ -80,41 +80,41 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
     assert 0 <= at_s - created_s < 0.5, "the time of creation lets the link drop a late setpoint"
 
 
-@flown
-async def test_a_new_route_is_used_with_the_next_beat(streams, vehicle):
+@with_stream_process
+async def test_a_new_route_is_used_from_the_next_update(streams, vehicle):
     await begin(streams, "1", vehicle)
-    await soon(lambda: vehicle.frames)
+    await until(lambda: vehicle.frames)
     other = Vehicle()
-    vehicle.way = other.way
+    vehicle.path = other.path
     streams.update_snapshots({"1": snapshot()})
-    await soon(lambda: len(other.frames) >= 3)
+    await until(lambda: len(other.frames) >= 3)
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
-    vehicle.way = None
+    vehicle.path = None
     streams.update_snapshots({"1": snapshot()})
-    await soon(lambda: len(vehicle.relayed) >= 3)
+    await until(lambda: len(vehicle.relayed) >= 3)
     other.close()
 
 
-@flown
+@with_stream_process
 async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(streams, vehicle):
     vehicle.link_socket.bind(("127.0.0.1", 0))
     address = vehicle.link_socket.getsockname()
     await begin(streams, "1", vehicle)
-    await soon(lambda: len(vehicle.frames) >= 2)
+    await until(lambda: len(vehicle.frames) >= 2)
     streams.end("1", "stopped", "That is all.")
     assert streams.active() == []
     vehicle.link_socket.close()
     streams.update_snapshots({})
-    await soon(lambda: bindable(address), 1.0)
+    await until(lambda: bindable(address), 1.0)
     await begin(streams, "2", second := Vehicle())  # the process still accepts sockets
-    await soon(lambda: len(second.frames) >= 2)
+    await until(lambda: len(second.frames) >= 2)
     second.close()
 
 
-@flown
-async def test_a_relay_error_loses_one_setpoint_and_the_thread_continues(streams, vehicle):
+@with_stream_process
+async def test_a_relay_error_loses_one_setpoint_and_the_stream_continues(streams, vehicle):
     vehicle.datagrams = False
     real, faults = vehicle.send_payload, []
 
@@ -126,10 +126,10 @@ async def test_a_relay_error_loses_one_setpoint_and_the_thread_continues(streams
 
     vehicle.send_payload = send_payload
     await begin(streams, "1", vehicle)
-    await soon(lambda: len(vehicle.relayed) >= 5)
+    await until(lambda: len(vehicle.relayed) >= 5)
 
 
-@flown
+@with_stream_process
 async def test_streams_to_vehicles_of_different_links_can_alternate(streams, vehicle):
     other = Vehicle()
     streams.attach("2", other, (8, 1))
@@ -141,30 +141,30 @@ async def test_streams_to_vehicles_of_different_links_can_alternate(streams, veh
         count, recorded = len(one.frames), len(one.recorded)
         await begin(streams, name, one, attach=False)
         streams.update_snapshots({name: snapshot()})
-        await soon(lambda one=one, count=count: len(one.frames) >= count + 3)
-        await soon(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
+        await until(lambda one=one, count=count: len(one.frames) >= count + 3)
+        await until(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
     assert vehicle.relayed == other.relayed == []
     other.close()
 
 
-@flown
+@with_stream_process
 async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_streamed_to(streams, vehicle):
-    """The process has a copy of the descriptor; otherwise a link added again would find its port in use."""
+    """If the stream process kept its copy of the descriptor, the port could not be opened again."""
     other = Vehicle()
     other.link_socket.bind(("127.0.0.1", 0))
     await begin(streams, "1", vehicle)
     await begin(streams, "2", other)
-    await soon(lambda: other.frames)
+    await until(lambda: other.frames)
     address = other.link_socket.getsockname()
     other.link_socket.close()
-    other.way = None
-    streams.links_changed()  # without a update_snapshots
-    await soon(lambda: bindable(address), 1.0)
+    other.path = None
+    streams.links_changed()  # without update_snapshots
+    await until(lambda: bindable(address), 1.0)
     assert streams.state("1").phase == "streaming"
     other.close()
 
 
-@flown
+@with_stream_process
 async def test_a_link_closed_after_its_stream_has_ended_leaves_its_port_free(streams, vehicle):
     vehicle.link_socket.bind(("127.0.0.1", 0))
     address = vehicle.link_socket.getsockname()
@@ -172,4 +172,4 @@ async def test_a_link_closed_after_its_stream_has_ended_leaves_its_port_free(str
     streams.end("1", "stopped", "")
     vehicle.link_socket.close()
     streams.links_changed()
-    await soon(lambda: bindable(address), 1.0)
+    await until(lambda: bindable(address), 1.0)

@@ -21,22 +21,22 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     Vehicle,
     begin,
     ended,
-    flown,
     snapshot,
-    soon,
     stall,
     type_mask,
+    until,
+    with_stream_process,
 )
 
 
-@flown
+@with_stream_process
 async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_after_a_long_one(
     streams, vehicle
 ):
     await begin(streams, "1", vehicle)
     streams.update_snapshots({"1": snapshot()})
     stall(0.8)
-    await soon(lambda: streams.active() == [])
+    await until(lambda: streams.active() == [])
     assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 Hz, and the setpoints of the start"
     count = len(vehicle.frames)
     await asyncio.sleep(0.2)
@@ -45,20 +45,20 @@ async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_a
     assert streams.take_reports() == []
 
 
-@flown
+@with_stream_process
 async def test_a_change_is_sent_at_once(streams, vehicle):
     await begin(streams, "1", vehicle, rate_hz=2.0)
-    await soon(lambda: vehicle.recorded)
+    await until(lambda: vehicle.recorded)
     count = len(vehicle.recorded)
     assert await streams.change("1", StreamRequest(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
     changed_us = time.clock_gettime(time.CLOCK_REALTIME) * 1e6
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
-    await soon(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
+    await until(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
     sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
     assert sent_us <= changed_us, "sent before the call returned, not at the next period"
 
 
-@flown
+@with_stream_process
 async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(streams, vehicle):
     other = Vehicle()
     await begin(streams, "1", vehicle)
@@ -68,12 +68,12 @@ async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(stream
         streams.update_snapshots({"1": bad, "2": snapshot()})
         await asyncio.sleep(0.1)
     count = len(other.frames)
-    await soon(lambda: len(other.frames) > count)
+    await until(lambda: len(other.frames) > count)
     assert streams.state("2").phase == "streaming"
     other.close()
 
 
-@flown
+@with_stream_process
 async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_stream(streams, vehicle):
     streams.attach("1", vehicle, (7, 1))
     await streams.ready()
@@ -82,7 +82,7 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
     starting.cancel()
     with pytest.raises(asyncio.CancelledError):
         await starting
-    await soon(lambda: streams.state("1").last_end is not None)
+    await until(lambda: streams.state("1").last_end is not None)
     await asyncio.sleep(0.1)
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
@@ -90,7 +90,7 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
     assert await begin(streams, "1", vehicle, attach=False) == 2
 
 
-@flown
+@with_stream_process
 async def test_a_renewal_of_a_whole_group_is_shown_directly_after_its_answer(streams, vehicle):
     await begin(streams, "1", vehicle)
     request, now_s = StreamRequest(HOVER, 5.0), time.monotonic()
@@ -102,14 +102,14 @@ async def test_a_renewal_of_a_whole_group_is_shown_directly_after_its_answer(str
     streams.watch(
         GroupGuard("g", {"1": request}, {"1": request}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
     )
-    await soon(lambda: streams.update_snapshots({"1": known()}) or streams.guard("g").phase == "flying")
+    await until(lambda: streams.update_snapshots({"1": known()}) or streams.guard("g").phase == "flying")
     assert streams.state("1").valid_left_s < 5.2
     assert await streams.change_together("g", {}, {}, time.monotonic() + 50.0)
     assert streams.state("1").valid_left_s > 45.0
     assert streams.guard("g").until_s > time.monotonic() + 45.0
 
 
-@flown
+@with_stream_process
 async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, vehicle):
     number = await begin(streams, "1", vehicle)
     streams.end("1", "stopped", "The stream was stopped.", number)
@@ -120,30 +120,30 @@ async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, ve
     assert (again, streams.state("1").phase) == (number + 1, "starting")
 
 
-@flown
+@with_stream_process
 async def test_the_event_loop_continues_while_the_process_starts(streams, vehicle, monkeypatch):
     """If the loop waited for the process, the server would receive nothing from vehicles during a restart."""
-    turns = []
+    iterations = []
 
-    async def turn():
+    async def count_iterations():
         while True:
-            turns.append(streams.pid)
+            iterations.append(streams.pid)
             await asyncio.sleep(0.005)
 
-    turning = asyncio.ensure_future(turn())
+    counting = asyncio.ensure_future(count_iterations())
     streams.attach("1", vehicle, (7, 1))
-    await soon(lambda: streams.pid)
+    await until(lambda: streams.pid)
     os.kill(streams.pid, signal.SIGSTOP)
     pid, began_s = streams.pid, time.monotonic()
     waiting = asyncio.ensure_future(streams.ready())
     await asyncio.sleep(0.2)
     assert not waiting.done()
-    assert len(turns) > 5
+    assert len(iterations) > 5
     os.kill(pid, signal.SIGCONT)
     await waiting
     assert time.monotonic() - began_s >= 0.2
     os.kill(pid, signal.SIGKILL)
-    await soon(lambda: streams.update_snapshots({}) or streams.pid not in (None, pid))
+    await until(lambda: streams.update_snapshots({}) or streams.pid not in (None, pid))
     os.kill(streams.pid, signal.SIGSTOP)
     monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 0.1)
     with pytest.raises(Refused, match="restarted"):
@@ -152,10 +152,10 @@ async def test_the_event_loop_continues_while_the_process_starts(streams, vehicl
     monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 10.0)
     await streams.ready()
     assert await begin(streams, "1", vehicle, attach=False)
-    turning.cancel()
+    counting.cancel()
 
 
-@flown
+@with_stream_process
 async def test_an_invalid_setpoint_is_an_error_and_ends_no_stream(streams, vehicle):
     await begin(streams, "1", vehicle)
     with pytest.raises(ValueError, match="vehicle 2 sends no position"):
@@ -163,15 +163,15 @@ async def test_an_invalid_setpoint_is_an_error_and_ends_no_stream(streams, vehic
     assert streams.active() == ["1"]
 
 
-@flown
+@with_stream_process
 async def test_the_process_executes_and_reports_an_expiry(streams, vehicle):
     await begin(streams, "1", vehicle, request=StreamRequest(HOVER, 0.1, OnExpiry("stop_stream")))
-    await soon(lambda: streams.update_snapshots({"1": snapshot()}) or not streams.active())
+    await until(lambda: streams.update_snapshots({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]
 
 
-@flown
-async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehicle):
+@with_stream_process
+async def test_a_second_start_is_refused_and_close_ends_stream_and_process(streams, vehicle):
     await begin(streams, "1", vehicle)
     assert not await streams.begin("1", StreamRequest(HOVER), 50.0, snapshot())
     pid = streams.pid
@@ -185,7 +185,7 @@ async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehi
         await streams.ready()
 
 
-@flown
+@with_stream_process
 async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(streams, vehicle):
     streams.attach("1", vehicle, (7, 1))
     streams.attach("2", vehicle, (8, 1))
@@ -197,6 +197,6 @@ async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(s
 
     streams.watch(MissionGuard("mission 1", ("1", "2"), minimum_m=3.0, now_s=time.monotonic()))
     assert streams.watched() == {"1": None, "2": None}
-    await soon(lambda: streams.update_snapshots(known()) or streams.guard("mission 1").held == {"1", "2"})
+    await until(lambda: streams.update_snapshots(known()) or streams.guard("mission 1").held == {"1", "2"})
     name, finding = streams.take_findings()[0]
     assert (name, finding.code) == ("mission 1", "separation")

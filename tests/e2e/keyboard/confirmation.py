@@ -1,4 +1,4 @@
-"""A confirmation of the page with the rules for each; commands are blocked before they reach the server."""
+"""A confirmation dialog of the page, and the rules for each; commands do not reach the server."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.station import wait_until
 
-LONGER_THAN_A_GLANCE_MS = 150
+KEY_HELD_MS = 150
 
 AT = """
 () => document.activeElement.dataset.stop ??= String(window.stops = (window.stops ?? 0) + 1)
@@ -54,10 +54,10 @@ HELD_ELSEWHERE = """
 def refuse_commands(page: Page) -> list[str]:
     """From now on blocks all commands of the page; returns the list of blocked ones."""
     commands: list[str] = []
-    asks_only = re.compile("/scene/|/readiness/check|/params/refresh")
+    no_commands = re.compile("/scene/|/readiness/check|/params/refresh")
 
     def answer(route: Route) -> None:
-        if route.request.method == "GET" or asks_only.search(route.request.url):
+        if route.request.method == "GET" or no_commands.search(route.request.url):
             route.fallback()
             return
         commands.append(route.request.url)
@@ -78,8 +78,8 @@ def await_command(page: Page, commands: list[str], what: str) -> None:
     wait_until(seen, what)
 
 
-class Question:
-    """An open confirmation, and the rules for each."""
+class Confirmation:
+    """An open confirmation dialog, and the rules that each must follow."""
 
     def __init__(self, page: Page, commands: list[str]) -> None:
         self.page, self.commands = page, commands
@@ -99,8 +99,8 @@ class Question:
         self._is_confirmed_on_its_slider()
 
     def open(self) -> None:
-        """Opens it again if it was cancelled or has expired; a key press directly after that is ignored as
-        late."""
+        """Opens the confirmation again if it was cancelled or has expired. The page ignores a key press
+        directly after that."""
 
         def asked() -> bool:
             if not self.dialog.is_visible():
@@ -133,7 +133,7 @@ class Question:
         for where in ELSEWHERE:
             for key in (" ", "Enter"):
                 self.open()
-                now = self.page.evaluate(HELD_ELSEWHERE, [where, key, LONGER_THAN_A_GLANCE_MS])
+                now = self.page.evaluate(HELD_ELSEWHERE, [where, key, KEY_HELD_MS])
                 assert now == "0", f"{self.title}: {key!r} held on {where} moves it to {now}"
 
     def _is_cancelled_by_its_button_and_by_escape(self) -> None:
@@ -141,7 +141,7 @@ class Question:
             self.open()
             self.dialog.get_by_role("button", name="Cancel").focus()
             self.page.keyboard.down(key)
-            self.page.wait_for_timeout(LONGER_THAN_A_GLANCE_MS)
+            self.page.wait_for_timeout(KEY_HELD_MS)
             self.page.keyboard.down(key)  # key repeat
             self.page.keyboard.up(key)
             expect(self.dialog, f"{self.title}: {key} on Cancel").to_be_hidden()

@@ -1,4 +1,4 @@
-"""Only its own slider confirms a question; keys pressed elsewhere do not."""
+"""A confirmation is given only with its own slider, not by keys pressed elsewhere."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, expect
 
 from tests.e2e.browser import opened
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.question import Question, press_new_buttons, refuse_commands
+from tests.e2e.keyboard.confirmation import Confirmation, press_new_buttons, refuse_commands
 from tests.e2e.keyboard.walk import close_all, rooms
 
 pytestmark = [pytest.mark.browser, pytest.mark.story, pytest.mark.timeout(600)]
@@ -22,16 +22,16 @@ NOT_PRESSED = ("Reload", "Hold")
 def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
     browser: Browser, flying: Station
 ) -> None:
-    questions: dict[str, str] = {}
+    confirmations: dict[str, str] = {}
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        # Before the link's rate is known its button has another name, and would not be found again.
+        # The name of the button contains the link's rate: it changes when the rate becomes known.
         page.get_by_role("button", name=re.compile(r"^Link .* lost")).first.wait_for()
         commands = refuse_commands(page)
         # all buttons in flight; on the ground those that differ
-        for vehicle_key, some in (("1", None), ("2", 1)):
+        for vehicle_key, room_count in (("1", None), ("2", 1)):
             pressed: set[str] = {*NOT_PRESSED}
-            for room, open_it in rooms(page)[:some]:
+            for room, open_it in rooms(page)[:room_count]:
 
                 def open_again(vehicle_key: str = vehicle_key, open_it: Callable[[], None] = open_it) -> None:
                     close_all(page)
@@ -42,12 +42,12 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
                 open_again()
                 reopen = open_again if room == "map point menu" else None
                 for where, ask in press_new_buttons(page, pressed, room, reopen):
-                    question = Question(page, commands)
+                    confirmation = Confirmation(page, commands)
                     commands.clear()  # of the previous buttons, which have no confirmation
-                    if questions.setdefault(question.title, where) == where:
-                        question.check(ask)
+                    if confirmations.setdefault(confirmation.title, where) == where:
+                        confirmation.check(ask)
                     else:
                         page.keyboard.press("Escape")
     for wanted in ("Disarm", "Arm", "Take off", "Land", "Return", "Offboard", "Send", "Stop motors"):
-        assert any(title.startswith(wanted) for title in questions), (wanted, questions)
+        assert any(title.startswith(wanted) for title in confirmations), (wanted, confirmations)
     assert flying.drone.status()["armed"]
