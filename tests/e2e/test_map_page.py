@@ -97,7 +97,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         height.press("Tab")
         refusal_is_shown_in_the_menu(page, menu)
         menu.get_by_role("button", name="Go here").click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("to 10.0 m above home")
+        expect(page.get_by_role("alertdialog")).to_contain_text("at 10.0 m above home")
         slide(page)
         expect(menu).to_be_hidden()
         wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle at the clicked position", 30)
