@@ -54,7 +54,7 @@ def plan(at: PictureSetup) -> None:
     save_in_both_themes(page, at.folder, "pattern")
     room.get_by_role("button", name="Insert survey").click()
     findings = room.get_by_role("region", name="Findings")
-    findings.get_by_role("button", name="Take off at the beginning").click()
+    findings.get_by_role("button", name="Add a take-off at the beginning").click()
     choose(add, "Return")
     choose(add, "Geofence: stay inside")
     click(page, FENCE)

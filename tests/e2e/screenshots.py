@@ -106,7 +106,7 @@ def room(at: PictureSetup) -> None:
     up.fill("14")
     save_in_both_themes(page, at.folder, "room")
     page.keyboard.press("Tab")
-    dock.get_by_role("button", name="Stop", exact=True).click()
+    dock.get_by_role("button", name="Hold", exact=True).click()
     page.get_by_role("button", name="Close the offboard room").click()
     page.keyboard.press("m")
 

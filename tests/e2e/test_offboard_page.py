@@ -151,7 +151,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         room.get_by_label("Position, Up").fill("12")
         expect(room).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
         room.get_by_role("button", name="Start…").click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("starts a setpoint stream: Position 5.0")
+        expect(page.get_by_role("alertdialog")).to_contain_text("starts a setpoint stream: Position N 5.0")
         slide(page, room.get_by_role("button", name="Start…").click)
         expect(pill(page)).to_have_text("Offboard")
         assert offboard_status(drone)["setpoint"]["position_ned_m"][0] == 5
@@ -174,7 +174,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         sent = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
         expect(sent).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
         wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the limited speed")
-        tab_to(page, "Stop")
+        tab_to(page, "Hold")
         page.keyboard.press("Enter")
         expect(pill(page)).to_have_text("Holding")
         drone.request("PUT", "/offboard/limits", {})

@@ -64,7 +64,7 @@ def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browse
 
         findings = room.get_by_role("region", name="Findings")
         expect(findings).to_contain_text("The plan has no take-off")
-        findings.get_by_role("button", name="Take off at the beginning").click()
+        findings.get_by_role("button", name="Add a take-off at the beginning").click()
         expect(steps.nth(1)).to_contain_text("Take off")
         expect(findings).not_to_contain_text("The plan has no take-off")
         assert violations_in_both_themes(page) == []

@@ -60,7 +60,7 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
 
         findings = room.get_by_role("region", name="Findings")
         expect(findings).to_contain_text("The plan has no take-off")
-        findings.get_by_role("button", name="Take off at the beginning").click()
+        findings.get_by_role("button", name="Add a take-off at the beginning").click()
         expect(findings).not_to_contain_text("The plan has no take-off")
         undo_and_redo_everything(page, room)
 
@@ -234,7 +234,7 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         keyboard.press("Enter")
         expect(steps_of(room).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
         findings = room.get_by_role("region", name="Findings")
-        tab_to(page, "Take off at the beginning")
+        tab_to(page, "Add a take-off at the beginning")
         keyboard.press("Enter")
         expect(findings).not_to_contain_text("The plan has no take-off")
         expect(findings).not_to_contain_text("Error:")

@@ -40,6 +40,8 @@ export interface PendingConfirmation {
 export interface Running {
   id: number;
   action: ActionName;
+  /** What was commanded, for the progress text. */
+  what: string;
   pagePart: PagePart;
   vehicle: string;
   vehicleName: string;
@@ -205,10 +207,19 @@ export class ActionController {
   }
 
   private async run(action: ActionName, facts: VehicleFacts, pagePart: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
-    const entry: Running = { id: this.nextId++, action, pagePart, vehicle: facts.id, vehicleName: facts.name, progressText: null, fraction: null };
+    const entry: Running = {
+      id: this.nextId++,
+      action,
+      what: PROGRESS_TEXTS[action],
+      pagePart,
+      vehicle: facts.id,
+      vehicleName: facts.name,
+      progressText: null,
+      fraction: null,
+    };
     this.running = [...this.running, entry];
     const now = this.now(facts);
-    const accepted = await this.attempt(PROGRESS_TEXTS[action], now, pagePart, () => this.send(action, now, goal, start));
+    const accepted = await this.attempt(entry.what, now, pagePart, () => this.send(action, now, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
     goal?.onResult?.(accepted);
   }
@@ -217,6 +228,7 @@ export class ActionController {
     const entry: Running = {
       id: this.nextId++,
       action: 'offboard_start',
+      what,
       pagePart,
       vehicle: SEVERAL_VEHICLES,
       vehicleName: names,

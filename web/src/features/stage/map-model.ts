@@ -61,7 +61,7 @@ function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
   const position = positionAt(here, { north_m: north - at[0], east_m: east - at[1] });
-  return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
+  return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above origin`}` };
 }
 
 function previewTarget(id: string, shown: MapPreview | null): MapTarget | null {

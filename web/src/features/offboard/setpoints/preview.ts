@@ -74,7 +74,7 @@ export function previewOnMap(preview: Preview, facts: VehicleFacts): GeoPosition
   return positionAt(here, { north_m: preview.position_ned_m[0] - at[0], east_m: preview.position_ned_m[1] - at[1] });
 }
 
-/** "12.4 m away, 3.0 m up, turns 40° right". */
+/** "12.4 m away, 3.0 m above the vehicle, turns 40° right". */
 export function previewText(preview: Preview, facts: VehicleFacts): string {
   const at = facts.local?.value.position_ned_m;
   if (at === undefined) return 'The vehicle’s position is not known.';
@@ -82,7 +82,7 @@ export function previewText(preview: Preview, facts: VehicleFacts): string {
   const away = Math.hypot(n, e);
   const { text, unit } = metres(away);
   const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `after ${PREDICTION_S} s` : 'away'}`];
-  if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'up' : 'down'}`);
+  if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'above' : 'below'} the vehicle`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (preview.yaw_ned_rad !== null && yaw !== null) {
     const turn = Math.round(wrap180(((preview.yaw_ned_rad - yaw) * 180) / Math.PI));

@@ -64,9 +64,15 @@ export class SentLog {
 
 const DEG = 180 / Math.PI;
 
-function triple(value: unknown, unit: string, up: boolean): string | null {
+const NED = ['N', 'E', 'up'] as const;
+const FRD = ['forward', 'right', 'up'] as const;
+
+/** Three values with their axes; the third, which is down in MAVLink, is shown as up. */
+function triple(value: unknown, unit: string, [first, second, third]: readonly [string, string, string]): string | null {
   if (!Array.isArray(value)) return null;
-  return `${value.map((v: number | null, i) => (v === null ? '–' : fixed(up && i === 2 ? -v : v, 1))).join(' ')} ${unit}`;
+  const [x, y, z] = value as (number | null)[];
+  const text = (v: number | null | undefined): string => (v == null ? '–' : fixed(v, 1));
+  return `${first} ${text(x)} ${second} ${text(y)} ${third} ${text(z == null ? z : third === 'up' ? -z : z)} ${unit}`;
 }
 
 function number(value: unknown, format: (v: number) => string): string | null {
@@ -76,21 +82,22 @@ function number(value: unknown, format: (v: number) => string): string | null {
 /** A setpoint in one short line, with the form's conventions: up positive, degrees. */
 export function setpointText(s: Readonly<Record<string, unknown>>): string {
   const parts = [
-    triple(s['position_ned_m'], 'm', true),
-    triple(s['offset_frd_m'], 'm', true),
+    triple(s['position_ned_m'], 'm', NED),
+    triple(s['offset_frd_m'], 'm', FRD),
     number(s['lat_deg'], (v) => v.toFixed(6)),
     number(s['lon_deg'], (v) => v.toFixed(6)),
     number(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
     number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m above sea level`),
-    triple(s['velocity_ned_m_s'] ?? s['velocity_frd_m_s'], 'm/s', true),
-    triple(s['acceleration_ned_m_s2'], 'm/s²', true),
+    triple(s['velocity_ned_m_s'], 'm/s', NED),
+    triple(s['velocity_frd_m_s'], 'm/s', FRD),
+    triple(s['acceleration_ned_m_s2'], 'm/s²', NED),
     number(s['roll_rad'], (v) => `roll ${fixed(v * DEG, 0)}°`),
     number(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG, 0)}°`),
     Array.isArray(s['rates_frd_rad_s'])
       ? triple(
           (s['rates_frd_rad_s'] as number[]).map((v) => v * DEG),
           '°/s',
-          false,
+          ['roll', 'pitch', 'yaw'],
         )
       : null,
     typeof s['vehicle'] === 'string' ? `of ${s['vehicle']}` : null,

@@ -97,7 +97,7 @@ describe('preview', () => {
   it('shows the position that a velocity reaches, and marks it as extrapolated', () => {
     const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
     expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], isExtrapolated: true });
-    expect(preview && previewText(preview, FACTS)).toBe('3.0 m after 3 s, 3.0 m up');
+    expect(preview && previewText(preview, FACTS)).toBe('3.0 m after 3 s, 3.0 m above the vehicle');
   });
 
   it('is null for an attitude, and without the vehicle’s position', () => {
@@ -111,7 +111,7 @@ describe('preview', () => {
     expect(preview?.position_ned_m[2]).toBeCloseTo(-15);
     const place = preview && previewOnMap(preview, FACTS);
     expect(place?.lat_deg).toBeCloseTo(47.0001, 6);
-    expect(preview && previewText(preview, FACTS)).toBe('11.1 m away, 10.0 m up, turns 90° left');
+    expect(preview && previewText(preview, FACTS)).toBe('11.1 m away, 10.0 m above the vehicle, turns 90° left');
   });
 });
 
@@ -212,8 +212,8 @@ describe('the log', () => {
   });
 
   it('describes a setpoint as the form does', () => {
-    expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  1.0 – 3.0 m  yaw 270°');
-    expect(setpointText({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  0.0 0.0 180.0 °/s  thrust 0.50');
+    expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  N 1.0 E – up 3.0 m  yaw 270°');
+    expect(setpointText({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  roll 0.0 pitch 0.0 yaw 180.0 °/s  thrust 0.50');
     expect(kindName('orbit')).toBe('orbit');
   });
 

@@ -34,14 +34,14 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'takeoff_landing_mismatch':
       return plan.items.some((one) => one.kind === 'takeoff') ? landing(plan) : takeoff(plan);
     case 'takeoff_too_low':
-      return height(plan, finding, 'Climb');
+      return height(plan, finding);
     case 'altitude_too_high':
     case 'altitude_fence':
-      return height(plan, finding, 'Lower');
+      return height(plan, finding);
     case 'speed_too_high':
       return speed(plan, finding);
     case 'speed_invalid':
-      return row === null ? null : { text: 'Fly at the vehicle’s own speed', plan: setItem(plan, row, { speed_m_s: OWN_SPEED }) };
+      return row === null ? null : { text: 'Set the vehicle’s own speed', plan: setItem(plan, row, { speed_m_s: OWN_SPEED }) };
     case 'endurance_endless': {
       const endless = plan.items.findIndex((one) => one.kind === 'jump' && Number(one['repeat']) < 0);
       return endless < 0 ? null : { text: `Repeat step ${endless + 1} once`, plan: setItem(plan, endless, { repeat: 1 }) };
@@ -72,7 +72,7 @@ function takeoff(plan: Plan): Fix | null {
   const first = path(plan)[0]?.item;
   const at = plan.planned_home ?? first;
   if (at === undefined || at === null) return null;
-  return { text: 'Take off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
+  return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
 }
 
 /** Adds a landing at home, else at the last point; null if the plan already ends by a return or an unlimited loiter. */
@@ -80,21 +80,21 @@ function landing(plan: Plan): Fix | null {
   const last = plan.items.at(-1);
   const at = plan.planned_home ?? path(plan).at(-1)?.item;
   if (at === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
-  const text = plan.planned_home == null ? 'Land at the last point' : 'Land at home at the end';
+  const text = plan.planned_home == null ? 'Add a landing at the last point' : 'Add a landing at home';
   return { text, plan: insertItem(plan, plan.items.length, newItem('land', at, DEFAULT_ALTITUDE)) };
 }
 
 /** Sets an item's altitude to the number that it was checked against. */
-function height(plan: Plan, { limit, place: { row } }: Finding, verb: string): Fix | null {
+function height(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   const item = row === null ? undefined : plan.items[row];
   if (item === undefined || row === null || limit === null || !isPlaced(item)) return null;
-  return { text: `${verb} to ${numberText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
+  return { text: `Set the altitude to ${numberText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
 }
 
 /** Sets a speed to the vehicle's maximum: that of an item, or the plan's. */
 function speed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   if (limit === null) return null;
-  const text = `Fly at ${numberText(limit)} m/s`;
+  const text = `Set the speed to ${numberText(limit)} m/s`;
   return { text, plan: row === null ? { ...plan, hover_speed_m_s: limit } : setItem(plan, row, { speed_m_s: limit }) };
 }
 

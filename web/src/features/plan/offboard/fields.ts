@@ -326,7 +326,7 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   branch: [condition('condition')],
   call: [names('mission', 'Steps of', 'missions', 'choose …')],
   land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
-  meet: [text('meeting', 'Name of the meeting'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
+  meet: [text('meeting', 'Name of the sync point'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
 };
 /** Integer fields: typed fractions are rounded. */
 const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);
@@ -351,8 +351,8 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
 const EVENT_LABELS: Readonly<Record<string, string>> = {
   failure: 'If a step cannot be flown',
   low_battery: 'Low battery',
-  link_loss: 'Link lost',
-  control_lost: 'Control expired',
+  link_loss: 'When the link is back',
+  control_lost: 'Controlling client lost',
 };
 
 /** The rows of the whole mission: failsafe actions and limits. */

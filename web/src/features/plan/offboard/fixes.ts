@@ -15,11 +15,13 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
   const node = finding.place.step === null ? null : nodeOf(mission, stepId(finding.place.step));
   switch (finding.code) {
     case 'takeoff_missing':
-      return roleNames(mission).length > 0 ? null : { text: 'Take off at the beginning', plan: { ...mission, steps: [newStep('take_off'), ...mission.steps] } };
+      return roleNames(mission).length > 0
+        ? null
+        : { text: 'Add a take-off at the beginning', plan: { ...mission, steps: [newStep('take_off'), ...mission.steps] } };
     case 'takeoff_in_air':
       return node === null ? null : { text: `Delete ${node.place}`, plan: remove(mission, [stepId(node.place)]) };
     case 'landing_missing':
-      return roleNames(mission).length > 0 ? null : { text: 'Land at the end', plan: addStep(mission, 'land', null, [], frame).mission };
+      return roleNames(mission).length > 0 ? null : { text: 'Add a landing at the end', plan: addStep(mission, 'land', null, [], frame).mission };
     case 'speed_too_high':
       return node === null ? null : speed(mission, node, finding.limit);
     case 'altitude_too_high':
@@ -29,7 +31,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
     case 'tilt_exceeded':
       return node === null || finding.limit === null ? null : tilt(mission, node, finding.limit);
     case 'altitude_below_home':
-      return node === null ? null : heights(mission, node, frame, `Raise to ${LOWEST_M} m`, (up_m) => Math.max(up_m, LOWEST_M));
+      return node === null ? null : heights(mission, node, frame, `Set the height to at least ${LOWEST_M} m`, (up_m) => Math.max(up_m, LOWEST_M));
     case 'estimate_missing':
     case 'fence_unknown':
     case 'obstacles_unknown':
@@ -39,7 +41,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
     case 'duration_too_short': {
       if (node === null || finding.limit === null) return null;
       const duration_s = Math.ceil(finding.limit * 10) / 10;
-      return { text: `Fly for ${duration_s} s`, plan: setStep(mission, node, { ...node.step, duration_s }) };
+      return { text: `Set the duration to ${duration_s} s`, plan: setStep(mission, node, { ...node.step, duration_s }) };
     }
     case 'gimbal_steep':
       return node === null ? null : gimbal(mission, node);
@@ -51,7 +53,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
 /** Sets the speed that was too high: the step's, else the mission's. */
 function speed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
   if (limit === null) return null;
-  const text = `Fly at ${numberText(limit)} m/s`;
+  const text = `Set the speed to ${numberText(limit)} m/s`;
   if (typeof node.step['speed_m_s'] === 'number' || mission.limits?.speed_m_s == null)
     return { text, plan: setStep(mission, node, { ...node.step, speed_m_s: limit }) };
   return { text, plan: { ...mission, limits: { ...mission.limits, speed_m_s: limit } } };
@@ -59,7 +61,7 @@ function speed(mission: Mission, node: StepNode, limit: number | null): Fix<Miss
 
 /** Lowers the points of a step, or its take-off, to a height above home. */
 function lower(mission: Mission, node: StepNode, frame: Frame, highest_m: number): Fix<Mission> | null {
-  const text = `Lower to ${numberText(highest_m)} m`;
+  const text = `Limit the height to ${numberText(highest_m)} m`;
   if (node.step.step === 'take_off') return { text, plan: setStep(mission, node, { ...node.step, height_m: highest_m }) };
   return heights(mission, node, frame, text, (up_m) => Math.min(up_m, highest_m));
 }
@@ -70,7 +72,7 @@ function tilt(mission: Mission, node: StepNode, limit_rad: number): Fix<Mission>
   let scale = 1;
   while (Math.acos(Math.cos(scale * roll_rad) * Math.cos(scale * pitch_rad)) > limit_rad) scale -= 0.01;
   const step = { ...node.step, roll_rad: scale * roll_rad, pitch_rad: scale * pitch_rad };
-  return { text: `Tilt by ${Math.floor((limit_rad * 180) / Math.PI)}° at most`, plan: setStep(mission, node, step) };
+  return { text: `Limit the tilt to ${Math.floor((limit_rad * 180) / Math.PI)}°`, plan: setStep(mission, node, step) };
 }
 
 /** Keeps the gimbal between straight up and straight down, also while it sweeps. */

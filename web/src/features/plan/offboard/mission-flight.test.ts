@@ -140,7 +140,7 @@ describe('starting an offboard mission', () => {
     const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
     expect(effect).toContain('2 steps, about 01:05, 2 warnings.');
-    expect(effect).toContain('Low battery: the vehicle lands. Control lost: it holds. After a lost link is restored: it holds.');
+    expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: it holds. After a lost link is restored: it holds.');
     expect(effect).toContain('If the server or its link fails: after 1 s the vehicle lands. Hold stops the mission');
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
     const despite = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);

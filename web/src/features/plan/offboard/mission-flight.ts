@@ -124,7 +124,7 @@ export function startQuestion(
   const parts = [
     `${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
     acceptedErrorsText(despite),
-    `Low battery: the vehicle ${does(low_battery)}. Control lost: it ${does(control_lost)}. After a lost link is restored: it ${does(link_loss)}.`,
+    `Low battery: the vehicle ${does(low_battery)}. If the controlling client is lost: it ${does(control_lost)}. After a lost link is restored: it ${does(link_loss)}.`,
     `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),
     'Hold stops the mission at any time.',
   ];

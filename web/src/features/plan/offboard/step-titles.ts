@@ -22,7 +22,7 @@ const TITLES: Readonly<Record<StepKind, string>> = {
   branch: 'Branch',
   call: 'Call',
   land: 'Land',
-  meet: 'Meet the other vehicles',
+  meet: 'Wait for the other vehicles',
 };
 export const KINDS = Object.keys(TITLES) as StepKind[];
 
