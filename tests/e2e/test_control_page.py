@@ -52,7 +52,7 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
 
             # requested by keyboard, with a reason; force is refused while the other is connected
             bob.keyboard.press("c")
-            expect(bob.get_by_text("Request control first: Anna is connected.")).to_be_visible()
+            expect(bob.get_by_text("Anna is connected, so request control first.")).to_be_visible()
             expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
             assert violations_in_both_themes(bob) == []
             bob.get_by_label("Reason for the request (shown to Anna)").fill("I see it better")

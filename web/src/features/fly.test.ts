@@ -132,7 +132,7 @@ describe('the link', () => {
     expect(lossPercent({ received: 100, lost: 0 }, { received: 100, lost: 0 })).toBeNull();
     expect(linkIndicator(0.2, false, [], '5 kB/s', 10)).toMatchObject({ word: 'weak', severity: 'caution' });
     expect(linkIndicator(0.2, false, [], '5 kB/s', null)).toMatchObject({ word: '', severity: 'none' });
-    expect(linkIndicator(9, true, [], '5 kB/s', 10)).toMatchObject({ word: 'lost', severity: 'danger' });
+    expect(linkIndicator(9, true, [], '5 kB/s', 10)).toMatchObject({ text: 'lost 9 s ago', word: '', severity: 'danger' });
   });
 });
 
@@ -183,8 +183,8 @@ const actionFacts: ActionFacts = {
 
 describe('a confirmation', () => {
   it('shows the return altitude once the parameter has been read', () => {
-    expect(question('rtl', actionFacts)?.effect).toContain('its return altitude');
-    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('at most 60 m above home');
+    expect(question('rtl', actionFacts)?.effect).toContain('Climbs to the return altitude, flies');
+    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('the return altitude, 60 m above home (lower near home), flies');
     expect(question('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
   });
   it('cannot be confirmed while its value is invalid', () => {

@@ -48,8 +48,8 @@ describe('who has control', () => {
     expect(ownRequest(asked, 'b')).toEqual(ASKING);
   });
   it('allows force only after a request', () => {
-    expect(forceHint(ANNAS, 'b', false)).toBe('Request control first: Anna is connected.');
-    expect(forceHint({ ...ANNAS, requests: [ASKING] }, 'b', false)).toBe('12 s left to answer.');
+    expect(forceHint(ANNAS, 'b', false)).toBe('Anna is connected, so request control first. If Anna does not answer, you can take control by force.');
+    expect(forceHint({ ...ANNAS, requests: [ASKING] }, 'b', false)).toBe('Anna has 12 s to answer.');
     expect(forceHint({ ...ANNAS, requests: [{ ...ASKING, answer_left_s: 0 }] }, 'b', false)).toBeNull();
     expect(forceHint(ANNAS, 'b', true)).toBeNull();
     expect(forceHint({ ...ANNAS, can_be_asked: false }, 'b', false)).toBeNull();
@@ -59,8 +59,8 @@ describe('who has control', () => {
       ...FREE,
       mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
     });
-    expect(outsideText(cause('pilot'))).toBe('by the RC pilot');
-    expect(outsideText(cause('station', 'station 245/190'))).toBe('by station 245/190');
+    expect(outsideText(cause('pilot'))).toBe('mode set by the RC pilot');
+    expect(outsideText(cause('station', 'station 245/190'))).toBe('mode set by station 245/190');
     expect(outsideText(cause('command', 'Anna'))).toBeNull();
     expect(outsideText(FREE)).toBeNull();
   });

@@ -66,15 +66,17 @@ export function requestToAnswer(control: Control | null, key: string | null): Co
 /** Text about taking control by force: null if that is possible now, else why not yet. */
 export function forceHint(control: Control, key: string | null, denied: boolean): string | null {
   const asked = ownRequest(control, key);
+  const holder = control.holder ?? 'The holder';
   if (!control.can_be_asked || denied) return null;
-  if (asked === null) return `Request control first: ${control.holder ?? 'the holder'} is connected.`;
-  return asked.answer_left_s > 0 ? `${Math.ceil(asked.answer_left_s)} s left to answer.` : null;
+  if (asked === null)
+    return `${holder} is connected, so request control first. If ${control.holder ?? 'the holder'} does not answer, you can take control by force.`;
+  return asked.answer_left_s > 0 ? `${holder} has ${Math.ceil(asked.answer_left_s)} s to answer.` : null;
 }
 
 const WHO: Readonly<Record<string, string>> = {
   pilot: 'the RC pilot',
   station: 'another ground station',
-  unknown: 'an unknown source, not this server',
+  unknown: 'an unknown source (not this server)',
   failsafe: 'the failsafe',
 };
 
@@ -83,5 +85,5 @@ export function outsideText(control: Control | null): string | null {
   const cause = control?.mode_cause ?? null;
   if (cause === null) return null;
   const who = WHO[cause.source];
-  return who === undefined ? null : `by ${cause.who ?? who}`;
+  return who === undefined ? null : `mode set by ${cause.who ?? who}`;
 }

@@ -24,7 +24,7 @@ describe('the protocols of a vehicle', () => {
     ]);
     expect(reachLines(ROS_2)).toEqual([
       ['Protocol', 'ROS 2'],
-      ['Needs MAVLink', 'parameters, files'],
+      ['Not available without MAVLink', 'parameters, files'],
     ]);
   });
   it('determine which panels are offered', () => {

@@ -19,6 +19,6 @@ export function reachLines(reach: Reach | null): [string, string][] {
   if (protocols.length > 1) {
     lines.push(['Telemetry', reach.telemetry ?? '–'], ['Commands', reach.commands ?? '–'], ['Setpoints', reach.setpoints ?? '–']);
   }
-  if (reach.missing.length > 0) lines.push(['Needs MAVLink', reach.missing.map((each) => each.replace('_', ' ')).join(', ')]);
+  if (reach.missing.length > 0) lines.push(['Not available without MAVLink', reach.missing.map((each) => each.replace('_', ' ')).join(', ')]);
   return lines;
 }

@@ -59,10 +59,10 @@ function altitudeNow(facts: ActionFacts): string {
 /** The altitude and distance of the return flight, as far as known. */
 function returnText(facts: ActionFacts): string {
   const alt_m = facts.returnAlt_home_m ?? null;
-  if (alt_m === null) return `Climbs to its return altitude, flies ${distanceText(facts.fromHome_m)} back`;
+  if (alt_m === null) return `Climbs to the return altitude, flies ${distanceText(facts.fromHome_m)} back`;
   if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m)
     return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${distanceText(facts.fromHome_m)} back`;
-  return `Climbs to at most ${fixed(alt_m, 0)} m above home, flies ${distanceText(facts.fromHome_m)} back`;
+  return `Climbs to the return altitude, ${fixed(alt_m, 0)} m above home (lower near home), flies ${distanceText(facts.fromHome_m)} back`;
 }
 
 /** The confirmation's text; null if the action needs no confirmation (Hold never does). */
@@ -101,7 +101,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         danger: false,
       };
     case 'rtl':
-      return { title: `Return ${name}`, effect: `${returnText(facts)} and lands at home.${end}`, verb: 'Return', danger: false };
+      return { title: `Return ${name}`, effect: `${returnText(facts)} and lands.${end}`, verb: 'Return', danger: false };
     case 'goto':
       return goal === null
         ? null

@@ -14,7 +14,7 @@ const AUTOPILOT = 1;
  */
 export function controlHolder(primary: readonly [number, number] | null, inControl: boolean): ControlHolder {
   if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'not controlled' };
-  if (inControl) return { who: 'server', text: 'this server' };
-  if (primary[1] === AUTOPILOT) return { who: 'vehicle', text: 'the vehicle itself' };
-  return { who: 'other', text: `system ${primary[0]}, component ${primary[1]}` };
+  if (inControl) return { who: 'server', text: 'controlled by this server' };
+  if (primary[1] === AUTOPILOT) return { who: 'vehicle', text: 'controlled by the vehicle' };
+  return { who: 'other', text: `controlled by system ${primary[0]}, component ${primary[1]}` };
 }

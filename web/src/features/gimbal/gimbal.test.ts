@@ -28,7 +28,7 @@ describe('gimbal', () => {
   });
   it('shows who controls it', () => {
     expect(controlHolder(null, false).who).toBe('nobody');
-    expect(controlHolder([255, 190], true).text).toBe('this server');
+    expect(controlHolder([255, 190], true).text).toBe('controlled by this server');
     expect(controlHolder([1, 1], false).who).toBe('vehicle');
     expect(controlHolder([254, 191], false).text).toContain('254');
   });

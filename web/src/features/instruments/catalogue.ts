@@ -82,14 +82,14 @@ const LABELS: Readonly<Record<string, string>> = {
   'attitude.yaw_ned_rad': 'Yaw',
   'global_position.lat_deg': 'Latitude',
   'global_position.lon_deg': 'Longitude',
-  'global_position.alt_amsl_m': 'Above sea level',
+  'global_position.alt_amsl_m': 'Altitude AMSL',
   'global_position.alt_home_m': 'Above home',
   'gps.hdop': 'HDOP',
   'gps.horizontal_accuracy_m': 'GPS accuracy',
   'gps.fix_type': 'GPS fix type',
   'home.lat_deg': 'Home latitude',
   'home.lon_deg': 'Home longitude',
-  'home.alt_amsl_m': 'Home above sea level',
+  'home.alt_amsl_m': 'Home altitude AMSL',
   'battery.remaining_percent': 'Battery',
   'battery.time_remaining_s': 'Battery time left',
   'battery.voltage_v': 'Battery voltage',
@@ -157,8 +157,14 @@ function ofField(topic: string, field: string, index: number | null, label: stri
   };
 }
 
-const CELLS = 6;
-const MOTORS = 8;
+/** Lists whose elements have a name. Others, such as the sectors of an obstacle sensor, are not offered. */
+const LISTS: Readonly<Record<string, { name: string; count: number }>> = { battery: { name: 'Cell', count: 6 }, motors: { name: 'Motor', count: 8 } };
+
+/** "Roll rate", "Target yaw rate". */
+function rateLabel(topic: string, axis: string): string {
+  const label = `${topic.startsWith('target') ? 'target ' : ''}${axis} rate`;
+  return label.charAt(0).toUpperCase() + label.slice(1);
+}
 
 function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
@@ -167,11 +173,11 @@ function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quant
     const what = topic.startsWith('target') ? `Target ${label.toLowerCase()}` : topic === 'home' ? `Home ${label.toLowerCase()}` : label;
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
-      return axes.map((axis, i) => ofField(topic, field, i, `${what} ${axis}`));
+      return axes.map((axis, i) => ofField(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${what} ${axis}`));
     }
     if (kind === 'list') {
-      const [name, count] = topic === 'motors' ? ['Motor', MOTORS] : ['Cell', CELLS];
-      return Array.from({ length: count }, (_, i) => ofField(topic, field, i, `${name} ${i + 1}`));
+      const list = LISTS[topic];
+      return list === undefined ? [] : Array.from({ length: list.count }, (_, i) => ofField(topic, field, i, `${list.name} ${i + 1}`));
     }
     if (kind.startsWith('vector')) return [];
     return [ofField(topic, field, null, LABELS[`${topic}.${field}`] ?? what)];

@@ -48,7 +48,7 @@ const KINDS: Readonly<Record<string, string>> = {
   warning: 'Reported by the server',
 };
 
-/** The source of a message. */
+/** The type of a message, as text. */
 export function kindText(kind: string): string {
   return KINDS[kind] ?? kind.replaceAll('_', ' ');
 }

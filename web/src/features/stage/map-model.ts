@@ -102,7 +102,7 @@ function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, here: Geo
 function label(facts: VehicleFacts): string {
   const position = facts.global;
   if (position === null) return facts.id;
-  const age = facts.lost ? ' · lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
+  const age = facts.lost ? ' · connection lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
   return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m${age}`;
 }
 

@@ -30,8 +30,8 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
   if (reading === null) return empty('GPS');
   const { value: gps, stale, age_s } = reading;
   const fix = FIX[gps.fix_type] ?? `fix ${gps.fix_type}`;
-  const satellites = gps.satellites === null ? null : String(gps.satellites);
-  const accuracy = gps.horizontal_accuracy_m === null ? null : `${fixed(gps.horizontal_accuracy_m, 1)} m`;
+  const satellites = gps.satellites === null ? null : `${gps.satellites} sats`;
+  const accuracy = gps.horizontal_accuracy_m === null ? null : `±${fixed(gps.horizontal_accuracy_m, 1)} m`;
   const poor = gps.fix_type < 3;
   return {
     label: 'GPS',
@@ -42,9 +42,9 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
     severity: poor ? 'danger' : 'none',
     details: [
       ['Fix', fix],
-      ['Satellites', satellites ?? UNKNOWN],
+      ['Satellites', gps.satellites === null ? UNKNOWN : String(gps.satellites)],
       ['HDOP', fixed(gps.hdop, 2)],
-      ['Accuracy (eph)', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`],
+      ['Accuracy (eph)', accuracy === null ? UNKNOWN : `${accuracy} horizontal`],
       ['Last received', `${fixed(age_s, 1)} s ago`],
     ],
   };
@@ -132,7 +132,7 @@ export function linkIndicator(
     stale: false,
     age_s: heartbeatAge_s,
     text: lost ? `lost ${Math.round(heartbeatAge_s)} s ago` : (text ?? 'connected'),
-    word: lost ? 'lost' : weak ? 'weak' : '',
+    word: weak ? 'weak' : '',
     severity: lost ? 'danger' : weak ? 'caution' : 'none',
     details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],
   };

@@ -1,6 +1,7 @@
 /** The vehicle's mode and who commands it, as the text of the pill in the top bar. */
 
 import type { Status } from '../../live/topics';
+import { kindName } from '../../vehicle/setpoint-kinds';
 
 export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'neutral';
 
@@ -22,7 +23,7 @@ export interface StatusFacts {
   /** Who outside this server set the mode; null if nobody did. */
   outside?: string | null;
   /** The active stream of this server. */
-  stream: { type: string; rate_hz: number | null; client: string | null } | null;
+  stream: { type: string | null; rate_hz: number | null; client: string | null } | null;
 }
 
 interface ModeText {
@@ -51,8 +52,10 @@ function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
   if (status.mode === 'offboard') {
     if (stream === null) return { title: 'Offboard', who: 'setpoints from another computer, not this server' };
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
-    const client = stream.client === null ? '' : `, ${stream.client}`;
-    return { title: 'Offboard', who: `setpoints from this server: ${stream.type}${rate}${client}` };
+    return {
+      title: 'Offboard',
+      who: `${stream.type === null ? 'Setpoints' : `${kindName(stream.type)} setpoints`} from ${stream.client ?? 'this server'}${rate}`,
+    };
   }
   if (status.mode.startsWith('external_')) {
     const who = stream === null ? 'an external flight mode of PX4' : 'a mission of this server, as a flight mode of PX4';
@@ -61,8 +64,13 @@ function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
   return MODE_TEXTS[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
 }
 
+/** Age of the newest heartbeat [s]: the vehicle's at the time of its status, and the age of the status. */
+export function heartbeatAge_s(status: Status, statusAge_s: number): number {
+  return Math.max(0, (status.last_heartbeat_age_s ?? 0) + statusAge_s);
+}
+
 function seconds(age_s: number): string {
-  return `${Math.max(0, Math.round(age_s))} s`;
+  return `${Math.round(age_s)} s`;
 }
 
 /** Whether a failsafe changed the mode that was requested. */
@@ -76,7 +84,7 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
   if (facts.lost) {
     const last = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
     if (facts.offline === true) return { title: 'No connection to the server', who: last, tone: 'danger' };
-    return { title: 'Connection lost', who: `${seconds((status.last_heartbeat_age_s ?? 0) + facts.age_s)} ago · ${last}`, tone: 'danger' };
+    return { title: 'Connection lost', who: `${seconds(heartbeatAge_s(status, facts.age_s))} ago · ${last}`, tone: 'danger' };
   }
   if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recording, takes no commands`, tone: 'neutral' };
   if (!status.armed) {

@@ -22,7 +22,7 @@ describe('status words', () => {
   it('shows who commands the vehicle', () => {
     expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
       title: 'Offboard',
-      who: 'setpoints from this server: position, 50 Hz, a',
+      who: 'Position setpoints from a, 50 Hz',
       tone: 'target',
     });
     expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
@@ -66,7 +66,7 @@ it('shows severity with a word, and unknown as unknown', () => {
   expect(batteryIndicator(reading(null)).text).toBe('–');
   expect(batteryIndicator(null).text).toBe('–');
   expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({
-    text: '3 · no fix',
+    text: '3 sats · no fix',
     severity: 'danger',
   });
 });

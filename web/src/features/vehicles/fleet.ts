@@ -28,7 +28,7 @@ const LOW_PERCENT = 25;
 /** State of a vehicle. While the server itself is unreachable, the vehicle's own connection is unknown. */
 export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone'] } {
   if (facts.offline) return { text: 'no server', tone: 'danger' };
-  if (facts.lost) return { text: 'lost', tone: 'danger' };
+  if (facts.lost) return { text: 'no link', tone: 'danger' };
   const status = facts.status?.value;
   if (status === undefined) return { text: '', tone: 'dim' };
   return { text: status.armed ? status.mode_label : 'disarmed', tone: 'dim' };

@@ -87,7 +87,7 @@ export function setpointText(s: Readonly<Record<string, unknown>>): string {
     number(s['lat_deg'], (v) => v.toFixed(6)),
     number(s['lon_deg'], (v) => v.toFixed(6)),
     number(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
-    number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m above sea level`),
+    number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m AMSL`),
     triple(s['velocity_ned_m_s'], 'm/s', NED),
     triple(s['velocity_frd_m_s'], 'm/s', FRD),
     triple(s['acceleration_ned_m_s2'], 'm/s²', NED),

@@ -65,6 +65,15 @@ export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
   abort: 'Abort…',
 };
 
+/** The commands in progress texts and refusals. */
+export const COMMAND_TEXTS: Readonly<Record<FlightCommand, string>> = {
+  pause: 'Pause mission',
+  resume: 'Resume mission',
+  skip: 'Skip step',
+  go_on: 'Continue mission',
+  abort: 'Abort mission',
+};
+
 /** Elapsed part of the flight time, 0 to 1; null if it is not known. */
 export function progress(flown: Flown): number | null {
   if (flown.remaining_s === null || !(flown.duration_s > 0)) return null;
