@@ -118,7 +118,7 @@ def drag(at: PictureSetup) -> None:
     page.keyboard.press("p")
     dock = page.get_by_role("region", name="Offboard room")
     dock.get_by_role("radio", name="Drag in 3D").click()
-    dock.get_by_role("button", name="Back to vehicle").click()
+    dock.get_by_role("button", name="Reset target to vehicle").click()
     for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
     wait_until_unchanged(page, 5)

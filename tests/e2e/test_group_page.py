@@ -108,7 +108,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
             return all(now[0] - was[0] > north_m for now, was in zip(positions(drones), before, strict=True))
 
         wait_until(lambda: moved_north(5.5), "both six metres north", 30)
-        expect(card).to_contain_text("Renewed while this page is visible")
+        expect(card).to_contain_text("This page renews the setpoints while it is visible")
         assert number(card.locator(".figures b").first.inner_text()) > 1
         wait_until(lambda: time.monotonic() - began_s > 10, "longer than its validity")
         group = gcs.request("GET", "/groups")["groups"][-1]

@@ -79,8 +79,8 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         room = plan_room(page)
         page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
         expect(room.get_by_label("Name of the plan")).to_have_value("Line")
-        room.get_by_text("Flight modes of PX4", exact=True).click()
-        modes = room.get_by_role("group", name="Flight modes of PX4")
+        room.get_by_text("Mission as a PX4 flight mode", exact=True).click()
+        modes = room.get_by_role("group", name="Mission as a PX4 flight mode")
         modes.get_by_label("Name of the flight mode").fill(NAME)
         deferral = modes.get_by_label("Defer failsafes")
         register = modes.get_by_role("button", name="egister")

@@ -222,7 +222,7 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
 
 @pytest.mark.realtime  # drags in the 3D view, rendered in software
 def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station) -> None:
-    """The position is a preview until Go is pressed; keys move it in steps."""
+    """The position is a preview until Send is pressed; keys move it in steps."""
     drone = hovering.drone
     with opened(browser, hovering.url, size=(1280, 720)) as page:
         room = open_room(page)

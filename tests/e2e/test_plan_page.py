@@ -252,9 +252,9 @@ def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
     expect(card).to_contain_text("the straight lines of the plan")
     page.keyboard.press("h")
     wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
-    expect(card.get_by_role("status")).to_have_text("Not monitored now")
+    expect(card.get_by_role("status")).to_have_text("Paused: not in Mission mode")
     page.reload()
-    expect(card.get_by_role("status")).to_have_text("Not monitored now")
+    expect(card.get_by_role("status")).to_have_text("Paused: not in Mission mode")
     expect(card).to_contain_text("The vehicle has left Mission mode")
 
 

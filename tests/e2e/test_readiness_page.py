@@ -81,7 +81,7 @@ def test_the_reasons_against_arming_and_against_each_mode_are_shown(station: Sta
         value.press("Enter")
         expect(line).to_contain_text("4 m/s")
         params.get_by_label("Search parameters").fill("")
-        params.get_by_label("Changed only").check()
+        params.get_by_label("Only non-default").check()
         expect(params.get_by_role("button", name="MPC_XY_CRUISE")).to_have_count(1)
         assert serious_violations(page) == []
         assert drone.param("MPC_XY_CRUISE") == 4.0

@@ -70,14 +70,15 @@ function triple(raw: Raw | null, name: string): MaybeVector3 | null {
   return value.map((v) => (typeof v === 'number' ? v : null)) as MaybeVector3;
 }
 
-function expiryText(raw: Raw | null): string | null {
+/** What happens when the setpoints expire. */
+export function expiryText(raw: Raw | null): string | null {
   const action = text(raw, 'action');
   if (action === 'hold') {
     const time_s = number(raw, 'hold_for_s');
-    return time_s === null ? 'holds, then Hold mode' : `holds ${time_s} s, then Hold mode`;
+    return `the server holds the position${time_s === null ? '' : ` for ${time_s} s`}, then selects Hold mode`;
   }
-  if (action === 'land') return 'lands';
-  return action === 'stop_stream' ? 'stops the stream' : null;
+  if (action === 'land') return 'the vehicle lands';
+  return action === 'stop_stream' ? 'the server stops the stream' : null;
 }
 
 export function readOffboard(value: unknown): OffboardStatus | null {

@@ -147,8 +147,8 @@ export const KINDS: readonly KindSpec[] = [
     warning: NOT_HELD,
     yaw: 'none',
     groups: [
-      group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll, right down', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
-      group('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch, nose up', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
+      group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll (+ right)', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
+      group('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch (+ up)', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
       group('yaw_ned_rad', 'Yaw', [{ key: 'yaw', label: 'Yaw, from north', unit: '°', scale: RAD, min: -360, max: 360, step: 5 }], { scalar: true }),
       THRUST,
       group('yaw_rate_ned_rad_s', 'Yaw rate', [{ key: 'rate', label: 'Yaw rate', unit: '°/s', scale: RAD, step: 5 }], { scalar: true, optional: true }),
@@ -162,9 +162,9 @@ export const KINDS: readonly KindSpec[] = [
     yaw: 'none',
     groups: [
       group('rates_frd_rad_s', 'Rates', [
-        { key: 'r0', label: 'Roll, right down', unit: '°/s', scale: RAD, step: 5 },
-        { key: 'r1', label: 'Pitch, nose up', unit: '°/s', scale: RAD, step: 5 },
-        { key: 'r2', label: 'Yaw, clockwise', unit: '°/s', scale: RAD, step: 5 },
+        { key: 'r0', label: 'Roll (+ right)', unit: '°/s', scale: RAD, step: 5 },
+        { key: 'r1', label: 'Pitch (+ up)', unit: '°/s', scale: RAD, step: 5 },
+        { key: 'r2', label: 'Yaw (+ clockwise)', unit: '°/s', scale: RAD, step: 5 },
       ]),
       THRUST,
     ],

@@ -53,7 +53,7 @@ describe('offboard', () => {
       type: 'position',
       rate_hz: 49.9,
       validLeft_s: 8.2,
-      onExpiry: 'holds 5 s, then Hold mode',
+      onExpiry: 'the server holds the position for 5 s, then selects Hold mode',
       ifStreamStops: 'it lands',
     });
     expect(stream && error_m(stream, [1, 2, 1])).toBe(4);

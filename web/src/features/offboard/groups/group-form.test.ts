@@ -61,9 +61,9 @@ describe('the group form', () => {
     const question = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersContinue: true });
     expect(question.title).toBe('Group: 1 Quad and 2 Quad');
     expect(question.effect).toBe(
-      'Each switches to Offboard at its current position; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Separation at least 5.0 m; only a vehicle that comes closer holds. After 5.0 s all switch to Hold. “Hold group” stops all vehicles at any time.',
+      'All vehicles switch to Offboard at their current positions. In 30 s all fly 1.0 m/s north, 0.5 m/s down together. If two vehicles come closer than 5.0 m, only these two hold. After 5.0 s all switch to Hold. “Hold group” switches all to Hold at any time.',
     );
-    expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is visible');
+    expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('This page renews the setpoints while it is visible');
   });
 });
 

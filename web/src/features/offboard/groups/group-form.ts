@@ -143,19 +143,18 @@ export function groupText(draft: Draft): string {
   const parts = vector(draft)
     .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
     .filter((p) => p !== null);
-  if (parts.length === 0) return draft.motion === 'move' ? 'hold their positions' : 'stand still';
+  if (parts.length === 0) return draft.motion === 'move' ? 'hold their positions' : 'hover (zero velocity)';
   return `${draft.motion === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
 }
 
 /** Vehicles, action and effect of a start, before it is confirmed. */
 export function startQuestion(names: readonly string[], draft: Draft): Question {
-  const start = parseTyped(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(parseTyped(draft.startIn_s), 0)} s`;
+  const start = parseTyped(draft.startIn_s) === null ? 'Then' : `In ${fixed(parseTyped(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = validityOf(draft);
-  const ends = renew ? 'Renewed while this page is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
-  const separationAction = draft.othersContinue ? 'only a vehicle that comes closer holds' : 'if two vehicles come closer, all vehicles hold';
+  const ends = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
   return {
     title: `Group: ${joinNames(names)}`,
-    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(parseTyped(draft.separation_m), 1)} m; ${separationAction}. ${ends}. “Hold group” stops all vehicles at any time.`,
+    effect: `All vehicles switch to Offboard at their current positions. ${start} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two hold' : 'all hold'}. ${ends}. “Hold group” switches all to Hold at any time.`,
     verb: 'Start',
     danger: false,
   };

@@ -77,7 +77,7 @@ export function stateLabel(group: Group, now_unix_s: number): { text: string; to
 
 const STREAMS: Readonly<Record<string, string>> = {
   idle: 'no stream',
-  starting: 'joins',
+  starting: 'switching to Offboard',
   holding: 'expired: holds its position',
   to_hold: 'switches to Hold',
   landing: 'expired: lands',
@@ -89,7 +89,7 @@ export function memberLabel(member: Member, modeLabel: string | null, isStarting
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
   if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
-  if (member.held) return { text: `${member.mode === 'hold' ? 'held' : 'left the group'} · ${mode}`, tone: 'caution' };
+  if (member.held) return { text: member.mode === 'hold' ? 'in Hold' : `left the group · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
 
@@ -108,7 +108,7 @@ export function findingsShown(group: Group, max: number): Group['findings'] {
 
 /** The minimum separation that the server monitors, and its margin for uncertain positions. */
 export function separationText(group: Group): string {
-  const minimum = `at least ${fixed(group.minimum_separation_m, 1)} m`;
+  const minimum = `minimum ${fixed(group.minimum_separation_m, 1)} m`;
   return group.margin_m === null ? minimum : `${minimum} + ${fixed(group.margin_m, 1)} m margin`;
 }
 

@@ -56,7 +56,7 @@ describe('a group’s state', () => {
     const [member] = GROUP.members;
     if (member === undefined) throw new Error('no member');
     expect(memberLabel(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
-    expect(memberLabel({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'held · Hold', tone: 'caution' });
+    expect(memberLabel({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'in Hold', tone: 'caution' });
     expect(memberLabel({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left the group · land', tone: 'caution' });
     expect(memberLabel({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
     expect(memberLabel(member, 'Offboard', true).text).toBe('waiting · Offboard');
@@ -64,8 +64,8 @@ describe('a group’s state', () => {
   });
 
   it('shows the separation margin once the server has measured it', () => {
-    expect(separationText(GROUP)).toBe('at least 5.0 m + 1.6 m margin');
-    expect(separationText(as({ margin_m: null }))).toBe('at least 5.0 m');
+    expect(separationText(GROUP)).toBe('minimum 5.0 m + 1.6 m margin');
+    expect(separationText(as({ margin_m: null }))).toBe('minimum 5.0 m');
   });
 
   it('lists findings newest first, and the reason of the end once', () => {

@@ -9,7 +9,7 @@ import type { Vector3 } from '../../../live/topics';
 import type { WireEvent } from '../../../live/wire';
 import { fixed } from '../../../ui/format';
 import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint';
-import { readOffboard } from '../../../vehicle/offboard';
+import { expiryText, readOffboard } from '../../../vehicle/offboard';
 import { build, formHere, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
@@ -155,13 +155,7 @@ class SetpointEditor {
   start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const where = target === null ? '' : ` (${previewText(target, facts)})`;
-    const after =
-      validity.on_expiry.action === 'hold'
-        ? 'the vehicle holds, then switches to Hold mode'
-        : validity.on_expiry.action === 'land'
-          ? 'the vehicle lands'
-          : 'the server stops the stream';
-    const howLong = validity.renew ? 'for as long as this page is open' : `for ${fixed(validity.valid_for_s, 1)} s, then ${after}`;
+    const howLong = validity.renew ? 'for as long as this page is open' : `for ${fixed(validity.valid_for_s, 1)} s, then ${expiryText(validity.on_expiry)}`;
     const sent = this.input;
     actions.request('offboard_start', facts, 'room', null, {
       setpoint,

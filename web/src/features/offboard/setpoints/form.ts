@@ -92,7 +92,7 @@ export function formHere(kind: SetpointKind, facts: VehicleFacts, hoverThrust: n
 function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
   if (nullable && field?.off === true) return { value: null };
   const value = parseTyped(field?.text ?? '');
-  if (value === null) return { error: nullable ? `${axis.label}: enter a number, or leave it uncontrolled.` : `${axis.label}: enter a number.` };
+  if (value === null) return { error: nullable ? `${axis.label}: enter a number, or choose “not controlled”.` : `${axis.label}: enter a number.` };
   if (axis.min !== undefined && value < axis.min) return { error: `${axis.label}: at least ${axis.min}${axis.unit && ` ${axis.unit}`}.` };
   if (axis.max !== undefined && value > axis.max) return { error: `${axis.label}: at most ${axis.max}${axis.unit && ` ${axis.unit}`}.` };
   return { value: value * axis.scale + 0 };
@@ -124,7 +124,7 @@ export function build(form: Form): Built {
     Object.assign(setpoint, { vehicle: form.other, yaw: form.followYaw });
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = parseTyped(form.yaw);
-    if (value === null) errors['yaw'] = 'Yaw: enter a number, or leave it uncontrolled.';
+    if (value === null) errors['yaw'] = 'Yaw: enter a number, or choose “Keep”.';
     else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD);
     else if (form.yawChoice === 'angle') setpoint['yaw_ned_rad'] = wrapPi(value * RAD);
     else setpoint['yaw_rate_ned_rad_s'] = value * RAD;

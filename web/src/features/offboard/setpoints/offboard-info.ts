@@ -69,7 +69,7 @@ export function limitsText(limits: OffboardLimits | null): string {
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
   );
-  if (limits.operator.fence != null) parts.push('fence');
+  if (limits.operator.fence != null) parts.push('geofence');
   if (!limits.operator.obstacle_brake) parts.push('does not stop before obstacles');
   return parts.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : parts.join(', ');
 }

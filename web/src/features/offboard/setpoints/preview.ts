@@ -81,7 +81,9 @@ export function previewText(preview: Preview, facts: VehicleFacts): string {
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
   const away = Math.hypot(n, e);
   const { text, unit } = metres(away);
-  const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `after ${PREDICTION_S} s` : 'away'}`];
+  const parts = [
+    away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${PREDICTION_S} s at this velocity` : 'away'}`,
+  ];
   if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'above' : 'below'} the vehicle`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (preview.yaw_ned_rad !== null && yaw !== null) {

@@ -97,7 +97,7 @@ describe('preview', () => {
   it('shows the position that a velocity reaches, and marks it as extrapolated', () => {
     const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
     expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], isExtrapolated: true });
-    expect(preview && previewText(preview, FACTS)).toBe('3.0 m after 3 s, 3.0 m above the vehicle');
+    expect(preview && previewText(preview, FACTS)).toBe('3.0 m away after 3 s at this velocity, 3.0 m above the vehicle');
   });
 
   it('is null for an attitude, and without the vehicle’s position', () => {

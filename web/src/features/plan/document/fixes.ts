@@ -59,7 +59,7 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'jump_stalls':
       return row === null || item === undefined ? null : { text: `Delete step ${row + 1}`, plan: remove(plan, [`item:${row}`]) };
     case 'fence_invalid':
-      return zone === null ? null : { text: 'Delete this fence', plan: removeZone(plan, zone) };
+      return zone === null ? null : { text: 'Delete this geofence', plan: removeZone(plan, zone) };
     case 'obstacle_invalid':
       return obstacle === null ? null : { text: 'Delete this obstacle', plan: removeObstacle(plan, obstacle) };
     default:

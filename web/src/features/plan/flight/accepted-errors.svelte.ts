@@ -68,5 +68,5 @@ export const findingText = ({ text, place }: Finding): string => (place.step ===
 
 /** Text for a confirmation, which lists each accepted error; empty if there are none. */
 export function acceptedErrorsText(findings: readonly string[]): string {
-  return findings.length === 0 ? '' : `Despite ${findings.length === 1 ? 'an error' : `${findings.length} errors`}: ${findings.join(' ')}`;
+  return findings.length === 0 ? '' : `You accepted ${findings.length} ${findings.length === 1 ? 'error' : 'errors'}: ${findings.join(' ')}`;
 }

@@ -16,14 +16,15 @@ function itemOfRow(plan: Plan, row: number): number {
  * @param despite texts of the accepted errors.
  */
 export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly string[], dryRun: string | null = null): Question {
-  const from = row === null ? (inAir ? 'its current step' : 'its first step') : `step ${row + 1}`;
-  const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
+  const resumes = inAir && row === null;
+  const from = row === null ? (inAir ? 'the current step of its mission' : 'the first step') : `step ${row + 1}`;
+  const flies = inAir ? `The vehicle flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
-    title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
+    title: `${resumes ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
     effect: [flies, acceptedErrorsText(despite), dryRun === null ? '' : 'The flight is compared with the dry run.', 'Hold pauses the mission.']
       .filter((part) => part !== '')
       .join(' '),
-    verb: 'Fly',
+    verb: resumes ? 'Resume' : 'Fly',
     danger: despite.length > 0,
   };
 }

@@ -198,13 +198,14 @@ describe('flying the plan on the vehicle', () => {
   it('lists the accepted errors, and confirms as a dangerous action', () => {
     const question = startQuestion('1 Quad', false, null, ['It leaves the fence.']);
     expect(question.effect).toBe(
-      'Arms, takes off and flies the mission stored on the vehicle from its first step. Despite an error: It leaves the fence. Hold pauses the mission.',
+      'Arms, takes off and flies the mission stored on the vehicle from the first step. You accepted 1 error: It leaves the fence. Hold pauses the mission.',
     );
     expect([question.danger, startQuestion('1 Quad', true, 3, []).danger]).toEqual([true, false]);
     expect(startQuestion('1 Quad', true, 3, [])).toMatchObject({
       title: 'Fly the mission of 1 Quad from step 4',
-      effect: expect.stringContaining('Flies to step 4'),
+      effect: expect.stringContaining('flies to step 4'),
     });
+    expect(startQuestion('1 Quad', true, null, [])).toMatchObject({ title: 'Resume the mission of 1 Quad', verb: 'Resume' });
   });
 
   it('starts at the item of a step, counted after all items of earlier patterns', () => {
@@ -245,7 +246,7 @@ describe('an interrupted flight', () => {
     });
     const unknown = resumeQuestion('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
     expect(unknown.effect).toBe(
-      'Arms, climbs at its current position to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. Despite an error: It leaves the fence. Hold pauses the mission.',
+      'Arms, climbs at its current position to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. You accepted 1 error: It leaves the fence. Hold pauses the mission.',
     );
     expect(unknown.danger).toBe(true);
   });

@@ -26,7 +26,9 @@ export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, cu
   const older =
     current !== null && holds.plan?.id === current.id
       ? `version ${holds.plan.version ?? 0} of this plan`
-      : `the plan “${holds.plan?.name ?? 'without a name'}”`;
+      : holds.plan?.name == null
+        ? 'an unnamed plan'
+        : `the plan “${holds.plan.name}”`;
   return `On ${name}: ${older}.`;
 }
 

@@ -44,7 +44,7 @@ describe('a monitored flight', () => {
   it('says that it is not monitored in another mode, and when it has ended', () => {
     const states = (['flying', 'paused', 'done', 'stopped'] as const).map((state) => ({ ...FLIGHT, state }));
     expect(states.map(hasEnded)).toEqual([false, false, true, true]);
-    expect(states.map((one) => flightWords(one).text)).toEqual(['Flying', 'Not monitored now', 'Done', 'Stopped']);
+    expect(states.map((one) => flightWords(one).text)).toEqual(['Flying', 'Paused: not in Mission mode', 'Done', 'Stopped']);
   });
 });
 

@@ -9,7 +9,7 @@ export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatu
 
 const WORDS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {
   flying: { text: 'Flying', tone: 'target' },
-  paused: { text: 'Not monitored now', tone: 'dim' },
+  paused: { text: 'Paused: not in Mission mode', tone: 'dim' },
   done: { text: 'Done', tone: 'ok' },
   stopped: { text: 'Stopped', tone: 'caution' },
 };

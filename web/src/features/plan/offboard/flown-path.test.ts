@@ -101,7 +101,7 @@ describe('figures', () => {
     expect(sourceText(ofPlan)).toContain('straight lines between the items');
     expect(row('Time armed', null, ofPlan)).toEqual(['–', '01:15']);
     expect(row('Length', null, ofPlan)[0]).toBe('not known');
-    expect(distanceText(figures(ofPlan, [], null), ofPlan)).toContain('never on a known planned path');
+    expect(distanceText(figures(ofPlan, [], null), ofPlan)).toContain('no planned path is known for this flight');
   });
 
   it('take the planned battery from the dry run of one vehicle', () => {

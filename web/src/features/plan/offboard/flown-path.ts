@@ -21,7 +21,7 @@ const TIMES = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const
 
 /** Where the planned values come from. */
 const SOURCES: Readonly<Record<FlownPath['planned_by'], string>> = {
-  mission: 'Time with setpoints: without take-off and landing, which PX4 flies by itself. Length: of the whole flight.',
+  mission: 'The time covers only the part with setpoints, without take-off and landing, which PX4 flies by itself. The length covers the whole flight.',
   dry_run: 'Planned: the dry run. Both times are from arming to disarming.',
   plan: 'Planned: straight lines between the items, and the estimated time of flight. Flown: from arming to disarming.',
 };
@@ -147,7 +147,7 @@ export function sourceText({ planned_by }: FlownPath): string {
 /** The largest and the 95 % distance as text. */
 export function distanceText({ largest_m, within_m }: Figures, { planned_by }: FlownPath): string {
   if (largest_m === null) {
-    const why = planned_by === 'mission' ? 'no positions were sent' : 'the vehicle was never on a known planned path';
+    const why = planned_by === 'mission' ? 'no positions were sent' : 'no planned path is known for this flight';
     return `Distance from the planned path: not known, because ${why}.`;
   }
   return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(within_m, 1)} m.`;

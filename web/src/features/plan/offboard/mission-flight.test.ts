@@ -13,6 +13,7 @@ import {
   availableCommands,
   progress,
   startQuestion,
+  lastFlightText,
   stateWords,
   type Flown,
 } from './mission-flight';
@@ -118,9 +119,10 @@ describe('an offboard mission in flight', () => {
     expect(progress(as({ remaining_s: null }))).toBeNull();
     expect(progress(as({ duration_s: 0 }))).toBeNull();
     expect(progress(as({ remaining_s: 500 }))).toBe(0);
-    expect(deviationText(FLOWN)).toBe('0.3 m from its setpoint');
+    expect(deviationText(FLOWN)).toBe('0.3 m position error');
     expect(deviationText(as({ deviation_m: null }))).toBeNull();
-    expect(stateWords(as({ state: 'suspended' }))).toEqual({ text: 'Suspended', tone: 'caution' });
+    expect(stateWords(as({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
+    expect(lastFlightText(as({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLOWN.name}” by 1 Quad: aborted.`);
     expect(stateWords(as({ state: 'starting' })).text).toBe('Switching to Offboard');
     expect(stateWords(as({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
     expect([isOver(FLOWN), isOver(as({ state: 'done' }))]).toEqual([false, true]);
@@ -144,7 +146,7 @@ describe('starting an offboard mission', () => {
     expect(effect).toContain('If the server or its link fails: after 1 s the vehicle lands. Hold stops the mission');
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
     const despite = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
-    expect(despite.effect).toContain('Despite an error: step 2: It leaves the fence. Low battery');
+    expect(despite.effect).toContain('You accepted 1 error: step 2: It leaves the fence. Low battery');
     expect([startQuestion(MISSION, '1 Quad', null, 0, null).danger, despite.danger]).toEqual([false, true]);
   });
 });

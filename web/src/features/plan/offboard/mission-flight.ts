@@ -22,7 +22,7 @@ const WORDS: Readonly<Record<State, string>> = {
   pausing: 'Pausing',
   paused: 'Paused',
   landing: 'Landing',
-  suspended: 'Suspended',
+  suspended: 'Interrupted by another mode',
   done: 'Done',
   aborted: 'Aborted',
   stopped: 'Stopped',
@@ -38,6 +38,11 @@ export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' 
   if (flown.state === 'done') return { text, tone: 'ok' };
   if (isOver(flown) || flown.state === 'suspended') return { text, tone: 'caution' };
   return { text, tone: flown.state === 'paused' ? 'dim' : 'target' };
+}
+
+/** How the vehicle's last mission ended. */
+export function lastFlightText(flown: Flown, vehicleName: string): string {
+  return `Last flight of “${flown.name}” by ${vehicleName}: ${WORDS[flown.state].toLowerCase()}.`;
 }
 
 /** Who commands the vehicle during a mission whose flight mode has an executor; null: its mode has none, or it is over. */
@@ -175,5 +180,5 @@ export function corridorText({ outside_corridor_m }: Pick<Flown, 'outside_corrid
 
 /** Text about the distance from the setpoint; null if it is not known. */
 export function deviationText(flown: Flown): string | null {
-  return flown.deviation_m === null ? null : `${fixed(flown.deviation_m, 1)} m from its setpoint`;
+  return flown.deviation_m === null ? null : `${fixed(flown.deviation_m, 1)} m position error`;
 }
