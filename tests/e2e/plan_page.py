@@ -97,7 +97,7 @@ def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
     """Runs a dry run of the plan; returns the time slider of its result."""
     bar = room.get_by_role("region", name="Dry run")
     bar.get_by_role("button", name="Dry run", exact=True).click()
-    expect(bar).to_contain_text("Flown: ", timeout=longest_s * 1000)
+    expect(bar).to_contain_text("Dry run: ", timeout=longest_s * 1000)
     return page.get_by_role("slider", name="Time in the dry run")
 
 

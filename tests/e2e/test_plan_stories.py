@@ -91,10 +91,10 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
         steps.filter(has_text="Around the tower").click()
         card = page.get_by_role("group", name="Selection")
         card.get_by_label("Part of the step").select_option(label="point 3c")
-        card.get_by_label("Height above start").fill("200")
+        card.get_by_label("Altitude above start").fill("200")
         expect(findings).to_contain_text("above home")
         page.get_by_role("button", name="Undo", exact=True).click()
-        expect(card.get_by_label("Height above start")).to_have_value("18")
+        expect(card.get_by_label("Altitude above start")).to_have_value("18")
         expect(findings).to_contain_text("no findings")
 
         scrub = dry_run(page, room)
@@ -127,12 +127,12 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
         expect(steps.filter(has_text="3 points")).to_have_count(1)
         steps.filter(has_text="Take off").click()
         choose(add, "Gimbal")
-        card.get_by_label("Track").select_option(label="look at a point")
+        card.get_by_label("Gimbal mode").select_option(label="look at a point")
         for label, value in zip(("north", "east"), TOWER_NED_M, strict=False):
             card.get_by_label(f"Look at: {label}").fill(f"{value}")
-        card.get_by_label("Height above start").fill(f"{-TOWER_NED_M[2]}")
+        card.get_by_label("Altitude above start").fill(f"{-TOWER_NED_M[2]}")
         steps.filter(has_text="3 points").click()
-        card.get_by_label("Heading").select_option(label="at a point")
+        card.get_by_label("Heading").select_option(label="towards a point")
         card.get_by_label("Photo every").fill("6")
         no_findings(room)
         press(dry_run(page, room), "End")
@@ -186,7 +186,7 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
 
         tab_to(page, "Dry run")
         keyboard.press("Enter")
-        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Flown: ", timeout=120_000)
+        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Dry run: ", timeout=120_000)
         tab_to(page, "Time in the dry run")
         keyboard.press("PageUp")
         keyboard.press("ArrowRight")
@@ -240,7 +240,7 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         expect(findings).not_to_contain_text("Error:")
         tab_to(page, "Dry run")
         keyboard.press("Enter")
-        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Flown: ", timeout=120_000)
+        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Dry run: ", timeout=120_000)
 
 
 def type_into(page: Page, label: str, text: str) -> None:

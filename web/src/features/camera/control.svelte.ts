@@ -50,7 +50,7 @@ export class CameraControl {
     this.busy = true;
     this.taken = null;
     const component = camera.component_id;
-    const taken = await this.actions.attempt('Take picture', facts, 'camera', () =>
+    const taken = await this.actions.attempt('Take photo', facts, 'camera', () =>
       this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } }),
     );
     this.busy = false;

@@ -107,7 +107,7 @@ export class Plans {
     }
     this.editor.replace(name, answer.value.plan);
     const notes = answer.value.notes.join(' ');
-    this.notice = { tone: notes === '' ? 'ok' : 'caution', text: `An offboard mission, not saved yet. ${notes}`.trim() };
+    this.notice = { tone: notes === '' ? 'ok' : 'caution', text: `Converted to an offboard mission. It is not saved yet. ${notes}`.trim() };
     return true;
   }
 
@@ -212,7 +212,7 @@ export class Plans {
   /** Opens the vehicle's plan as a new plan; undo restores the edited one. */
   openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: PlannedHome | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
-    const text = [`The plan on ${vehicleName}, not saved on the server yet.`, ...notes].join(' ');
+    const text = [`Opened the plan of ${vehicleName}. It is not saved on the server yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
   }
 
@@ -237,11 +237,11 @@ export class Plans {
     const { draft, plan } = this.editor;
     const answer = await this.call(this.api.followGround(plan, tolerance_m));
     if (!answer.ok) {
-      this.showProblem('The altitudes were not resolved.', answer.problem);
+      this.showProblem('The altitudes were not computed.', answer.problem);
       return false;
     }
     if (this.editor.draft !== draft) {
-      this.notice = { tone: 'caution', text: 'The altitudes were not resolved, because the plan was changed during the request. Try again.' };
+      this.notice = { tone: 'caution', text: 'The altitudes were not computed, because the plan was changed during the request. Try again.' };
       return false;
     }
     this.editor.change(answer.value.plan);
@@ -359,9 +359,13 @@ function groundNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice
   const missing =
     unknown === 0
       ? []
-      : [`${unknown} ${unknown === 1 ? 'altitude stays' : 'altitudes stay'} unresolved. Put elevation files of this area into the data folder.`];
+      : [`${unknown} ${unknown === 1 ? 'altitude is' : 'altitudes are'} still unknown. Put elevation files of this area into the data folder.`];
   const waypoints = added === 0 ? '' : `, ${added} ${added === 1 ? 'waypoint' : 'waypoints'} added`;
-  const text = [`${resolved} ${resolved === 1 ? 'altitude' : 'altitudes'} above the ground resolved${waypoints}.`, ...missing, ...notes].join(' ');
+  const text = [
+    `${resolved} ${resolved === 1 ? 'altitude' : 'altitudes'} above the ground computed from elevation data${waypoints}.`,
+    ...missing,
+    ...notes,
+  ].join(' ');
   return { tone: unknown === 0 && notes.length === 0 ? 'ok' : 'caution', text };
 }
 

@@ -62,7 +62,7 @@ const UNCHANGED = { placeholder: 'unchanged' };
 const YES_NO = { 0: 'no', 1: 'yes' };
 const YES_NO_UNCHANGED = { ...YES_NO, '-1': 'unchanged' };
 const VIDEO = { 0: 'off', 1: 'compressed', 2: 'raw' };
-const CAMERA_MODES = { 0: 'pictures', 1: 'video', 2: 'survey pictures' };
+const CAMERA_MODES = { 0: 'photos', 1: 'video', 2: 'survey photos' };
 const ZOOM_TYPES = { 0: 'step', 1: 'continuous', 2: 'percent of the range', 3: 'focal length', 4: 'field of view' };
 const FOCUS_TYPES = {
   0: 'step',
@@ -86,11 +86,11 @@ const WINCH_ACTIONS = {
   8: 'abandon line',
   9: 'load payload',
 };
-const OWNER = { '-2': 'the vehicle', '-1': 'unchanged', 0: 'nobody' };
+const OWNER = { '-2': 'the vehicle', '-1': 'unchanged', 0: 'not controlled' };
 const SYSTEMS = { ...OWNER, 1: 'system 1', 255: 'ground station (255)' };
 const COMPONENTS = { ...OWNER, 1: 'autopilot (1)', 190: 'ground station (190)', 191: 'onboard computer (191)' };
 /** Sums of GIMBAL_MANAGER_FLAGS: 4 roll lock, 8 pitch lock, 16 yaw lock. */
-const GIMBAL_FLAGS = { 0: 'vehicle', 12: 'vehicle, level', 16: 'north', 28: 'north, level' };
+const GIMBAL_FLAGS = { 0: 'vehicle', 12: 'vehicle heading, horizon', 16: 'north', 28: 'north, horizon' };
 
 export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnField<K>]-?: FieldSpec } } = {
   takeoff: { pitch_deg: hidden(0), yaw_ned_deg: yaw },
@@ -157,10 +157,10 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   trigger_distance: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
     shutter_ms: shutter,
-    at_once: choice(1, 'First picture', { 1: 'immediately', 0: 'after this distance' }),
+    at_once: choice(1, 'First photo', { 1: 'immediately', 0: 'after this distance' }),
     camera,
   },
-  trigger_interval: { interval_ms: field(1000, 'Time between pictures', { min: -1 }), shutter_ms: shutter, camera },
+  trigger_interval: { interval_ms: field(1000, 'Time between photos', { min: -1 }), shutter_ms: shutter, camera },
   trigger_control: {
     enable: choice(1, 'Trigger', { 1: 'start', 0: 'stop', '-1': 'unchanged' }),
     reset: choice(0, 'Restart the sequence', YES_NO_UNCHANGED),
@@ -169,7 +169,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   photo_start: {
     interval_s: field(0, 'Interval', { min: 0 }),
-    count: field(1, 'Pictures (0: until stopped)', { min: 0, whole: true }),
+    count: field(1, 'Photos (0: until stopped)', { min: 0, whole: true }),
     camera,
     sequence: hidden(0),
   },
@@ -189,13 +189,13 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   control_video: {
     transmission: choice(0, 'Transmission', VIDEO),
-    interval_s: field(0, 'Pictures every (0: video)', { min: 0 }),
+    interval_s: field(0, 'Photos every (0: video)', { min: 0 }),
     recording: choice(1, 'Recording', VIDEO),
     camera,
   },
   digicam: {
-    shoot: choice(1, 'Take a picture', YES_NO),
-    shot_id: choice(0, 'Test picture, not counted', YES_NO),
+    shoot: choice(1, 'Take a photo', YES_NO),
+    shot_id: choice(0, 'Test photo, not counted', YES_NO),
     session: hidden(0),
     zoom: hidden(0),
     zoom_step: hidden(0),
@@ -204,7 +204,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   oblique_survey: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
-    interval_ms: field(0, 'Minimum time between pictures', { min: 0, whole: true }),
+    interval_ms: field(0, 'Minimum time between photos', { min: 0, whole: true }),
     positions: field(3, 'Number of camera positions', { min: 0, max: 100, whole: true }),
     roll_deg: field(30, 'Roll to each side', WHOLE_ANGLE),
     pitch_deg: field(-90, 'Pitch', WHOLE_ANGLE),
@@ -214,8 +214,8 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
     pitch_deg: field(-90, 'Pitch', { ...ANGLE, ...UNCHANGED }),
     yaw_deg: field(0, 'Yaw', { ...ANGLE, ...UNCHANGED }),
     flags: choice(0, 'Angles relative to', GIMBAL_FLAGS),
-    pitch_rate_deg_s: field(null, 'Pitch rate', { placeholder: 'gimbal’s' }),
-    yaw_rate_deg_s: field(null, 'Yaw rate', { placeholder: 'gimbal’s' }),
+    pitch_rate_deg_s: field(null, 'Pitch rate', { placeholder: 'default' }),
+    yaw_rate_deg_s: field(null, 'Yaw rate', { placeholder: 'default' }),
     gimbal_id: gimbal,
   },
   gimbal_configure: {

@@ -66,7 +66,7 @@ describe('the fields of an item', () => {
 
   it('have units, and may be empty if the autopilot then decides', () => {
     expect(labels(added('waypoint'))).toEqual(['Hold for [s]', 'Acceptance radius [m]', 'Pass radius [m]', 'Yaw from north [°]?']);
-    expect(field(added('gimbal_pitch_yaw'), 'pitch_rate_deg_s')).toMatchObject({ unit: '°/s', value: null, placeholder: 'gimbal’s' });
+    expect(field(added('gimbal_pitch_yaw'), 'pitch_rate_deg_s')).toMatchObject({ unit: '°/s', value: null, placeholder: 'default' });
   });
   it('offer texts instead of code numbers', () => {
     const climb: Item = { ...added('change_speed'), speed_type: 2 };

@@ -15,19 +15,19 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   change_speed: 'Change speed',
   land: 'Land',
   return_home: 'Return',
-  photo_start: 'Take pictures',
-  photo_stop: 'Stop taking pictures',
-  trigger_distance: 'Picture every …',
-  trigger_interval: 'Time between pictures',
+  photo_start: 'Take photos',
+  photo_stop: 'Stop taking photos',
+  trigger_distance: 'Photo every …',
+  trigger_interval: 'Time between photos',
   trigger_control: 'Camera trigger',
-  oblique_survey: 'Oblique pictures every …',
+  oblique_survey: 'Oblique photos every …',
   video_start: 'Start video',
   video_stop: 'Stop video',
   camera_mode: 'Camera mode',
   camera_focus: 'Camera focus',
   camera_zoom: 'Camera zoom',
   gimbal_pitch_yaw: 'Gimbal angles',
-  roi_location: 'Look at a point',
+  roi_location: 'Set region of interest',
   roi_next_waypoint: 'Look at the next waypoint',
   roi_none: 'Clear region of interest',
   gimbal_configure: 'Gimbal control',
@@ -43,7 +43,7 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   mount_configure: 'Gimbal mode (older command)',
   mount_control: 'Gimbal angles (older command)',
   control_video: 'Video (older command)',
-  digicam: 'Take a picture (older command)',
+  digicam: 'Take a photo (older command)',
   command: 'Other command',
   complex: 'Pattern',
 };
@@ -58,7 +58,7 @@ export function altitudeText(altitude: Altitude): string {
 
 export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
   if (item.kind === 'complex') return `Pattern (${String(item['complex_type'])})`;
-  if (item.kind === 'trigger_distance' && item['distance_m'] === 0) return 'Stop taking pictures';
+  if (item.kind === 'trigger_distance' && item['distance_m'] === 0) return 'Stop taking photos';
   if (item.kind === 'command') return `MAV_CMD ${String(item['command'])}`;
   return TITLES[item.kind];
 }

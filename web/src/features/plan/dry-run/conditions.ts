@@ -78,6 +78,9 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
 ];
 
+/** The row of `ROWS` at which the data of the vehicle begin; before it are the simulated conditions. */
+export const FIRST_VEHICLE_ROW = 'hover_power_w';
+
 /** The rows below the number of flights: how much each condition varies, one sigma. Their bounds are those of the server. */
 export const SPREAD_ROWS: readonly ConditionRow[] = [
   { name: 'spread_wind_m_s', label: 'Wind varies by', unit: 'm/s', min: 0, max: 10, step: 0.5 },
@@ -139,5 +142,5 @@ export function conditionsText(conditions: Conditions): string {
   if (battery_percent !== 100) parts.push(`battery ${battery_percent} %`);
   if (noise_percent !== 100) parts.push(`sensor noise ${noise_percent} %`);
   if (flights > 0) parts.push(`${flights} flights`);
-  return parts.length === 0 ? '' : `: ${parts.join(', ')}`;
+  return parts.length === 0 ? '' : `Conditions: ${parts.join(', ')}.`;
 }

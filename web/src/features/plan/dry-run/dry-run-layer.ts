@@ -164,21 +164,21 @@ export function resultLines(view: DryRunView): string[] {
   const { nominal, together } = view;
   const length = metres(nominal.length_m);
   const battery = `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}`;
-  const lines = [`${nominal.finished ? 'Flown' : 'Not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
+  const lines = [`${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
   for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
   for (const { roles, distance_m, nearer_than_minimum: near } of together?.monte_carlo?.closest ?? [])
     lines.push(
-      `${roles.join(' and ')} in all flights: at least ${fixed(distance_m.least, 1)} m apart; ${near.count} flights nearer than the minimum separation (probability at most ${percent(near.upper)}).`,
+      `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${near.count} ${near.count === 1 ? 'flight' : 'flights'} they came closer than the minimum (estimated probability at most ${percent(near.upper)}).`,
     );
   return lines;
 }
 
 function monteCarloText(role: string | null, monteCarlo: MonteCarlo): string {
-  const parts = [`95 % within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
-  if (monteCarlo.duration_s !== null) parts.push(`${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)}`);
-  if (monteCarlo.battery_end_share !== null) parts.push(`battery at the end ${percent(monteCarlo.battery_end_share.p5)} or more`);
-  return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} flights: ${parts.join(', ')}.`;
+  const parts = [`within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path (95 %)`];
+  if (monteCarlo.duration_s !== null) parts.push(`flight time ${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)} (5 to 95 %)`);
+  if (monteCarlo.battery_end_share !== null) parts.push(`battery at the end at least ${percent(monteCarlo.battery_end_share.p5)} (95 %)`);
+  return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} simulated flights: ${parts.join(', ')}.`;
 }

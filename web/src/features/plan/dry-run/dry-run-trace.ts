@@ -2,7 +2,7 @@
 
 import type { DryRunView } from './dry-run.svelte';
 
-export const QUANTITIES = ['Height', 'Speed', 'Tilt', 'Battery'] as const;
+export const QUANTITIES = ['Altitude', 'Speed', 'Tilt', 'Battery'] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
 export interface Trace {
@@ -24,7 +24,7 @@ type Path = NonNullable<DryRunView['nominal']['path']>;
 
 const DEG = 180 / Math.PI;
 const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; round: number; value: (path: Path, i: number) => number | null }>> = {
-  Height: { unit: 'm', decimals: 1, round: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
+  Altitude: { unit: 'm', decimals: 1, round: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
   Speed: { unit: 'm/s', decimals: 1, round: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
   Tilt: { unit: '°', decimals: 0, round: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
   Battery: { unit: '%', decimals: 0, round: 100, value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)) },
@@ -44,13 +44,13 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
   const shown = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
   const points = shown.filter((point): point is readonly [number, number] => point[1] !== null);
   if (points.length === 0) return null;
-  const corridor = quantity === 'Height' ? (monte_carlo?.corridor ?? null) : null;
+  const corridor = quantity === 'Altitude' ? (monte_carlo?.corridor ?? null) : null;
   const band = (corridor?.t_s ?? []).map((t_s, i): [number, number, number] => {
     const up_m = 0 - (corridor?.position_ned_m[i]?.[2] ?? 0);
     return [t_s, up_m + (corridor?.vertical_m.p5[i] ?? 0), up_m + (corridor?.vertical_m.p95[i] ?? 0)];
   });
   const { ground_m } = path;
-  const ground = quantity !== 'Height' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
+  const ground = quantity !== 'Altitude' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
   return scaledTrace({ unit, decimals, round, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
 }
 

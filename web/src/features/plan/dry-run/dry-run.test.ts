@@ -132,18 +132,18 @@ describe('a dry run', () => {
   it('plots values over time, with the band of 90 % of many flights', () => {
     const of = (one: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, one) as Trace;
     expect(QUANTITIES.map((one) => valueAt(of(one), 10))).toEqual([10, 5, 0, 90]);
-    expect(valueAt(of('Height'), 5)).toBe(5);
-    expect([of('Height').top, of('Height').bottom, of('Height').end_s, of('Height').band]).toEqual([10, 0, 20, []]);
-    expect(of('Height', MANY).band[2]).toEqual([20, 9, 12]);
-    expect(of('Height', MANY).top).toBe(20);
+    expect(valueAt(of('Altitude'), 5)).toBe(5);
+    expect([of('Altitude').top, of('Altitude').bottom, of('Altitude').end_s, of('Altitude').band]).toEqual([10, 0, 20, []]);
+    expect(of('Altitude', MANY).band[2]).toEqual([20, 9, 12]);
+    expect(of('Altitude', MANY).top).toBe(20);
     expect(of('Speed', MANY).band).toEqual([]);
-    expect(plotShape(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
-    expect(plotShape(of('Height', MANY), 100, 50).band).toMatch(/^M.*Z$/);
+    expect(plotShape(of('Altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
+    expect(plotShape(of('Altitude', MANY), 100, 50).band).toMatch(/^M.*Z$/);
   });
 
   it('shows the ground below the path, in a scale that contains it', () => {
     const hilly = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
-    const height = traceOf(hilly, 'Height');
+    const height = traceOf(hilly, 'Altitude');
     expect(height?.top).toBe(20);
     expect(height && plotShape(height, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
     expect(traceOf(hilly, 'Speed')?.ground).toEqual([]);
@@ -159,13 +159,15 @@ describe('a dry run', () => {
   });
 
   it('shows its result in numbers', () => {
-    expect(resultLines(VIEW)).toEqual(['Flown: 01:05, 120 m, battery 100 % → 81 %.']);
+    expect(resultLines(VIEW)).toEqual(['Dry run: 01:05, 120 m, battery 100 % → 81 %.']);
     expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
-    expect(resultLines(MANY)[1]).toBe('2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.');
+    expect(resultLines(MANY)[1]).toBe(
+      '2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %), battery at the end at least 70 % (95 %).',
+    );
     expect(resultLines(MANY_TOGETHER).slice(2)).toEqual([
-      'lead, 2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.',
-      'left, 2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10.',
-      'lead and left in all flights: at least 6.2 m apart; 0 flights nearer than the minimum separation (probability at most 16 %).',
+      'lead, 2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %), battery at the end at least 70 % (95 %).',
+      'left, 2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %).',
+      'Smallest separation of lead and left in all flights: 6.2 m. In 0 flights they came closer than the minimum (estimated probability at most 16 %).',
     ]);
   });
 

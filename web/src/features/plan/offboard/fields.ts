@@ -113,7 +113,7 @@ const position =
 
 const SECONDS: Bounds = { min: 0, max: 86_400 };
 const METRES: Bounds = { min: 0.1, max: 10_000 };
-const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'vehicle’s' };
+const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'default' };
 const ANGLE: Bounds = { min: -360, max: 360 };
 const OPTIONAL_ANGLE: Bounds = { ...ANGLE, placeholder: 'kept' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
@@ -131,7 +131,7 @@ const heading: Spec = (step, context) => {
         { value: 'keep', text: 'unchanged' },
         { value: 'along_path', text: 'along the path' },
         { value: 'yaw', text: 'fixed direction' },
-        { value: 'look_at', text: 'at a point' },
+        { value: 'look_at', text: 'towards a point' },
       ],
       set: (old, next) => {
         const { yaw_ned_rad: _yaw, look_at: _at, ...rest } = old;
@@ -263,7 +263,7 @@ const velocity: Spec = (step) => {
 const gimbal: Spec = (step, context) => {
   const rows: Field<Step>[] = [
     {
-      ...choiceField(step, 'track', 'Track', TRACKS),
+      ...choiceField(step, 'track', 'Gimbal mode', TRACKS),
       // Only look_at has a position.
       set: (old, next) => ({ ...old, track: next, place: next === 'look_at' ? (old['place'] ?? { offset_ned_m: [0, 0, 0] }) : null }),
     },
@@ -317,14 +317,14 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   ],
   gimbal: [gimbal],
   photo: [
-    number('count', 'Pictures', { min: 1, max: 10_000 }),
+    number('count', 'Photos', { min: 1, max: 10_000 }),
     number('interval_s', 'Every', { min: 0.1, max: 3600 }),
     number('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
   ],
   wait: [until, number('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
   repeat: [number('times', 'Times', { min: 1, max: 1000 })],
   branch: [condition('condition')],
-  call: [names('mission', 'Steps of', 'missions', 'choose …')],
+  call: [names('mission', 'Sub-mission', 'missions', 'choose …')],
   land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
   meet: [text('meeting', 'Name of the sync point'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
 };
@@ -343,7 +343,7 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
-    numberField(point, 'corner_m', 'Corner distance', { min: 0, max: 1000, placeholder: '1' }),
+    numberField(point, 'corner_m', 'Maximum distance at the corner', { min: 0, max: 1000, placeholder: '1' }),
     { name: 'stop', label: 'Stop at the point', of: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
 }
@@ -360,7 +360,7 @@ export function missionFields(mission: Mission): Field<Mission>[] {
   const actions = mission.actions as unknown as Readonly<Record<string, string>>;
   const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;
   const within = (label: string, name: string, [min, max]: readonly [number, number]): Field<Mission> => {
-    const { set, ...row } = numberField(limits, name, label, { min, max, placeholder: 'vehicle’s' });
+    const { set, ...row } = numberField(limits, name, label, { min, max, placeholder: 'vehicle limit' });
     return {
       ...row,
       set: (old, next) => ({ ...old, limits: set(old.limits as unknown as Readonly<Record<string, number | null>>, next) as unknown as Mission['limits'] }),

@@ -123,7 +123,7 @@ describe('plot', () => {
   });
 
   it('shows the height above the start, flown and sent', () => {
-    const plot = flownPlot(FLOWN, [], 'Height');
+    const plot = flownPlot(FLOWN, [], 'Altitude');
     expect(plot?.trace.points.map(([, up_m]) => up_m)).toEqual([0, 10, 10, 11, 10, 0]);
     expect(plot?.planned).toEqual([
       [
@@ -132,7 +132,7 @@ describe('plot', () => {
         [30, 9],
       ],
     ]);
-    expect(flownPlot({ ...FLOWN, samples: [] }, [], 'Height')).toBeNull();
+    expect(flownPlot({ ...FLOWN, samples: [] }, [], 'Altitude')).toBeNull();
   });
 });
 

@@ -153,7 +153,7 @@ export function distanceText({ largest_m, within_m }: Figures, { planned_by }: F
   return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(within_m, 1)} m.`;
 }
 
-export const FLOWN_QUANTITIES = ['Distance', 'Height'] as const;
+export const FLOWN_QUANTITIES = ['Distance', 'Altitude'] as const;
 export type FlownQuantity = (typeof FLOWN_QUANTITIES)[number];
 
 /** A plot over the time since the start; null: there is nothing to plot. */

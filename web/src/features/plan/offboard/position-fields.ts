@@ -5,16 +5,16 @@ import type { MissionPosition } from './mission';
 import { inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
 
 const FRAME_TEXTS: Readonly<Record<PositionFrame, string>> = {
-  offset: 'from the start',
-  home: 'lat/lon, above home',
-  amsl: 'lat/lon, AMSL',
-  local: 'from local origin',
+  offset: 'offset from mission start',
+  home: 'lat/lon, altitude above home',
+  amsl: 'lat/lon, altitude AMSL',
+  local: 'offset from local origin',
 };
 const HEIGHT_LABELS: Readonly<Record<PositionFrame, string>> = {
-  offset: 'Height above start',
+  offset: 'Altitude above start',
   home: 'Altitude above home',
   amsl: 'Altitude AMSL',
-  local: 'Height above origin',
+  local: 'Altitude above origin',
 };
 
 /**
@@ -65,7 +65,7 @@ export function positionFields<T>(
   return [
     {
       name: `${key}-way`,
-      label,
+      label: `${label}: given as`,
       of: 'choice',
       value: positionFrame,
       options: (Object.keys(FRAME_TEXTS) as PositionFrame[]).map((value) => ({ value, text: FRAME_TEXTS[value] })),

@@ -87,7 +87,7 @@ export function detailOf(step: Step): string {
       break;
     case 'figure_eight':
       metres('length_m', '# m long');
-      metres('rounds', step['rounds'] === 1 ? '# round' : '# rounds');
+      metres('rounds', step['rounds'] === 1 ? '# lap' : '# laps');
       break;
     case 'table':
       parts.push(String(step['file'] ?? ''));
@@ -98,9 +98,7 @@ export function detailOf(step: Step): string {
       break;
     case 'photo':
       parts.push(
-        step['count'] === 1 || step['count'] === undefined
-          ? '1 picture'
-          : `${String(step['count'])} pictures every ${fixed(number(step['interval_s']) ?? 1, 1)} s`,
+        step['count'] === 1 || step['count'] === undefined ? '1 photo' : `${String(step['count'])} photos every ${fixed(number(step['interval_s']) ?? 1, 1)} s`,
       );
       if (step['component'] != null) parts.push(`camera ${String(step['component'])}`);
       break;

@@ -21,12 +21,12 @@ export interface PatternType {
 }
 
 export const PATTERNS: Readonly<Record<PatternKind, PatternType>> = {
-  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping pictures.', spacing: 'Line spacing' },
+  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping photos.', spacing: 'Line spacing' },
   corridor: {
     title: 'Corridor',
     noun: 'corridor',
     shape: 'line',
-    hint: 'Parallel lines along a road, a river or a power line, with pictures.',
+    hint: 'Parallel lines along a road, a river or a power line, with photos.',
     spacing: 'Line spacing',
   },
   perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.', spacing: 'Line spacing' },
@@ -35,7 +35,7 @@ export const PATTERNS: Readonly<Record<PatternKind, PatternType>> = {
     title: 'Structure scan',
     noun: 'structure scan',
     shape: 'area',
-    hint: 'Rounds around a structure at several heights, with pictures of its sides.',
+    hint: 'Rounds around a structure at several heights, with photos of its sides.',
     spacing: 'Height between rounds',
   },
 };

@@ -100,19 +100,19 @@ const options = (texts: Readonly<Record<string, string>>) => Object.entries(text
 const SPECS: Readonly<Record<ValueName, Spec>> = {
   altitude_m: number('Altitude', 'm', -12_000, 100_000),
   reference: choice('Reference', REFERENCE_CHOICES),
-  distance_m: number('Camera to ground', 'm', 0.1, 100_000, { placeholder: 'altitude' }),
+  distance_m: number('Camera to ground', 'm', 0.1, 100_000, { placeholder: 'as altitude' }),
   front_percent: number('Front overlap', '%', 0, 95),
   side_percent: number('Side overlap', '%', 0, 95),
-  orientation: choice('Side of the picture across the line', options({ landscape: 'long side', portrait: 'short side' })),
+  orientation: choice('Camera orientation', options({ landscape: 'landscape', portrait: 'portrait' })),
   sensor_width_mm: number('Sensor width', 'mm', 0.1, 1000, { step: 0.1 }),
   sensor_height_mm: number('Sensor height', 'mm', 0.1, 1000, { step: 0.1 }),
   focal_length_mm: number('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
-  image_width_px: number('Picture width', 'px', 1, 1_000_000, { decimals: 0 }),
-  image_height_px: number('Picture height', 'px', 1, 1_000_000, { decimals: 0 }),
+  image_width_px: number('Photo width', 'px', 1, 1_000_000, { decimals: 0 }),
+  image_height_px: number('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
   heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'best' }),
   turnaround_m: number('Turnaround', 'm', 0, 1000),
   crosshatch: { label: 'Second set of lines at right angles', of: 'switch' },
-  speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'vehicle’s', step: 0.5 }),
+  speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
   width_m: number('Width', 'm', 0.1, 10_000),
   offset_m: number('Distance from the edge', 'm', -10_000, 10_000),
   rounds: number('Rounds', '', 1, 100, { decimals: 0 }),
@@ -137,7 +137,7 @@ interface SectionSpec {
   readonly folded?: boolean;
 }
 const CAMERA_DATA: SectionSpec = { title: 'Camera data', rows: CAMERA_NAMES, folded: true };
-const pictures = (...more: RowName[]): SectionSpec => ({ title: 'Pictures', rows: ['camera', ...more, 'front_percent', 'side_percent'] });
+const pictures = (...more: RowName[]): SectionSpec => ({ title: 'Photos', rows: ['camera', ...more, 'front_percent', 'side_percent'] });
 const ALTITUDE: readonly RowName[] = ['altitude_m', 'reference'];
 const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   survey: [
@@ -218,7 +218,7 @@ export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues
   const [outline = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
   const altitude: Altitude = { value_m: values.altitude_m, reference: values.reference };
   if ((kind === 'survey' || kind === 'corridor') && values.reference === 'amsl' && values.distance_m === null) {
-    const text = 'Enter the distance from the camera to the ground: an altitude AMSL does not state it.';
+    const text = 'With an altitude AMSL the distance to the ground is not known. Enter “Camera to ground”.';
     return { ok: false, problem: { place: 'distance_m', text } };
   }
   const coverage = coverageOf(values, kind === 'structure' ? values.sides_m : (values.distance_m ?? values.altitude_m));
