@@ -22,7 +22,7 @@ from gcs_server.api.bodies import Bodies
 from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
-from gcs_server.api.mission_mode_routes import conditions_of, prepare_mode
+from gcs_server.api.mission_mode_routes import compile_inputs_of, prepare_mode
 from gcs_server.api.offboard_models import LimitsRequest
 from gcs_server.api.operation_routes import operation_view
 from gcs_server.api.permission import bind_commands, command_of
@@ -256,7 +256,7 @@ class Server:
         return await prepare_mode(self.station, vehicle_id, mode)
 
     def _conditions(self, vehicle_id: str) -> Conditions | None:
-        return conditions_of(self.station, vehicle_id)
+        return compile_inputs_of(self.station, vehicle_id)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)

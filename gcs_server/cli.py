@@ -220,7 +220,7 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     clock = SystemClock()
     app = create_app(settings, clock, more_links=more_links)
     connections: Connections = app.state.connections
-    connections.limits = connections.limits.within(descriptors.for_connections())
+    connections.limits = connections.limits.within(descriptors.raise_descriptor_limit())
     server = HttpServer(
         app, connections, clock, page_urls(settings.host, port, token), settings.trusted_proxies
     )

@@ -40,7 +40,7 @@ class Refusal:
     title: str
     detail: str
     remedy: str | None = None
-    guessed: bool = False
+    wrong_token: bool = False
     """Whether a wrong token was sent."""
 
 
@@ -127,7 +127,7 @@ class Access:
         if head.method in ("GET", "HEAD") and (link := token_in_query(head.query)) is not None:
             if self.is_token(link) or self._has_cookie(head):
                 return SignedIn(without_token(head.path, head.query))
-            return token_refusal("The token in the link is not valid (any more).", guessed=True)
+            return token_refusal("The token in the link is not valid (any more).", wrong_token=True)
         return self._refuse_without_token(head)
 
     def is_token(self, given: str) -> bool:
@@ -172,7 +172,7 @@ class Access:
         if scheme.lower() == "bearer":
             if self.is_token(given.strip()):
                 return None
-            return token_refusal("The token is not valid.", guessed=True)
+            return token_refusal("The token is not valid.", wrong_token=True)
         if not self._has_cookie(head):
             return token_refusal("This server requires a token.")
         if not head.only_reads and "origin" not in head.headers:
@@ -192,10 +192,10 @@ class Access:
         return any([hmac.compare_digest(_bytes(value), wanted) for value in given])
 
 
-def token_refusal(detail: str, *, guessed: bool = False) -> Refusal:
+def token_refusal(detail: str, *, wrong_token: bool = False) -> Refusal:
     """The refusal for a missing or wrong token."""
     return Refusal(
-        401, "token_wrong" if guessed else "token_missing", "Not signed in", detail, _REMEDY, guessed
+        401, "token_wrong" if wrong_token else "token_missing", "Not signed in", detail, _REMEDY, wrong_token
     )
 
 

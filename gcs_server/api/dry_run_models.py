@@ -10,7 +10,7 @@ from gcs_server.api.group_models import VehicleId
 from gcs_server.api.offboard_mission_models import Role
 from gcs_server.api.plan_models import DocumentBody, OriginModel
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.api.strict_body import ResponseBody, StrictBody
 from missions.documents import PlanKind
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles
 from missions.offboard.document import MAX_ROLES
@@ -128,7 +128,7 @@ ChanceModel = model_of(Chance, "DryRunChance")
 QuantilesModel = model_of(Quantiles, "DryRunQuantiles")
 
 
-class DryRunStep(AnswerBody):
+class DryRunStep(ResponseBody):
     """When a step was flown; a repeated step is listed each time."""
 
     place: str = Field(description="`item 3` of a waypoint plan, `step 4.2` of an offboard mission.")
@@ -144,7 +144,7 @@ class DryRunStep(AnswerBody):
     )
 
 
-class DryRunFindingModel(AnswerBody):
+class DryRunFindingModel(ResponseBody):
     """A problem that the dry run found."""
 
     code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=["fence_touched"])
@@ -157,7 +157,7 @@ class DryRunFindingModel(AnswerBody):
     position_ned_m: Vector3 | None = Field(description="Position of the vehicle, from `origin` [m].")
 
 
-class DryRunPath(AnswerBody):
+class DryRunPath(ResponseBody):
     """The flown path; all lists are equally long."""
 
     t_s: list[float] = Field(
@@ -177,7 +177,7 @@ class DryRunPath(AnswerBody):
     step_places: list[str] = Field(description="Names of the flown steps.")
 
 
-class DryRunFlight(AnswerBody):
+class DryRunFlight(ResponseBody):
     """The flight in the requested conditions."""
 
     origin: OriginModel = Field(description="Start position of the vehicle; origin of all local positions.")  # type: ignore[valid-type]
@@ -202,7 +202,7 @@ class DryRunFlight(AnswerBody):
     times_real_time: float = Field(description="Simulation speed relative to real time.")
 
 
-class DryRunBand(AnswerBody):
+class DryRunBand(ResponseBody):
     """Quantiles of a deviation at each point of the corridor [m]."""
 
     p5: list[float] = Field(description="5 % quantile.")
@@ -211,7 +211,7 @@ class DryRunBand(AnswerBody):
     greatest: list[float] = Field(description="Largest absolute value.")
 
 
-class DryRunCorridor(AnswerBody):
+class DryRunCorridor(ResponseBody):
     """Deviation of the flights from the nominal one, at up to 400 points of its path."""
 
     t_s: list[float] = Field(description="Time since the start of the nominal flight [s].")
@@ -220,7 +220,7 @@ class DryRunCorridor(AnswerBody):
     vertical_m: DryRunBand = Field(description="Vertical deviation; positive: higher.")
 
 
-class DryRunSummary(AnswerBody):
+class DryRunSummary(ResponseBody):
     """Summary of one flight."""
 
     wind_ned_m_s: Vector3 = Field(description="Steady wind [m/s].")
@@ -240,7 +240,7 @@ class DryRunSummary(AnswerBody):
     findings: list[str] = Field(description="Codes of its findings.")
 
 
-class DryRunMonteCarlo(AnswerBody):
+class DryRunMonteCarlo(ResponseBody):
     """Many flights, each in different conditions."""
 
     spread: DryRunSpread = Field(description="How the conditions varied.")
@@ -263,7 +263,7 @@ class DryRunMonteCarlo(AnswerBody):
     times_real_time: float = Field(description="Simulated time of all flights divided by computing time.")
 
 
-class DryRunClosest(AnswerBody):
+class DryRunClosest(ResponseBody):
     """Smallest distance between two vehicles."""
 
     roles: tuple[str, str] = Field(description="Their roles.")
@@ -271,7 +271,7 @@ class DryRunClosest(AnswerBody):
     t_s: float = Field(description="Time since the common start [s].")
 
 
-class DryRunPairDistance(AnswerBody):
+class DryRunPairDistance(ResponseBody):
     """How near two vehicles come to each other in many flights."""
 
     roles: tuple[str, str] = Field(description="Their roles.")
@@ -283,7 +283,7 @@ class DryRunPairDistance(AnswerBody):
     )
 
 
-class DryRunMonteCarloTogether(AnswerBody):
+class DryRunMonteCarloTogether(ResponseBody):
     """Many flights of all vehicles. The vehicles of one flight have the same wind."""
 
     roles: dict[str, DryRunMonteCarlo] = Field(
@@ -292,7 +292,7 @@ class DryRunMonteCarloTogether(AnswerBody):
     closest: list[DryRunPairDistance] = Field(description="One entry for each pair of roles that flew.")
 
 
-class DryRunTogetherModel(AnswerBody):
+class DryRunTogetherModel(ResponseBody):
     """All vehicles of a mission with roles, flown together; all positions are relative to one `origin`."""
 
     roles: dict[str, DryRunFlight] = Field(description="The flight of each role.")
@@ -304,7 +304,7 @@ class DryRunTogetherModel(AnswerBody):
     )
 
 
-class DryRunView(AnswerBody):
+class DryRunView(ResponseBody):
     """Result of a dry run."""
 
     id: str = Field(description="Id of the dry run, as in the operation's `result`.")

@@ -75,7 +75,7 @@ class Guard:
         else:
             given, location = await _read_form(scope, receive)
             if not self._access.is_token(given):
-                refusal = token_refusal("This token is not valid.", guessed=True)
+                refusal = token_refusal("This token is not valid.", wrong_token=True)
                 self._log_wrong_token(scope, refusal)
                 return sign_in_page(refusal, location)
         answer = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
@@ -84,7 +84,7 @@ class Guard:
 
     def _log_wrong_token(self, scope: Scope, refusal: Refusal) -> None:
         """Logs wrong tokens. They never block a client, because that client could be the pilot."""
-        if not refusal.guessed:
+        if not refusal.wrong_token:
             return
         self._wrong_count += 1
         now_s = self._clock.monotonic_s()
@@ -105,7 +105,7 @@ def _refused(head: RequestHead, refusal: Refusal) -> Response:
                 # page reloads.
                 page.headers["Refresh"] = "0"
             return page
-        failed = ' error="invalid_token"' if refusal.guessed else ""
+        failed = ' error="invalid_token"' if refusal.wrong_token else ""
         headers["WWW-Authenticate"] = "Bearer" + failed
     answer = problem(refusal.status, refusal.title, refusal.code, refusal.detail, remedy=refusal.remedy)
     answer.headers.update(headers)

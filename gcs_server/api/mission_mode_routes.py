@@ -36,10 +36,11 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
     """Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
 
     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
-    when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
-    position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
-    from the position at which it begins. A mission that begins with a take-off is compiled before arming, and
-    PX4 does not arm in its mode until it is compiled (`ready`).
+    when the mode is selected in the air. At registration, the mission is compiled and checked from the
+    vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list. A
+    mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
+    while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
+    while `ready` is true.
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "mission_modes/register", v, arguments):
@@ -76,8 +77,8 @@ async def prepare_mode(station: Station, vehicle_id: str, mode: MissionAsMode) -
     )
 
 
-def conditions_of(station: Station, vehicle_id: str) -> Conditions | None:
-    """What a mission of a vehicle is compiled for now; None: the vehicle has no valid position."""
+def compile_inputs_of(station: Station, vehicle_id: str) -> Conditions | None:
+    """Position, yaw and settings for a mission that is compiled now; None: no valid position."""
     vehicle = station.fleet.get(vehicle_id)
     try:
         start = start_of(vehicle)

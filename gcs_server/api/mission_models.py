@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from gcs_server.api.plan_models import PlanBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
-from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.streamer.waypoints.resume import ResumeOffer
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference
@@ -85,7 +85,7 @@ PlanNameModel = model_of(PlanReference, "HeldPlanName")
 DifferenceModel = model_of(Difference, "PlanDifference")
 
 
-class HeldView(AnswerBody):
+class HeldView(ResponseBody):
     """The plan on the vehicle."""
 
     state: Literal["plan", "another", "not_known"] = Field(
@@ -101,7 +101,7 @@ class HeldView(AnswerBody):
     )
 
 
-class MissionView(AnswerBody):
+class MissionView(ResponseBody):
     """The mission on a vehicle."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -127,7 +127,7 @@ class MissionView(AnswerBody):
     )
 
 
-class DownloadedPlan(AnswerBody):
+class DownloadedPlan(ResponseBody):
     """The plan that was last downloaded from a vehicle."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -142,7 +142,7 @@ class DownloadedPlan(AnswerBody):
     notes: list[str] = Field(description="Content that the plan cannot represent; sentences.")
 
 
-class MissionComparison(AnswerBody):
+class MissionComparison(ResponseBody):
     """Differences between a plan and the last download from the vehicle."""
 
     vehicle: str = Field(description="The vehicle's id.")

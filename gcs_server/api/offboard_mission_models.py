@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from gcs_server.api.group_models import VehicleId, require_unique
 from gcs_server.api.plan_models import LegModel, MissionBody, OriginModel
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from missions.offboard.document import MAX_ROLES, OffboardMission
 from missions.offboard.insertion_steps import Positions
@@ -81,7 +81,7 @@ class MissionToInsert(OneMission):
     )
 
 
-class MissionWithInserted(AnswerBody):
+class MissionWithInserted(ResponseBody):
     """A mission with another one inserted; nothing is saved."""
 
     plan: OffboardMission = Field(description="The mission.")

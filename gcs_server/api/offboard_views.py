@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoint_request import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
-from gcs_server.api.strict_body import AnswerBody
+from gcs_server.api.strict_body import ResponseBody
 from gcs_server.streamer.offboard import status
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.validation.availability import Available
@@ -33,7 +33,7 @@ SetpointType = Literal[
 ]
 
 
-class StreamedSetpoint(AnswerBody):
+class StreamedSetpoint(ResponseBody):
     """The setpoint that is being sent to the vehicle; fields of other types are omitted."""
 
     type: SetpointType = Field(
@@ -69,7 +69,7 @@ OffboardModel = model_of(
 )
 
 
-class FenceView(AnswerBody):
+class FenceView(ResponseBody):
     """The operator's fence: a polygon's corners, or a circle's centre and radius."""
 
     kind: Literal["polygon", "circle"] = Field(description="Kind of the fence.")

@@ -14,7 +14,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
 from gcs_server.api.station import StationDep, VehicleDep
-from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
 from gcs_server.operations.operations import ReportProgress
@@ -38,7 +38,7 @@ FactsModel = model_of(
 ListModel = model_of(ParamList, "ParameterList")
 
 
-class ParameterView(AnswerBody):
+class ParameterView(ResponseBody):
     """A parameter as the vehicle reports it, with its description."""
 
     name: str = Field(description="Up to 16 characters of A–Z, 0–9 and _.")
@@ -54,7 +54,7 @@ class ParameterView(AnswerBody):
     )
 
 
-class ParametersView(AnswerBody):
+class ParametersView(ResponseBody):
     """All known parameters."""
 
     vehicle: str = Field(description="The vehicle's id.")

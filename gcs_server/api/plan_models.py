@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import AnswerBody, StrictBody
+from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.plans.files import PlanVersion
 from missions import documents
 from missions import plan as plan_document
@@ -154,13 +154,13 @@ PlanVersionModel = model_of(PlanVersion, "PlanVersion")
 EstimateModel = model_of(Estimate, "PlanEstimates")
 
 
-class PlanList(AnswerBody):
+class PlanList(ResponseBody):
     """All plans."""
 
     plans: list[PlanVersionModel] = Field(description="Newest version of each plan, by name.")  # type: ignore[valid-type]
 
 
-class PlanVersions(AnswerBody):
+class PlanVersions(ResponseBody):
     """The stored versions of one plan."""
 
     versions: list[PlanVersionModel] = Field(description="Newest first.")  # type: ignore[valid-type]
@@ -172,7 +172,7 @@ class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
     plan: AnyDocument = Field(description="The plan's document.")
 
 
-class FindingPlace(AnswerBody):
+class FindingPlace(ResponseBody):
     """The part of the plan that the finding is about; all null: the whole plan."""
 
     row: int | None = Field(description="Index in `items`.")
@@ -182,7 +182,7 @@ class FindingPlace(AnswerBody):
     step: str | None = Field(description="Step of an offboard mission: `step 3`, `step 4.2`.")
 
 
-class FindingModel(AnswerBody):
+class FindingModel(ResponseBody):
     """One problem of a plan."""
 
     code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=[next(iter(CODES))])
@@ -203,7 +203,7 @@ StepTimeModel = model_of(StepTime, "PlanStepTime")
 OriginModel = model_of(LocalOrigin, "PlanOrigin")
 
 
-class OffboardFlight(AnswerBody):
+class OffboardFlight(ResponseBody):
     """The planned flight of an offboard mission, starting on the ground at home."""
 
     steps: list[StepTimeModel] = Field(  # type: ignore[valid-type]
@@ -217,7 +217,7 @@ class OffboardFlight(AnswerBody):
     )
 
 
-class PlanCheck(AnswerBody):
+class PlanCheck(ResponseBody):
     """Findings and estimates of a plan."""
 
     kind: PlanKind = Field(description="Which kind of plan it is.")
@@ -237,7 +237,7 @@ class PlanCheck(AnswerBody):
     not_known: list[str] = Field(description="Unknown data of the vehicle or the ground; sentences.")
 
 
-class ImportedArea(AnswerBody):
+class ImportedArea(ResponseBody):
     """An area in a file; the user decides whether it becomes a survey or a fence."""
 
     name: str = Field(description="Name in the file.")
@@ -245,7 +245,7 @@ class ImportedArea(AnswerBody):
     holes: list[list[Point]] = Field(description="Holes in the area.")
 
 
-class ImportedPlan(AnswerBody):
+class ImportedPlan(ResponseBody):
     """A plan from a file; nothing is saved."""
 
     format: FormatName = Field(description="Format of the file.")
@@ -258,14 +258,14 @@ class ImportedPlan(AnswerBody):
 ImportedTableModel = model_of(ImportedTable, "ImportedTable")
 
 
-class ConvertedPlan(AnswerBody):
+class ConvertedPlan(ResponseBody):
     """An offboard mission converted from a waypoint plan; nothing is saved."""
 
     plan: OffboardMission = Field(description="The mission.")
     notes: list[str] = Field(description="Parts of the plan that the mission does not contain; sentences.")
 
 
-class GroundPlan(AnswerBody):
+class GroundPlan(ResponseBody):
     """A plan that follows the ground; nothing is saved."""
 
     plan: Plan = Field(description="The plan.")
@@ -277,7 +277,7 @@ class GroundPlan(AnswerBody):
     notes: list[str] = Field(description="Unusable files and positions without elevation data; sentences.")
 
 
-class ElevationFileModel(AnswerBody):
+class ElevationFileModel(ResponseBody):
     """One elevation file."""
 
     name: str = Field(description="Name of the file.")
@@ -288,7 +288,7 @@ class ElevationFileModel(AnswerBody):
     spacing_m: float = Field(description="Distance between two rows of the grid, on the ground [m].")
 
 
-class ElevationFiles(AnswerBody):
+class ElevationFiles(ResponseBody):
     """The operator's elevation files."""
 
     folder: str = Field(description="Folder for GeoTIFF (.tif, .tiff) and HGT files.")
@@ -298,7 +298,7 @@ class ElevationFiles(AnswerBody):
     )
 
 
-class PatternFigures(AnswerBody):
+class PatternFigures(ResponseBody):
     """Figures of a pattern."""
 
     lines_length_m: float = Field(description="Total length of the lines with pictures [m].")
@@ -313,7 +313,7 @@ class PatternFigures(AnswerBody):
     time_s: float = Field(description="Estimated flight time without wind, as for a waypoint plan [s].")
 
 
-class PatternPosition(AnswerBody):
+class PatternPosition(ResponseBody):
     """A position of a pattern's path."""
 
     lat_deg: float = Field(description="Latitude [deg].")
@@ -323,7 +323,7 @@ class PatternPosition(AnswerBody):
     )
 
 
-class PatternPlan(AnswerBody):
+class PatternPlan(ResponseBody):
     """A document that contains only a pattern; nothing is saved."""
 
     plan: AnyDocument = Field(

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from gcs_server.api.offboard_views import OffboardModel
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import AnswerBody
+from gcs_server.api.strict_body import ResponseBody
 from gcs_server.control.authority import ControlStatus
 from gcs_server.control.journal import JournalEntry
 from gcs_server.control.lease import ControlRequest
@@ -91,7 +91,7 @@ class ControlView(ControlModel):  # type: ignore[misc,valid-type]
     your_key: str = Field(description="The caller's key.")
 
 
-class Me(AnswerBody):
+class Me(ResponseBody):
     """The caller."""
 
     name: str = Field(description="Name in the journal and for other clients.")
@@ -148,7 +148,7 @@ VehicleModel = create_model(
 )
 
 
-class HistorySample(AnswerBody):
+class HistorySample(ResponseBody):
     """One stored sample."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -158,13 +158,13 @@ class HistorySample(AnswerBody):
     value: dict[str, Any] = Field(description="As in `topics` of the vehicle.")
 
 
-class History(AnswerBody):
+class History(ResponseBody):
     """The samples of the last minutes at up to 4 Hz, oldest first."""
 
     samples: list[HistorySample] = Field(description="Samples of all requested topics, by time.")
 
 
-class Message(AnswerBody):
+class Message(ResponseBody):
     """One event of a vehicle."""
 
     index: int = Field(description="Number of the event, increasing for each vehicle; use it as `since`.")
@@ -176,13 +176,13 @@ class Message(AnswerBody):
     data: dict[str, Any] = Field(description="Further data, depending on the kind.")
 
 
-class Messages(AnswerBody):
+class Messages(ResponseBody):
     """Status texts and events, oldest first."""
 
     messages: list[Message] = Field(description="At most the last thousand.")
 
 
-class CommandDone(AnswerBody):
+class CommandDone(ResponseBody):
     """The result of a command that succeeded: the vehicle's own state shows the change."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -202,7 +202,7 @@ class GimbalPointed(CommandDone):
     )
 
 
-class GimbalView(AnswerBody):
+class GimbalView(ResponseBody):
     """State of the selected gimbal; default: the first one."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -214,13 +214,13 @@ class GimbalView(AnswerBody):
     gimbal: GimbalModel | None = Field(description="State and limits, and who controls it.")  # type: ignore[valid-type]
 
 
-class Links(AnswerBody):
+class Links(ResponseBody):
     """All links."""
 
     links: list[LinkModel] = Field(description="All links, sorted by name.")  # type: ignore[valid-type]
 
 
-class MapFile(AnswerBody):
+class MapFile(ResponseBody):
     """An offline map of the operator."""
 
     name: str = Field(description="The file's name in the maps folder.")
@@ -242,7 +242,7 @@ class MapFile(AnswerBody):
     bytes: int = Field(description="Size of the file.")
 
 
-class Maps(AnswerBody):
+class Maps(ResponseBody):
     """Offline maps."""
 
     folder: str = Field(description="Folder for PMTiles and MBTiles files.")
@@ -252,31 +252,31 @@ class Maps(AnswerBody):
     )
 
 
-class Recordings(AnswerBody):
+class Recordings(ResponseBody):
     """Recorded flights, newest first."""
 
     recordings: list[RecordingModel] = Field(description="Recordings in the data folder.")  # type: ignore[valid-type]
 
 
-class Replays(AnswerBody):
+class Replays(ResponseBody):
     """Open replays."""
 
     replays: list[ReplayModel] = Field(description="Open replays; empty if none is open.")  # type: ignore[valid-type]
 
 
-class Journal(AnswerBody):
+class Journal(ResponseBody):
     """Commands, newest first."""
 
     entries: list[JournalEntryModel] = Field(description="At most `limit` entries.")  # type: ignore[valid-type]
 
 
-class Warnings(AnswerBody):
+class Warnings(ResponseBody):
     """Current warnings."""
 
     warnings: list[NoticeModel] = Field(description="Empty if there are none.")  # type: ignore[valid-type]
 
 
-class ServerHealth(AnswerBody):
+class ServerHealth(ResponseBody):
     """The server is running."""
 
     status: str = Field(description="Always `ok`: a server with a problem does not answer.")
@@ -284,7 +284,7 @@ class ServerHealth(AnswerBody):
     vehicles: int = Field(description="Number of known vehicles.")
 
 
-class Version(AnswerBody):
+class Version(ResponseBody):
     """Version and features of the server."""
 
     name: str = Field(description="Name of the program.")

@@ -1,6 +1,6 @@
 """The sign-in page for browsers without the token: it explains how to get the token and has a field to enter
-it. The page is a single document without scripts. Its inline style is allowed by hash, so that nothing else
-is served without the token.
+it. The page is a single document without scripts. Its style is inline, so that no other file is served
+without the token; the content security policy allows the style by its hash.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ def sign_in_page(refusal: Refusal, location: str) -> HTMLResponse:
     """
     document, style, policy = _parts()
     error = (
-        f'<p class="error" id="error" role="alert">{escape(refusal.detail)}</p>' if refusal.guessed else ""
+        f'<p class="error" id="error" role="alert">{escape(refusal.detail)}</p>'
+        if refusal.wrong_token
+        else ""
     )
     text = document.substitute(
         style=style,

@@ -43,7 +43,7 @@ class StrictBody(BaseModel):
         return schema
 
 
-class AnswerBody(BaseModel):
-    """Base of the bodies of answers, which have only the described fields."""
+class ResponseBody(BaseModel):
+    """Base class of response bodies; they have only the described fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

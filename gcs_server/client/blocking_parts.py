@@ -194,8 +194,8 @@ class SyncMission:
     ) -> dict[str, Any]:
         """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
-        `confirm` is required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at
-        once`.
+        While the vehicle is in Mission mode, `confirm` must be the text
+        `vehicle {id} flies the new mission at once`.
 
         Raises:
             Refused: the vehicle refuses an item, or has different items afterwards; the text names them.

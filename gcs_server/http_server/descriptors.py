@@ -12,7 +12,7 @@ RESERVED = 256
 """Reserved for MAVLink links, recordings, the stream process, the journal and the page's files."""
 
 
-def for_connections() -> int:
+def raise_descriptor_limit() -> int:
     """Raises the soft limit as far as useful and allowed. Returns the number of possible connections, so that
     `RESERVED` descriptors stay free.
     """

@@ -136,7 +136,7 @@ def dark_parts() -> Mesh:
 
 
 def front_mark() -> Mesh:
-    """Marks of the front: an arrow on the lid and a collar on each front arm, in the identity colour."""
+    """Marks of the front: an arrow on the lid and a collar on each front arm, in the vehicle's own colour."""
     z = 0.0845
     arrow = Mesh(
         np.asarray([(0.165, 0, z), (0.02, 0.075, z), (0.055, 0, z), (0.02, -0.075, z)], np.float32),

@@ -253,15 +253,15 @@ NOTHING_KNOWN = Readiness(False, None, "own", (), (), (), ())
 
 
 def readiness_of(
-    report: HealthReport, reported_unix_s: float, words: str, texts_left_out: str | None = None
+    report: HealthReport, reported_unix_s: float, text_source: str, unusable_texts: str | None = None
 ) -> Readiness:
     """The report for the API.
 
     Args:
         report: the newest complete report.
         reported_unix_s: time of the report.
-        words: source of the texts, `vehicle` or `own`.
-        texts_left_out: which of the vehicle's texts could not be used.
+        text_source: `vehicle`: the texts are the vehicle's; `own`: they are the server's.
+        unusable_texts: which of the vehicle's texts could not be used.
     """
     shown = [mode for mode in MODES if _is_shown(mode, report)]
     causes = {finding: _cause(finding, shown) for finding in report.findings}
@@ -280,12 +280,12 @@ def readiness_of(
     return Readiness(
         True,
         reported_unix_s,
-        words,
+        text_source,
         modes,
         findings,
         _components(report.errors),
         _components(report.warnings),
-        _left_out(report, texts_left_out),
+        _left_out(report, unusable_texts),
     )
 
 

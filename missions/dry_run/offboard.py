@@ -44,7 +44,8 @@ LANDED = {0: None, 1: "on_ground", 2: "in_air", 3: "taking_off", 4: "landing"}
 """MAV_LANDED_STATE as the names that `Reading.landed` uses."""
 STILL_M_S = 0.5
 """A vehicle slower than this counts as holding its position."""
-HOLDER = "the dry run"
+CONTROL_HOLDER = "the dry run"
+"""The client that has control of the vehicle."""
 
 
 @cache
@@ -125,7 +126,7 @@ class OffboardPilot:
         self.carry_out(now_s, runner.tick(now_s, self.reading()))
         state, segment = runner.state, runner.segment
         if runner.question is not None:
-            self.carry_out(now_s, runner.go_on(HOLDER))
+            self.carry_out(now_s, runner.go_on(CONTROL_HOLDER))
         if segment is not None and segment is not self._segment:
             self._segment, self.step = segment, Step(segment.place, segment.title, None)
         t_s = now_s - started_s
@@ -179,8 +180,8 @@ class OffboardPilot:
             velocity_ned_m_s=estimate.velocity_ned_m_s if estimate.valid_velocity else None,
             yaw_ned_rad=estimate.yaw_ned_rad,
             estimates=valid,
-            holder=HOLDER,
-            holder_name=HOLDER,
+            holder=CONTROL_HOLDER,
+            holder_name=CONTROL_HOLDER,
             battery_share=simulation.battery.remaining.item(row),
             wind_speed_m_s=wind_m_s if math.isfinite(wind_m_s) else None,
             distance_m=distance_m if math.isfinite(distance_m) else None,

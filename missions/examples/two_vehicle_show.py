@@ -33,9 +33,8 @@ async def fly(server: str) -> None:
         mission = (await gcs.plans().read_file(text, DOCUMENT))["plan"]
         started = await gcs.start_together({"lead": lead.id, "left": left.id}, mission)
         for each in started:
-            print(
-                f"Vehicle {each['vehicle']} is the {each['mission']['role']} of {each['mission']['name']!r}."
-            )
+            mission = each["mission"]
+            print(f"Vehicle {each['vehicle']} flies the role {mission['role']!r} of {mission['name']!r}.")
         await asyncio.gather(*(_until_end(vehicle) for vehicle in (lead, left)))
     print("Landed and disarmed.")
 

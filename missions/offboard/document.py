@@ -41,7 +41,7 @@ class Actions(Model):
     link_loss: Action = "hold"
     """The link to the vehicle was lost and is back."""
     control_lost: Action = "hold"
-    """Control of the vehicle has expired, because its browser or program has disconnected."""
+    """Control of the vehicle has expired, because the browser or program that had control disconnected."""
 
 
 class Bounds(Model):
@@ -86,7 +86,7 @@ class OffboardMission(Model):
     roles: dict[Name, Role] = Field(max_length=MAX_ROLES, default_factory=dict[str, Role])
     """Steps of several vehicles, by role name; all other fields apply to all vehicles."""
     minimum_separation_m: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] | None = None
-    """Minimum distance between any two vehicles, including their braking distance; None: 5 m."""
+    """Minimum distance between any two vehicles, also if they brake to a stop at any time; None: 5 m."""
     missions: dict[Name, Steps] = Field(max_length=100, default_factory=dict[str, tuple[MissionStep, ...]])
     """Named lists of steps for `call`."""
     tables: dict[Name, TableText] = Field(max_length=20, default_factory=dict[str, str])

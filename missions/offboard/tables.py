@@ -70,7 +70,7 @@ def import_file(data: bytes, filename: str) -> ImportedTable:
     rows = read_rows(data)
     text = csv_text(rows) if is_array else decode_lines(data)
     if len(text) > MAX_TABLE_LENGTH:
-        reason = f"as CSV it has {len(text)} characters, {MAX_TABLE_LENGTH} are possible"
+        reason = f"as CSV it has {len(text)} characters; the maximum is {MAX_TABLE_LENGTH}"
         fix = "Give fewer rows, or round the values: numpy.round(array, 4)."
         raise PlanError("the table", reason, fix)
     return ImportedTable(_name_of(filename), text, len(rows), rows[-1][0] - rows[0][0], len(rows[0]) > 4)
@@ -120,7 +120,7 @@ def read_rows(data: bytes) -> list[list[float]]:
     """
     rows = _array(data) if data.startswith(_MAGIC) else _csv(data)
     if not 2 <= len(rows) <= MAX_ROWS:
-        reason = f"it has {len(rows)} rows, 2 to {MAX_ROWS} are possible"
+        reason = f"it has {len(rows)} rows; it must have 2 to {MAX_ROWS}"
         raise PlanError("the table", reason, "Change the number of rows.")
     previous_s = -math.inf
     for number, row in enumerate(rows, 1):
@@ -137,7 +137,7 @@ def read_rows(data: bytes) -> list[list[float]]:
 def _csv(data: bytes) -> list[list[float]]:
     if (lines := max(data.count(b"\n"), data.count(b"\r"))) > MAX_ROWS + 1:
         raise PlanError(
-            "the table", f"it has {lines} lines, {MAX_ROWS} rows are possible", "Give fewer rows."
+            "the table", f"it has {lines} lines; the maximum is {MAX_ROWS} rows", "Give fewer rows."
         )
     reader = csv.reader(io.StringIO(decode_lines(data)))
     try:
@@ -172,8 +172,10 @@ def _array(data: bytes) -> list[list[float]]:
         raise PlanError("the table", reason, "Save it as numbers: numpy.save(file, array.astype(float)).")
     if len(shape) != 2 or shape[1] not in (4, 5):
         reason = f"its shape is {shape!s:.60}"
-        turned = " Yours may need array.T." if len(shape) == 2 and shape[0] in (4, 5) else ""
-        raise PlanError("the table", reason, f"Save shape (N, 4) or (N, 5): {', '.join(COLUMNS)}.{turned}")
+        is_transposed = len(shape) == 2 and shape[0] in (4, 5)
+        transpose_hint = " Rows and columns may be swapped: save array.T." if is_transposed else ""
+        fix = f"Save shape (N, 4) or (N, 5): {', '.join(COLUMNS)}.{transpose_hint}"
+        raise PlanError("the table", reason, fix)
     needed = shape[0] * shape[1] * dtype.itemsize
     if not 0 <= needed <= len(data) - begin:
         reason = f"its header states {shape[0]} rows, but the file ends before them"

@@ -15,7 +15,7 @@ REPLACED = "Someone else commands the vehicle: PX4 no longer accepts commands of
 
 
 class ExecutorControl:
-    """Detects that the executor is no longer in charge; never true for a mode without an executor."""
+    """Detects that the executor is no longer in charge; without an executor, `lost` is never true."""
 
     def __init__(self) -> None:
         self._was_in_charge = False

@@ -66,8 +66,8 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
 def _low_clearance(flown: FlownLine, ground: Ground) -> Iterator[Finding]:
     step, start, end = flown.step, flown.start, flown.end
     line = between(start[:2], end[:2], ground.spacing_m)
-    flown_m = start[2] + (end[2] - start[2]) * line[:, 2]
-    above_m = flown_m - ground.at(line[:, 0], line[:, 1])
+    path_amsl_m = start[2] + (end[2] - start[2]) * line[:, 2]
+    above_m = path_amsl_m - ground.at(line[:, 0], line[:, 1])
     if np.isnan(above_m).all():
         return
     lowest_m = float(np.nanmin(above_m))
@@ -76,7 +76,9 @@ def _low_clearance(flown: FlownLine, ground: Ground) -> Iterator[Finding]:
         what = f"The straight path home of {name(step.row, step.item).lower()}"
     found = _code_and_message(lowest_m, what)
     if found is not None:
-        yield Finding(*found, step.row, fix="Raise it, or let it follow the ground.")
+        yield Finding(
+            *found, step.row, fix="Increase the altitude of this item, or set its altitude above terrain."
+        )
 
 
 def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -> Iterator[MissionFinding]:

@@ -52,9 +52,9 @@ class Ground:
         top = np.clip(np.floor(np.where(inside, row, 0.0)).astype(np.intp), 0, rows - 2)
         left = np.clip(np.floor(np.where(inside, column, 0.0)).astype(np.intp), 0, columns - 2)
         down, right = row - top, column - left
-        heights = self.amsl_m.astype(np.float64, copy=False)
-        upper = heights[top, left] * (1.0 - right) + heights[top, left + 1] * right
-        lower = heights[top + 1, left] * (1.0 - right) + heights[top + 1, left + 1] * right
+        altitudes = self.amsl_m.astype(np.float64, copy=False)
+        upper = altitudes[top, left] * (1.0 - right) + altitudes[top, left + 1] * right
+        lower = altitudes[top + 1, left] * (1.0 - right) + altitudes[top + 1, left + 1] * right
         return np.where(inside, upper * (1.0 - down) + lower * down, np.nan)
 
     def one(self, lat_deg: float, lon_deg: float) -> float | None:

@@ -42,8 +42,8 @@ class TimedCurve:
     """A path of polynomial pieces, and the path parameter as a function of time."""
 
     coefficients: Array
-    """(N, 6, 4): coefficients of powers 0 to 5 of the fraction of a piece; north, east, down [m], yaw
-    [rad]."""
+    """(N pieces, 6 powers, 4 axes) polynomial coefficients for north, east, down [m] and yaw [rad]; the
+    variable goes from 0 to 1 in a piece."""
     begins: Array
     """(N,) path parameter at the start of each piece."""
     spans: Array
@@ -60,7 +60,7 @@ class TimedCurve:
     length_m: float
     """Length of the path."""
     point_times_s: tuple[float, ...]
-    """Time at which each given point is passed, or the middle of the bend at the point."""
+    """Time at each given point; at a rounded corner, the time at the middle of the curve."""
     has_yaw: bool
     _pieces: dict[int, Piece] = field(default_factory=dict[int, Piece], init=False, repr=False)
     _phases: dict[int, Phase] = field(default_factory=dict[int, Phase], init=False, repr=False)

@@ -76,7 +76,7 @@ def test_a_program_gets_an_answer_that_explains_the_token(server):
     assert closed.value.code == 1008
 
 
-def test_a_link_from_another_site_leads_to_the_sign_in_page(server):
+def test_a_page_opened_from_another_site_reloads_itself_so_that_the_browser_sends_its_cookie(server):
     from_mail = HTML | {
         "Sec-Fetch-Site": "cross-site",
         "Sec-Fetch-Mode": "navigate",

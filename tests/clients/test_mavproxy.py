@@ -1,5 +1,5 @@
-"""MAVProxy on the same vehicle: it connects, loads parameters and waypoints, arms, and displays the
-flight."""
+"""MAVProxy connected to a vehicle that the server also observes: it connects, loads parameters and
+waypoints, arms, and displays the flight."""
 
 from __future__ import annotations
 

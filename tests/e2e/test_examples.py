@@ -1,4 +1,4 @@
-"""The flights of the two reference documents of this project, through the API."""
+"""Programs of `missions/examples` fly simulated vehicles through the API."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_the_two_vehicle_show_is_flown_by_the_first_and_the_last_vehicle_until_b
         command = [sys.executable, "-m", "missions.examples.two_vehicle_show", "--server", url]
         done = subprocess.run(command, capture_output=True, text=True, timeout=280)
         assert done.returncode == 0, done.stderr
-        assert "Vehicle 104 is the left of 'Two-vehicle show'." in done.stdout
+        assert "Vehicle 104 flies the role 'left' of 'Two-vehicle show'." in done.stdout
         assert done.stdout.rstrip().endswith("Landed and disarmed.")
         assert not any(drone.show()["status"]["armed"] for drone in drones)
         heights = {drone.id: -min(_downs_m(drone)) for drone in drones}

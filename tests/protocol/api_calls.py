@@ -5,7 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from gcs_server.api import control_models
-from gcs_server.api.mission_mode_routes import conditions_of, prepare_mode
+from gcs_server.api.mission_mode_routes import compile_inputs_of, prepare_mode
 from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
@@ -49,7 +49,7 @@ def station_of(world, progress=None):
         return await prepare_mode(station, vehicle_id, mode)
 
     def conditions(vehicle_id):
-        return conditions_of(station, vehicle_id)
+        return compile_inputs_of(station, vehicle_id)
 
     waypoint_flights = WaypointFlights(world.clock, world.supervisor, progress or ProgressStore())
     for vehicle in world.fleet.all():

@@ -54,7 +54,7 @@ class Path:
         self.face_target = False
         """The heading is towards the target while the target is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
-        """NaN, here and below: the parameter's value."""
+        """NaN: the PX4 parameter applies; the same for the next two."""
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
         self._resets = EstimateResets(view, numbers.seen_heading_rad[index])
@@ -175,8 +175,12 @@ class Path:
         return self._triplet
 
     def advance_horizontal(self) -> float:
-        """Advances north and east by one tick. Returns the tick length of the trajectory [s], which also
-        applies to height."""
+        """Advances north and east by one tick.
+
+        Returns:
+            By how much the trajectory time advanced [s], also for the vertical axis; less than a tick while
+            the vehicle lags.
+        """
         north, east, down = self.target_ned_m
         triplet = None
         if north is not None and east is not None:
@@ -204,8 +208,8 @@ class Path:
     def turn(self) -> None:
         """Turns the heading by one tick towards its target.
 
-        While the estimated heading is not good for control, PX4 does not control the heading, and a held
-        heading follows the estimate: after the magnetometer's alignment in flight, a climb continues with the
+        PX4 does not control the heading while `heading_good_for_control` is false; the target then follows
+        the estimate. Example: after the in-flight magnetometer alignment, a climb continues with the
         corrected heading.
         """
         if not self._controls_heading:
@@ -219,7 +223,7 @@ class Path:
         return bool(self._view.simulation.fusion.heading_good_for_control[self._view.row])
 
     def steady_task(self, motion: Motion) -> SteadyTask | None:
-        """A motion along the waypoints to the target; None: there are none yet."""
+        """The motion to the target, if it needs no decision for many ticks; None: no waypoints yet."""
         north, east, down = self.target_ned_m
         triplet = self._triplet
         if triplet is None or north is None or east is None or not self._smoothing.follows(triplet):

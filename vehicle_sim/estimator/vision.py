@@ -1,8 +1,8 @@
 """Fusion of external position, velocity and heading (cameras, motion capture) for vehicles without GNSS.
 
 EKF2_EV_CTRL selects the measurements: bit 0 horizontal position, 1 vertical position, 2 velocity, 3 heading.
-While GNSS is fused, PX4 uses such positions only as changes. Here samples that arrive while GNSS is fused are
-dropped.
+While PX4 fuses GNSS, it fuses only the change of an external position. This simulator drops samples that
+arrive while GNSS is fused.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
 
-HORIZONTAL, VERTICAL, SPEED, HEADING = 1, 2, 4, 8
+EV_HPOS, EV_VPOS, EV_VEL, EV_YAW = 1, 2, 4, 8
 """Bits of EKF2_EV_CTRL."""
 SAMPLE_TIMEOUT_S = 1.0
 """After this time without an accepted sample the filter is reset to the next one."""
@@ -111,7 +111,7 @@ class Vision:
     def heading_variance(self, i: int) -> float:
         """Variance of a heading of vehicle `i` [rad²]; infinite if EKF2_EV_CTRL selects none."""
         limits = self._limits[i]
-        if limits is None or not limits.control & HEADING:
+        if limits is None or not limits.control & EV_YAW:
             return math.inf
         return limits.heading_noise_rad**2
 
@@ -120,14 +120,14 @@ class Vision:
         if limits is None:
             return VisionResult(i, False, False, math.nan)
         is_first = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
-        horizontal, vertical = bool(limits.control & HORIZONTAL), bool(limits.control & VERTICAL)
+        horizontal, vertical = bool(limits.control & EV_HPOS), bool(limits.control & EV_VPOS)
         position_accepted, height_accepted = self._fuse_axes(
             i, kalman, POSITION, sample.position_ned_m, (horizontal, horizontal, vertical),
             limits.position_gate, max(limits.position_noise_m**2, _finite(sample.position_variance_m2)),
             is_first,
         )  # fmt: skip
         velocity_accepted, _ = self._fuse_axes(
-            i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & SPEED),) * 3,
+            i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & EV_VEL),) * 3,
             limits.velocity_gate, max(limits.velocity_noise_m_s**2, _finite(sample.velocity_variance_m2_s2)),
             is_first,
         )  # fmt: skip

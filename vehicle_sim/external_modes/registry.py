@@ -46,7 +46,7 @@ class Registration:
 
     @property
     def consistent(self) -> bool:
-        """Whether a mode has an arming check, and an executor a mode."""
+        """Whether a mode comes with an arming check, and an executor comes with a mode."""
         return (self.mode or not self.executor) and (self.arming_check or not self.mode)
 
 

@@ -1,7 +1,7 @@
 """Wind at N vehicles: a steady part and gusts, which are first-order Gauss-Markov noise.
 
-The spectrum of the gusts falls beyond the correlation time, as in the Dryden model; vertical gusts are
-weaker.
+The power of the gusts falls at frequencies above 1 / (2π · correlation time), as in the Dryden model;
+vertical gusts are weaker.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ REQUIREMENT_OF: Final[Mapping[Estimate, str]] = {
 IN_CHARGE_TIMEOUT_S: Final = 1.0
 """Time within which PX4 reports that the executor of the selected mode is in charge."""
 AFTER_DISARMING_S: Final = 3.0
-"""Time after disarming within which PX4 selects the mode again, as it does after a landing."""
+"""PX4 can select the mode of an executor again up to this long after disarming (after a landing it does)."""
 
 
 @dataclass(slots=True)
@@ -85,7 +85,8 @@ class MissionModes:
         missions: flies the missions.
         supervisor: runs background tasks.
         prepare: compiles a mode's mission from the vehicle's current position, and checks it.
-        conditions: what a mission of a vehicle is compiled for now; None: no valid position.
+        conditions: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
+            position.
     """
 
     def __init__(
@@ -127,7 +128,7 @@ class MissionModes:
         address = dds_address(vehicle)
         if address is None:
             raise Refused(
-                f"Vehicle {vehicle_id} is not reached over ROS 2, over which modes are registered.",
+                f"No ROS 2 connection to vehicle {vehicle_id}. PX4 registers flight modes only over ROS 2.",
                 remedy="Add a ros2:// link to it (see Links).",
             )
         conditions = self._preparer.conditions(vehicle_id)
@@ -233,28 +234,28 @@ class MissionModes:
     def _hold_after_disarming(
         self, vehicle: Vehicle, state: _VehicleModes, by_mode: Mapping[str, _ModeEntry]
     ) -> None:
-        """Selects Hold if PX4 has gone back to a mode with an executor, or to the take-off of its mission,
-        after disarming. In these modes the next arming would start the mission, or a take-off."""
+        """Selects Hold if PX4, after disarming, has returned to a mission mode with an executor or to
+        Takeoff, which such a mission uses. In these modes the next arming would start a take-off."""
         mode = vehicle.status.mode
         if mode == "takeoff" and (flown := self._missions.status(vehicle.id)) is not None:
             mode = flown.mode
         entry = by_mode.get(mode)
         if entry is None or not entry.mode.takes_off or vehicle.status.armed:
             return
-        present = entry.mode
+        mission_mode = entry.mode
         if self._clock.monotonic_s() - state.disarmed_s > AFTER_DISARMING_S:
             return
         state.disarmed_s = float("-inf")
 
         async def hold() -> None:
             try:
-                await vehicle.command.hold(by=f"The mode {present.name!r}")
+                await vehicle.command.hold(by=f"The mode {mission_mode.name!r}")
             except GcsError as error:
                 text = (
-                    f"After the mission of the mode {present.name!r} the vehicle did not switch to Hold: "
-                    f"{error} Select another mode before you arm, or it takes off again."
+                    f"After the mission of the mode {mission_mode.name!r} the vehicle did not switch to "
+                    f"Hold: {error} Select another mode before you arm, or it takes off again."
                 )
-                add_event(vehicle, self._clock, present.name, "still_selected", text, WARNING)
+                add_event(vehicle, self._clock, mission_mode.name, "still_selected", text, WARNING)
 
         self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", hold())
 
@@ -283,7 +284,8 @@ class MissionModes:
         if entry.failsafe_deferred:
             text = (
                 f"PX4 defers a failsafe for up to {entry.mode.defer_failsafes_s} s, because the vehicle "
-                f"flies in the mode {name!r}. It acts then, or when the vehicle leaves the mode."
+                f"flies in the mode {name!r}. The failsafe acts after that time, or as soon as the vehicle "
+                "leaves the mode."
             )
             add_event(vehicle, self._clock, name, "failsafe_deferred", text, WARNING)
         else:
@@ -326,8 +328,8 @@ class MissionModes:
     async def _start_of(self, vehicle: Vehicle, entry: _ModeEntry) -> Start:
         """The mission to begin now.
 
-        If the vehicle was armed within the second in which PX4 did not know yet that the mission must be
-        compiled again, it is compiled now.
+        PX4 learns up to 1 s late that the mission must be compiled again. If the vehicle was armed in that
+        second, the mission is compiled here.
         """
         on_ground = vehicle.status.landed_state == "on_ground"
         start = None if entry.preparation is None or not on_ground else entry.preparation.start
@@ -364,13 +366,13 @@ class MissionModes:
     def _status(entry: _ModeEntry, registration: Registration) -> MissionModeStatus:
         mode, preparation = entry.mode, entry.preparation
         registered = registration.state == "registered"
-        not_ready = "" if preparation is None or not registered else preparation.reason
+        reason_not_ready = "" if preparation is None or not registered else preparation.reason
         return MissionModeStatus(
             name=mode.name,
             state=registration.state,
             mode=registration.mode,
-            ready=registered and not not_ready,
-            reason=registration.why or not_ready,
+            ready=registered and not reason_not_ready,
+            reason=registration.why or reason_not_ready,
             mission=mode.mission.name,
             plan_id=mode.mission.plan_id,
             version=mode.mission.version,

@@ -29,7 +29,7 @@ COMPILING: Final = "The mission is being compiled for the vehicle's present posi
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What a mission is compiled for."""
+    """Position, yaw and settings with which a mission is compiled."""
 
     position_ned_m: Vector3
     yaw_ned_rad: float
@@ -48,7 +48,7 @@ class Preparation:
 
     Args:
         start: the mission, compiled at the registration.
-        conditions: what it was compiled for; None: unknown.
+        conditions: with which it was compiled; None: unknown.
     """
 
     def __init__(self, start: Start, conditions: Conditions | None) -> None:

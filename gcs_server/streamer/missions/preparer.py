@@ -23,7 +23,8 @@ class Preparer:
         supervisor: runs the compilations.
         streams: answers PX4's arming checks.
         prepare: compiles a mode's mission from the vehicle's current position, and checks it.
-        conditions: what a mission of a vehicle is compiled for now; None: no valid position.
+        conditions: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
+            position.
     """
 
     def __init__(

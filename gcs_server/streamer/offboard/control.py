@@ -114,7 +114,7 @@ class OffboardControl:
         vehicle.command.require_no_kill("start Offboard")
         if request.mode != OFFBOARD and self._protocol() != ROS2:
             raise Refused(
-                f"Vehicle {vehicle.id} is not reached over ROS 2, which carries the setpoints of its mode.",
+                f"No ROS 2 connection to vehicle {vehicle.id}. Its mode takes setpoints only over ROS 2.",
                 remedy="Check the ros2:// link, or fly the mission in Offboard.",
             )
         status = vehicle.status

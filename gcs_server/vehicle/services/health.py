@@ -313,11 +313,11 @@ class HealthService:
 
     def _set_report(self, report: HealthReport) -> None:
         clock = self._vehicle.clock
-        words = "vehicle" if self._definitions is not None else "own"
+        text_source = "vehicle" if self._definitions is not None else "own"
         if (
             self._unpublished_unix_s is None
             and readiness.unchanged(report, self._report)
-            and words == self._published.words
+            and text_source == self._published.words
         ):
             self._published = replace(self._published, reported_unix_s=clock.unix_s())
             return
@@ -336,10 +336,10 @@ class HealthService:
         report = self._report
         assert report is not None
         now_s = self._vehicle.clock.unix_s()
-        words = "vehicle" if self._definitions is not None else "own"
-        left_out = None if self._definitions is None else self._definitions.left_out
+        text_source = "vehicle" if self._definitions is not None else "own"
+        unusable_texts = None if self._definitions is None else self._definitions.left_out
         reported_unix_s = self._unpublished_unix_s or self._published.reported_unix_s or now_s
-        readiness_now = readiness.readiness_of(report, reported_unix_s, words, left_out)
+        readiness_now = readiness.readiness_of(report, reported_unix_s, text_source, unusable_texts)
         named = self._vehicle.mode_names.named
         modes = tuple(replace(each, label=named(each.mode, each.label)) for each in readiness_now.modes)
         self._published = replace(readiness_now, modes=modes, offers=self._offers())

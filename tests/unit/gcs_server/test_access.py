@@ -167,7 +167,7 @@ def test_the_sign_in_link_leaves_no_token_in_the_address(path, query, location):
     assert ALL_INTERFACES.decide(request_head(path=path, query=query.format(TOKEN))) == SignedIn(location)
     refusal = ALL_INTERFACES.decide(request_head(path=path, query=query.format("wrong")))
     assert isinstance(refusal, Refusal)
-    assert (refusal.status, refusal.guessed) == (401, True)
+    assert (refusal.status, refusal.wrong_token) == (401, True)
     assert ALL_INTERFACES.decide(
         request_head(path=path, query=query.format("old"), cookie=COOKIE)
     ) == SignedIn(location)
@@ -257,7 +257,7 @@ def test_the_sign_in_page_uses_the_pages_colours():
 
 
 def test_the_sign_in_page_escapes_its_texts():
-    refusal = Refusal(401, "token_wrong", "", "<script>", guessed=True)
+    refusal = Refusal(401, "token_wrong", "", "<script>", wrong_token=True)
     text = bytes(sign_in_page(refusal, '/"><script>alert(1)</script>').body).decode()
     assert "<script" not in text
     assert "&lt;script&gt;" in text

@@ -151,7 +151,7 @@ def test_an_answer_to_an_older_request_does_not_count():
     assert registry.health().unresponsive
 
 
-def test_a_check_without_a_mode_is_removed_when_it_is_silent():
+def test_a_check_without_a_mode_is_removed_when_its_component_is_unresponsive():
     registry = Registry()
     registry.register(Registration("A", arming_check=True))
     registry.run(1.0)

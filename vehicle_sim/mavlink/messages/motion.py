@@ -146,14 +146,14 @@ class MotionMessages(MessageGroup):
 
     def _setpoint(self) -> tuple[Sequence[float], Sequence[float], Sequence[float], float, float]:
         """The position controller's setpoint (NED): position, velocity, acceleration, yaw and yaw rate."""
-        row, i = self._view.simulation.target, self._view.row
+        target, i = self._view.simulation.target, self._view.row
         heading = self._view.estimate.yaw_ned_rad
-        p, v = row.position_ned_m[i].tolist(), row.velocity_ned_m_s[i].tolist()
-        a = row.acceleration_ned_m_s2[i].tolist()
+        p, v = target.position_ned_m[i].tolist(), target.velocity_ned_m_s[i].tolist()
+        a = target.acceleration_ned_m_s2[i].tolist()
         disarmed = int(self._view.simulation.setpoints.level[i]) == ControlLevel.DISARMED
         if disarmed or not any(each == each for each in (*p, *v, *a)):
             return _NO_SETPOINT, _NO_SETPOINT, _MOTORS_AT_REST, heading, 0.0
-        yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
+        yaw, rate = float(target.yaw_ned_rad[i]), float(target.yaw_rate_ned_rad_s[i])
         # PX4's position controller replaces a missing yaw by the current heading, and a missing yaw rate by
         # zero.
         return (

@@ -1981,10 +1981,11 @@ export interface paths {
          * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
          *
          *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
-         *     when the mode is selected in the air. The mission is compiled and checked from the vehicle's present
-         *     position: 409 `plan_findings` if it has error findings that `despite` does not list. It is compiled again
-         *     from the position at which it begins. A mission that begins with a take-off is compiled before arming, and
-         *     PX4 does not arm in its mode until it is compiled (`ready`).
+         *     when the mode is selected in the air. At registration, the mission is compiled and checked from the
+         *     vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list. A
+         *     mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
+         *     while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
+         *     while `ready` is true.
          */
         readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
         readonly delete?: never;
@@ -2290,7 +2291,7 @@ export interface components {
             readonly link_loss: "continue" | "hold" | "return" | "land";
             /**
              * Control Lost
-             * @description Control of the vehicle has expired, because its browser or program has disconnected.
+             * @description Control of the vehicle has expired, because the browser or program that had control disconnected.
              * @default hold
              * @enum {string}
              */
@@ -8626,7 +8627,7 @@ export interface components {
             };
             /**
              * Minimum Separation M
-             * @description Minimum distance between any two vehicles, including their braking distance; None: 5 m.
+             * @description Minimum distance between any two vehicles, also if they brake to a stop at any time; None: 5 m.
              */
             readonly minimum_separation_m?: number | null;
             /**

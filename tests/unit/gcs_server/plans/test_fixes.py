@@ -1,8 +1,8 @@
-"""After each fix by the page its finding is gone, and there is no new error.
+"""When the page applies a fix, the finding disappears, and no new error appears.
 
 The plans and their findings are made here; `web/src/features/plan/editor/fixes.test.ts` fixes them. Both
-files in `tests/data/plan_fixes` are compared with what the two sides make. After a change:
-`python -m tests.unit.gcs_server.plans.test_fixes`, then
+files in `tests/data/plan_fixes` are compared with the output of this test and of `fixes.test.ts`. After a
+change: `python -m tests.unit.gcs_server.plans.test_fixes`, then
 `npx vitest run -u src/features/plan/editor/fixes.test.ts`.
 """
 
@@ -26,16 +26,16 @@ HOME = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0}
 HERE = {"lat_deg": 47.4, "lon_deg": 8.5}
 
 
-def up(value_m: float, reference: str = "home") -> dict[str, Any]:
+def altitude(value_m: float, reference: str = "home") -> dict[str, Any]:
     return {"altitude": {"value_m": value_m, "reference": reference}}
 
 
-def to(value_m: float, lat_deg: float = 47.401) -> dict[str, Any]:
-    return {"kind": "waypoint", "lat_deg": lat_deg, "lon_deg": 8.5, **up(value_m)}
+def waypoint(value_m: float, lat_deg: float = 47.401) -> dict[str, Any]:
+    return {"kind": "waypoint", "lat_deg": lat_deg, "lon_deg": 8.5, **altitude(value_m)}
 
 
-TAKEOFF = {"kind": "takeoff", **HERE, **up(20)}
-LAND = {"kind": "land", **HERE, **up(0)}
+TAKEOFF = {"kind": "takeoff", **HERE, **altitude(20)}
+LAND = {"kind": "land", **HERE, **altitude(0)}
 ENDLESS = {"kind": "jump", "target_index": 1, "repeat": -1}
 CROSSED = {
     "shape": "polygon",
@@ -45,25 +45,28 @@ CROSSED = {
     ],
 }
 PLANS: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
-    "home_missing": ([TAKEOFF, to(20)], {"planned_home": None}),
-    "takeoff_missing": ([to(20), LAND], {}),
-    "takeoff_not_first": ([to(20), TAKEOFF], {}),
-    "takeoff_too_low": ([{**TAKEOFF, **up(481.0, "amsl")}, to(20)], {}),
-    "landing_missing": ([TAKEOFF, to(20)], {"MIS_TKO_LAND_REQ": 3.0}),
-    "takeoff_landing_mismatch": ([TAKEOFF, to(20)], {"MIS_TKO_LAND_REQ": 4.0}),
-    "command_refused": ([TAKEOFF, {"kind": "set_servo", "servo": 1, "pulse_us": 1500}, to(20)], {}),
+    "home_missing": ([TAKEOFF, waypoint(20)], {"planned_home": None}),
+    "takeoff_missing": ([waypoint(20), LAND], {}),
+    "takeoff_not_first": ([waypoint(20), TAKEOFF], {}),
+    "takeoff_too_low": ([{**TAKEOFF, **altitude(481.0, "amsl")}, waypoint(20)], {}),
+    "landing_missing": ([TAKEOFF, waypoint(20)], {"MIS_TKO_LAND_REQ": 3.0}),
+    "takeoff_landing_mismatch": ([TAKEOFF, waypoint(20)], {"MIS_TKO_LAND_REQ": 4.0}),
+    "command_refused": ([TAKEOFF, {"kind": "set_servo", "servo": 1, "pulse_us": 1500}, waypoint(20)], {}),
     "complex_without_items": ([TAKEOFF, {"kind": "complex", "complex_type": "x", "original": "{}"}], {}),
-    "jump_target_missing": ([TAKEOFF, to(20), {**ENDLESS, "target_index": 7, "repeat": 1}], {}),
+    "jump_target_missing": ([TAKEOFF, waypoint(20), {**ENDLESS, "target_index": 7, "repeat": 1}], {}),
     "jump_stalls": ([TAKEOFF, {**ENDLESS, "repeat": 60_000}], {}),
-    "jump_endless": ([TAKEOFF, to(20), ENDLESS], {}),
-    "endurance_endless": ([TAKEOFF, to(20), ENDLESS], {}),
-    "items_never_reached": ([TAKEOFF, {"kind": "return_home"}, to(20), to(30)], {}),
-    "speed_invalid": ([TAKEOFF, {"kind": "change_speed", "speed_m_s": 0}, to(20)], {}),
-    "speed_too_high": ([TAKEOFF, {"kind": "change_speed", "speed_m_s": 9}, to(20)], {"MPC_XY_VEL_MAX": 8.0}),
-    "speed_too_high of the plan": ([TAKEOFF, to(20)], {"hover_speed_m_s": 14.0}),
-    "altitude_too_high": ([TAKEOFF, to(150)], {}),
-    "altitude_fence": ([TAKEOFF, to(70)], {"GF_MAX_VER_DIST": 60.0}),
-    "fence_invalid": ([TAKEOFF, to(20)], {"fence": [CROSSED]}),
+    "jump_endless": ([TAKEOFF, waypoint(20), ENDLESS], {}),
+    "endurance_endless": ([TAKEOFF, waypoint(20), ENDLESS], {}),
+    "items_never_reached": ([TAKEOFF, {"kind": "return_home"}, waypoint(20), waypoint(30)], {}),
+    "speed_invalid": ([TAKEOFF, {"kind": "change_speed", "speed_m_s": 0}, waypoint(20)], {}),
+    "speed_too_high": (
+        [TAKEOFF, {"kind": "change_speed", "speed_m_s": 9}, waypoint(20)],
+        {"MPC_XY_VEL_MAX": 8.0},
+    ),
+    "speed_too_high of the plan": ([TAKEOFF, waypoint(20)], {"hover_speed_m_s": 14.0}),
+    "altitude_too_high": ([TAKEOFF, waypoint(150)], {}),
+    "altitude_fence": ([TAKEOFF, waypoint(70)], {"GF_MAX_VER_DIST": 60.0}),
+    "fence_invalid": ([TAKEOFF, waypoint(20)], {"fence": [CROSSED]}),
 }
 """For each code: items, and other fields of the plan or PX4's parameters."""
 FLY = "{step: fly, points: [{offset_ned_m: [20, 0, -10]}]"
@@ -144,7 +147,7 @@ def stored(name: str) -> dict[str, Any]:
 NAMES = [f"{kind}: {name}" for kind, table in (("plan", PLANS), ("mission", MISSIONS)) for name in table]
 
 
-def test_the_page_fixes_these_plans() -> None:
+def test_the_stored_cases_are_up_to_date() -> None:
     assert cases() == stored("cases.json")
     assert list(stored("fixed.json")) == NAMES
 

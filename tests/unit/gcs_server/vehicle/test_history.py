@@ -29,7 +29,7 @@ def test_a_frame_is_stored_once_and_returned_unchanged():
     assert (stored.system_id, stored.component_id, stored.seq) == (1, 2, 7)
 
 
-def test_a_slower_message_is_repeated_until_its_next_one():
+def test_a_frame_is_repeated_at_each_time_until_the_message_is_received_again():
     history = History([ATTITUDE, HEARTBEAT])
     beat = frame(HEARTBEAT, 1.0)
     for step in range(4):
