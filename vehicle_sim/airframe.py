@@ -56,7 +56,7 @@ class Airframe:
         """
 
         def value(name: str) -> float:
-            return parameters.usable(name)
+            return parameters.finite_value(name)
 
         for name in ("SIH_MASS", "SIH_IXX", "SIH_IYY", "SIH_IZZ", "SIH_T_MAX"):
             if not value(name) > 0.0:

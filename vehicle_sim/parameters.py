@@ -178,7 +178,7 @@ class Parameters:
         except KeyError:
             raise UnknownParameterError(name) from None
 
-    def usable(self, name: str) -> float:
+    def finite_value(self, name: str) -> float:
         """The effective value: the stored one, or the boot value instead of NaN or infinity.
 
         PX4 stores NaN too; a NaN gain would remain in every integrator even after it was corrected.

@@ -289,14 +289,14 @@ def readiness_of(
     )
 
 
-def _left_out(report: HealthReport, texts_left_out: str | None) -> str | None:
+def _left_out(report: HealthReport, unusable_texts: str | None) -> str | None:
     findings = None
     if report.left_out:
         findings = (
             f"The vehicle reported {report.left_out + len(report.findings):,} findings; "
             f"{len(report.findings)} of them are shown."
         )
-    return " ".join(text for text in (findings, texts_left_out) if text) or None
+    return " ".join(text for text in (findings, unusable_texts) if text) or None
 
 
 def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -> tuple[Offer, ...]:

@@ -297,7 +297,7 @@ class Autopilot:
 
     def _publish_level(self) -> ControlLevel:
         commander = self.commander
-        key = (commander.armed, commander.active, commander.failsafe.action, commander.external.configured)
+        key = (commander.armed, commander.active, commander.failsafe.action, commander.external.config_count)
         return self._control_mode.update(self.view.time_s, self.offboard.level, key)
 
     def _descent_limit_m_s(self) -> float:

@@ -214,7 +214,7 @@ class Commander:
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():
             self._run_checks()
-        if self.external.replaced(self._selected) != self.active:
+        if self.external.effective_mode(self._selected) != self.active:
             self._activate(self._selected)
         self._update_mode(landed)
 
@@ -355,7 +355,7 @@ class Commander:
     @property
     def intention(self) -> NavState:
         """The intended mode; if an external mode replaces it, the external mode."""
-        return NavState(self.external.replaced(self.intended))
+        return NavState(self.external.effective_mode(self.intended))
 
     @property
     def in_failsafe(self) -> bool:
@@ -366,7 +366,7 @@ class Commander:
 
     def _activate(self, mode: NavState, *, restart: bool = False) -> None:
         self._selected = mode
-        flown = NavState(self.external.replaced(mode))
+        flown = NavState(self.external.effective_mode(mode))
         if flown is self.active and not restart:
             return
         previous, self.active = self.active, flown

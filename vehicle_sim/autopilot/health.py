@@ -11,7 +11,7 @@ from vehicle_sim.autopilot.geofence import Breach
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.external_modes.arming_checks import ExternalEvent, ExternalHealth
 from vehicle_sim.external_modes.registry import is_external
-from vehicle_sim.external_modes.requirements import OWN, Requirements
+from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements
 
 EVERY_MODE = 0xFFFFFFFF
 
@@ -139,7 +139,7 @@ class CheckResults:
     can_arm: int
     can_run: int
     present: int = PRESENT
-    requirements: Requirements = OWN
+    requirements: Requirements = BUILT_IN_REQUIREMENTS
 
     def armable(self, mode: NavState) -> bool:
         """Whether the vehicle can be armed in this mode."""
@@ -246,7 +246,8 @@ def examine(inputs: CheckInputs) -> CheckResults:
         can_run &= ~check.blocks_running
     if not inputs.valid_attitude:
         can_arm = 0
-        can_run &= ~((needs.attitude | needs.angular_velocity) & OWN.other)  # external modes
+        # external modes
+        can_run &= ~((needs.attitude | needs.angular_velocity) & BUILT_IN_REQUIREMENTS.other)
     present = PRESENT | (REMOTE_PRESENT if inputs.manual_control else 0)
     if not inputs.gnss_used:
         present &= ~GPS_PRESENT

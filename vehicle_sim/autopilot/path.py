@@ -33,7 +33,7 @@ class Path:
     Args:
         view: the vehicle.
         row: where the setpoints are written.
-        numbers: of all vehicles; default: its own.
+        numbers: arrays of all vehicles; None: new arrays for this vehicle alone.
     """
 
     def __init__(self, view: VehicleView, row: SetpointRow, numbers: FlightNumbers | None = None) -> None:

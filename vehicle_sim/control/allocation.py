@@ -142,7 +142,7 @@ def rotor_effectiveness(parameters: Parameters) -> FloatArray:
     for k in range(ROTOR_COUNT):
 
         def value(name: str, k: int = k) -> float:
-            return parameters.usable(f"CA_ROTOR{k}_{name}")
+            return parameters.finite_value(f"CA_ROTOR{k}_{name}")
 
         axis = np.array([value("AX"), value("AY"), value("AZ")])
         position = np.array([value("PX"), value("PY"), value("PZ")])

@@ -38,7 +38,7 @@ class AttitudeControl:
         """Reads MC_* of vehicle `i`."""
 
         def value(name: str) -> float:
-            return parameters.usable(name)
+            return parameters.finite_value(name)
 
         weight = min(1.0, max(0.0, value("MC_YAW_WEIGHT")))
         self._yaw_weight[i] = weight

@@ -52,7 +52,7 @@ class HoverThrust:
         """Reads HTE_* and MPC_THR_HOVER of vehicle `i`."""
 
         def value(name: str) -> float:
-            return parameters.usable(name)
+            return parameters.finite_value(name)
 
         default = min(0.8, max(0.1, value("MPC_THR_HOVER")))
         if self._variance[i] == 0.0 or default != self._default[i]:

@@ -55,7 +55,7 @@ class PositionControl:
         """Reads MPC_* of vehicle `i`."""
 
         def value(name: str) -> float:
-            return parameters.usable(name)
+            return parameters.finite_value(name)
 
         def axes(horizontal: str, vertical: str) -> list[float]:
             return [value(horizontal), value(horizontal), value(vertical)]

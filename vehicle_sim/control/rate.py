@@ -44,13 +44,13 @@ class RateControl:
         """Reads MC_*RATE_* of vehicle `i`."""
         for k, (axis, short) in enumerate((("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR"))):
             name = f"MC_{axis}RATE_"
-            overall = parameters.usable(name + "K")
-            self._p[i, k] = overall * parameters.usable(name + "P")
-            self._i_dt[i, k] = overall * parameters.usable(name + "I") * self._dt_s
-            self._d[i, k] = overall * parameters.usable(name + "D")
-            self._ff[i, k] = parameters.usable(name + "FF")
-            self._limit[i, k] = parameters.usable(f"MC_{short}_INT_LIM")
-        cutoff_hz = parameters.usable("MC_YAW_TQ_CUTOFF")
+            overall = parameters.finite_value(name + "K")
+            self._p[i, k] = overall * parameters.finite_value(name + "P")
+            self._i_dt[i, k] = overall * parameters.finite_value(name + "I") * self._dt_s
+            self._d[i, k] = overall * parameters.finite_value(name + "D")
+            self._ff[i, k] = parameters.finite_value(name + "FF")
+            self._limit[i, k] = parameters.finite_value(f"MC_{short}_INT_LIM")
+        cutoff_hz = parameters.finite_value("MC_YAW_TQ_CUTOFF")
         self._yaw_gain[i] = (
             self._dt_s / (self._dt_s + 1.0 / (2.0 * math.pi * cutoff_hz)) if cutoff_hz > 0.0 else 1.0
         )

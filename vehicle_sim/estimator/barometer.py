@@ -61,8 +61,8 @@ class Barometer:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_BARO_* of vehicle `i`."""
-        self._variance[i] = max(parameters.usable("EKF2_BARO_NOISE"), 0.01) ** 2
-        self._gate[i] = max(parameters.usable("EKF2_BARO_GATE"), 1.0)
+        self._variance[i] = max(parameters.finite_value("EKF2_BARO_NOISE"), 0.01) ** 2
+        self._gate[i] = max(parameters.finite_value("EKF2_BARO_GATE"), 1.0)
         self._used[i] = parameters.get("EKF2_BARO_CTRL") != 0
 
     def align(self, i: int, now_s: float, alt_m: float) -> None:

@@ -74,10 +74,10 @@ class Constraints:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_GRAV_NOISE, EKF2_GYR_NOISE, EKF2_ABL_TAU and EKF2_IMU_CTRL of vehicle `i`."""
         used = int(parameters.get("EKF2_IMU_CTRL")) & _GRAVITY_BIT
-        noise = max(parameters.usable("EKF2_GRAV_NOISE"), 0.01)
+        noise = max(parameters.finite_value("EKF2_GRAV_NOISE"), 0.01)
         self._gravity_variance[i] = noise**2 if used else math.inf
-        self._rest_gyro_variance[i] = max(parameters.usable("EKF2_GYR_NOISE"), 1e-4) ** 2
-        self._peak_decay_per_s[i] = 1.0 / max(parameters.usable("EKF2_ABL_TAU"), 0.1)
+        self._rest_gyro_variance[i] = max(parameters.finite_value("EKF2_GYR_NOISE"), 1e-4) ** 2
+        self._peak_decay_per_s[i] = 1.0 / max(parameters.finite_value("EKF2_ABL_TAU"), 0.1)
 
     def reset(self, i: int) -> None:
         """Resets vehicle `i` when its estimator starts."""

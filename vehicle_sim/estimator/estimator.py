@@ -103,7 +103,7 @@ class Estimator:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads IMU_* and EKF2_* of vehicle `i`."""
-        value = parameters.usable
+        value = parameters.finite_value
         for part in (
             self.kalman,
             self._gnss,

@@ -79,7 +79,7 @@ class Gnss:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_GPS_* and EKF2_REQ_* of vehicle `i`."""
-        value = parameters.usable
+        value = parameters.finite_value
         self._control[i] = int(parameters.get("EKF2_GPS_CTRL"))
         checks = int(parameters.get("EKF2_GPS_CHECK"))
         for k, (name, bit) in enumerate(_CHECKS.items()):

@@ -88,7 +88,7 @@ class Kalman:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads noise figures and limits EKF2_* of vehicle `i`."""
-        value = parameters.usable
+        value = parameters.finite_value
         noise = self._noise[i]
         for first, name in (
             (TILT, "EKF2_GYR_NOISE"),

@@ -83,7 +83,7 @@ class Magnetometer:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_MAG_* and EKF2_HEAD_NOISE of vehicle `i`."""
-        value = parameters.usable
+        value = parameters.finite_value
         self._declination_rad[i] = math.radians(value("EKF2_MAG_DECL"))
         self._field_ned[i] = field_ned_gauss(self._declination_rad[i])
         self._variance[i] = max(value("EKF2_MAG_NOISE"), 0.01) ** 2

@@ -43,7 +43,7 @@ class Terrain:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_MIN_RNG and EKF2_RNG_CTRL (0: ranges are not used) of vehicle `i`."""
-        self._min_range_m[i] = parameters.usable("EKF2_MIN_RNG")
+        self._min_range_m[i] = parameters.finite_value("EKF2_MIN_RNG")
         self._used[i] = parameters.get("EKF2_RNG_CTRL") != 0
 
     def reset(self, i: int) -> None:

@@ -73,7 +73,7 @@ class Vision:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_EV* of vehicle `i`."""
-        value = parameters.usable
+        value = parameters.finite_value
         self._limits[i] = _Limits(
             int(parameters.get("EKF2_EV_CTRL")),
             max(value("EKF2_EVP_NOISE"), 0.01),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from vehicle_sim.external_modes.requirements import OWN, Requirements, required_by
+from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements, required_by
 
 SLOTS = 8
 NONE = -1
@@ -29,7 +29,7 @@ ExternalEvent = tuple[int, int, bytes]
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class ArmingCheckReply:
     """An ArmingCheckReply."""
 
     request_id: int
@@ -46,7 +46,7 @@ class ArmingCheck:
     mode: int = NONE
     """Navigation state of its mode; NONE: the check applies to every mode."""
     replaces: int = NONE
-    reply: Reply | None = None
+    reply: ArmingCheckReply | None = None
     missed: int = 0
     unresponsive: bool = False
     times_unresponsive: int = 0
@@ -67,7 +67,7 @@ class ArmingCheck:
         self.times_unresponsive += 1
         return True
 
-    def answer(self, reply: Reply) -> None:
+    def answer(self, reply: ArmingCheckReply) -> None:
         """Stores a reply."""
         self.reply, self.missed = reply, 0
         if self.times_unresponsive <= RECOVERIES:
@@ -78,7 +78,7 @@ class ArmingCheck:
 class ExternalHealth:
     """Results of the external components for arming."""
 
-    requirements: Requirements = OWN
+    requirements: Requirements = BUILT_IN_REQUIREMENTS
     unresponsive: int = 0
     """Bit mask of the modes whose component is unresponsive."""
     not_armable: int = 0
@@ -98,7 +98,7 @@ class ArmingChecks:
 
     def __init__(self) -> None:
         self._checks: dict[int, ArmingCheck] = {}
-        self._replies: deque[Reply] = deque(maxlen=REPLIES_KEPT)
+        self._replies: deque[ArmingCheckReply] = deque(maxlen=REPLIES_KEPT)
         self._answered: set[int] = set()
         self._request_id = 0
         self._requested_at_us: int | None = None
@@ -125,7 +125,7 @@ class ArmingChecks:
         """Whether the component of this check is unresponsive."""
         return number in self._checks and self._checks[number].unresponsive
 
-    def receive(self, reply: Reply) -> None:
+    def receive(self, reply: ArmingCheckReply) -> None:
         """Queues a reply; without a registered check it stays in the queue for the next one, as on PX4."""
         self._replies.append(reply)
 
@@ -163,7 +163,7 @@ class ArmingChecks:
         """The state of all checks."""
         if not self._checks:
             return NOTHING_REGISTERED
-        requirements, unresponsive, not_armable, registered = OWN, 0, 0, 0
+        requirements, unresponsive, not_armable, registered = BUILT_IN_REQUIREMENTS, 0, 0, 0
         events: list[tuple[int, ExternalEvent]] = []
         for check in self._checks.values():
             modes = check.modes if check.mode != NONE else EVERY_MODE

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from vehicle_sim.external_modes.arming_checks import NONE, ArmingChecks, ExternalHealth, Reply
+from vehicle_sim.external_modes.arming_checks import NONE, ArmingCheckReply, ArmingChecks, ExternalHealth
 from vehicle_sim.external_modes.slots import (
     FIRST_MODE,
     LAST_MODE,
@@ -51,7 +51,7 @@ class Registration:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class RegistrationReply:
     """A RegisterExtComponentReply; NONE: not registered."""
 
     success: bool = False
@@ -60,7 +60,7 @@ class Answer:
     executor: int = NONE
 
 
-DENIED_WHILE_ARMED = Answer(False, 0, 0, 0)
+DENIED_WHILE_ARMED = RegistrationReply(False, 0, 0, 0)
 """PX4 leaves the ids of this answer at zero."""
 
 
@@ -81,23 +81,23 @@ class ExternalModes:
         """Whether a failsafe has replaced the intended mode, as of the last update."""
         self.commanded_by_executor = False
         """Whether the current command came from an executor."""
-        self.configured = 0
+        self.config_count = 0
         """Number of changes of `config_control_setpoints`."""
-        self.announced = 0
+        self.mode_list_seq = 0
         """Number of changes to the list of modes: AVAILABLE_MODES_MONITOR.seq.
 
         As recorded, it increases when a mode is registered, and when `vehicle_status` is published with a
         changed mask of the modes that can be set.
         """
-        self.on_announced: Callable[[], None] = _nobody
+        self.on_announced: Callable[[], None] = _no_listener
         self._published = -1
 
     # --- registration ----------------------------------------------------------------------------------
 
-    def register(self, request: Registration) -> Answer:
+    def register(self, request: Registration) -> RegistrationReply:
         """Registers all parts of a component, or none."""
         if not request.consistent or not self._has_room(request):
-            return Answer()
+            return RegistrationReply()
         name = request.name[:NAME_LENGTH]
         state = executor = check = NONE
         if request.mode:
@@ -110,7 +110,7 @@ class ExternalModes:
             check = self.checks.add(state, request.replaces)
             if request.mode:
                 self._slots.modes[state].arming_check = check
-        return Answer(True, check, state, executor)
+        return RegistrationReply(True, check, state, executor)
 
     def _has_room(self, request: Registration) -> bool:
         if request.mode and request.replaces != NONE and self.is_replaced(request.replaces):
@@ -122,7 +122,7 @@ class ExternalModes:
         )
 
     def _announce(self) -> None:
-        self.announced += 1
+        self.mode_list_seq += 1
         self.on_announced()
 
     def published(self, settable: int) -> None:
@@ -169,8 +169,8 @@ class ExternalModes:
         mode = self.mode(state)
         return state if mode is None or mode.replaces == NONE else mode.replaces
 
-    def replaced(self, state: int) -> int:
-        """The mode that is flown for a mode: its replacement, if that is registered and responsive."""
+    def effective_mode(self, state: int) -> int:
+        """The replacement of a mode, if one is registered and responsive, or else the mode itself."""
         found = self._slots.replacement(state) if self._slots.modes else None
         if found is None or self.checks.unresponsive(self._slots.modes[found].arming_check):
             return state
@@ -193,7 +193,7 @@ class ExternalModes:
         mode = self.mode(state)
         if mode is not None:
             mode.controllers = controllers
-            self.configured += 1
+            self.config_count += 1
 
     def controllers(self, state: int) -> Controllers:
         """Controllers that run in a mode."""
@@ -236,19 +236,20 @@ class ExternalModes:
         if not self._slots.modes:
             return NO_OVERRIDES
         mode = self.mode(active)
-        own = NO_OVERRIDES if mode is None else mode.overrides
+        mode_overrides = NO_OVERRIDES if mode is None else mode.overrides
         executor = self._executors.executors.get(self.executor_in_charge)
         if executor is None:
-            return own
-        others = executor.overrides
-        defers = others if others.defer_failsafes else own
+            return mode_overrides
+        executor_overrides = executor.overrides
+        deferral = executor_overrides if executor_overrides.defer_failsafes else mode_overrides
         return dataclasses.replace(
-            defers, disable_auto_disarm=own.disable_auto_disarm or others.disable_auto_disarm
+            deferral,
+            disable_auto_disarm=mode_overrides.disable_auto_disarm or executor_overrides.disable_auto_disarm,
         )
 
     # --- time ------------------------------------------------------------------------------------------
 
-    def receive(self, reply: Reply) -> None:
+    def receive(self, reply: ArmingCheckReply) -> None:
         """Queues an arming check reply for the next update."""
         self.checks.receive(reply)
 
@@ -262,7 +263,7 @@ class ExternalModes:
         return self.checks.update(now_us)
 
 
-def _nobody() -> None:
+def _no_listener() -> None:
     """Default listener without effect."""
 
 

@@ -24,7 +24,7 @@ class Requirements(NamedTuple):
     """Modes that cannot run: external modes that are not registered, or report that they cannot run."""
 
 
-OWN = Requirements()
+BUILT_IN_REQUIREMENTS = Requirements()
 """Requirements of PX4's own modes, while no external mode is registered."""
 REPORTED = (
     "angular_velocity", "attitude", "local_alt", "local_position", "local_position_relaxed",

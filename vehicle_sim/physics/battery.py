@@ -57,12 +57,12 @@ class Batteries:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIM_BAT_* and BAT1_* of vehicle `i`."""
         cells = max(1, int(parameters.get("BAT1_N_CELLS")))
-        empty, charged = parameters.usable("BAT1_V_EMPTY"), parameters.usable("BAT1_V_CHARGED")
-        drain_s = parameters.usable("SIM_BAT_DRAIN")
+        empty, charged = parameters.finite_value("BAT1_V_EMPTY"), parameters.finite_value("BAT1_V_CHARGED")
+        drain_s = parameters.finite_value("SIM_BAT_DRAIN")
         drains = parameters.get("SIM_BAT_ENABLE") != 0 and drain_s > 0.0
         self.state.cell_count[i] = cells
         self._drain_per_s[i] = 1.0 / drain_s if drains else 0.0
-        self._minimum[i] = min(1.0, max(0.0, parameters.usable("SIM_BAT_MIN_PCT") / 100.0))
+        self._minimum[i] = min(1.0, max(0.0, parameters.finite_value("SIM_BAT_MIN_PCT") / 100.0))
         self._empty_v[i] = empty * cells
         self._span_v[i] = (charged - empty) * cells
         self._update_voltage()

@@ -9,8 +9,13 @@ from typing import Any, Final
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.external_modes.arming_checks import MAX_EVENTS, NONE, Reply
-from vehicle_sim.external_modes.registry import DENIED_WHILE_ARMED, NAME_LENGTH, Answer, Registration
+from vehicle_sim.external_modes.arming_checks import MAX_EVENTS, NONE, ArmingCheckReply
+from vehicle_sim.external_modes.registry import (
+    DENIED_WHILE_ARMED,
+    NAME_LENGTH,
+    Registration,
+    RegistrationReply,
+)
 from vehicle_sim.external_modes.requirements import REPORTED
 from vehicle_sim.external_modes.slots import Controllers, Overrides
 
@@ -85,7 +90,7 @@ class ExternalModeTopics:
         if answer.success and answer.mode != NONE and activates and not self._commander.armed:
             self._commander.set_mode(NavState(answer.mode))
 
-    def _answer(self, request: Values, answer: Answer) -> None:
+    def _answer(self, request: Values, answer: RegistrationReply) -> None:
         self._publish(
             REGISTRATION_REPLY, "RegisterExtComponentReply",
             {
@@ -175,7 +180,7 @@ class _CompletedModes:
         return True
 
 
-def _reply(values: Values) -> Reply:
+def _reply(values: Values) -> ArmingCheckReply:
     """An ArmingCheckReply; of its events at most `MAX_EVENTS` count."""
     events = tuple(
         (
@@ -186,4 +191,6 @@ def _reply(values: Values) -> Reply:
         for n in range(min(values["num_events"], MAX_EVENTS))
     )
     requires = frozenset(name for name in REPORTED if values[f"mode_req_{name}"])
-    return Reply(values["request_id"], values["registration_id"], values["can_arm_and_run"], requires, events)
+    return ArmingCheckReply(
+        values["request_id"], values["registration_id"], values["can_arm_and_run"], requires, events
+    )

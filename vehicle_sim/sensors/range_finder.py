@@ -20,9 +20,9 @@ class RangeFinder:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIH_DISTSNSR_OVR, _MIN and _MAX of vehicle `i`."""
-        self._override_m[i] = parameters.usable("SIH_DISTSNSR_OVR")
-        self._lowest_m[i] = parameters.usable("SIH_DISTSNSR_MIN")
-        self._highest_m[i] = parameters.usable("SIH_DISTSNSR_MAX")
+        self._override_m[i] = parameters.finite_value("SIH_DISTSNSR_OVR")
+        self._lowest_m[i] = parameters.finite_value("SIH_DISTSNSR_MIN")
+        self._highest_m[i] = parameters.finite_value("SIH_DISTSNSR_MAX")
 
     def measured_m(self, distance_m: FloatArray) -> FloatArray:
         """Measured distances (N,) from true distances (N,); NaN out of range."""

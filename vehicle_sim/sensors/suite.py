@@ -147,16 +147,16 @@ class SensorSuite:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIM_GPS_USED, SIM_MAG_OFFSET_*, SIM_BARO_OFF_* and the calibrations of vehicle `i`."""
         self._satellites[i] = int(parameters.get("SIM_GPS_USED"))
-        self._mag_offset[i] = [parameters.usable(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
-        self._baro_offset_hpa[i] = 0.01 * parameters.usable("SIM_BARO_OFF_P")
-        self._baro_offset_deg_c[i] = parameters.usable("SIM_BARO_OFF_T")
-        self._gyro_offset[i] = [parameters.usable(f"CAL_GYRO0_{axis}OFF") for axis in "XYZ"]
-        self._accel_offset[i] = [parameters.usable(f"CAL_ACC0_{axis}OFF") for axis in "XYZ"]
-        self._accel_scale[i] = [parameters.usable(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"]
-        self._mag_calibration[i] = [parameters.usable(f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
-        self._mag_scale[i] = [parameters.usable(f"CAL_MAG0_{axis}SCALE") for axis in "XYZ"]
-        self._baro_calibration_hpa[i] = 0.01 * parameters.usable("CAL_BARO0_OFF")
-        roll, pitch = (math.radians(parameters.usable(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
+        self._mag_offset[i] = [parameters.finite_value(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
+        self._baro_offset_hpa[i] = 0.01 * parameters.finite_value("SIM_BARO_OFF_P")
+        self._baro_offset_deg_c[i] = parameters.finite_value("SIM_BARO_OFF_T")
+        self._gyro_offset[i] = [parameters.finite_value(f"CAL_GYRO0_{axis}OFF") for axis in "XYZ"]
+        self._accel_offset[i] = [parameters.finite_value(f"CAL_ACC0_{axis}OFF") for axis in "XYZ"]
+        self._accel_scale[i] = [parameters.finite_value(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"]
+        self._mag_calibration[i] = [parameters.finite_value(f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
+        self._mag_scale[i] = [parameters.finite_value(f"CAL_MAG0_{axis}SCALE") for axis in "XYZ"]
+        self._baro_calibration_hpa[i] = 0.01 * parameters.finite_value("CAL_BARO0_OFF")
+        roll, pitch = (math.radians(parameters.finite_value(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
         self._board[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
         self._board_rotated[i] = bool((self._board[i] != np.eye(3)).any())
 

@@ -157,10 +157,10 @@ class States:
 
         def decisions() -> object:
             kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
-            ready, configured = commander.report.armable(commander.active), commander.external.configured
+            ready, config_count = commander.report.armable(commander.active), commander.external.config_count
             return (
                 commander.armed, commander.active, commander.intended, commander.in_failsafe, kind, ready,
-                configured, commander.failsafe_watch.deferral,
+                config_count, commander.failsafe_watch.deferral,
             )  # fmt: skip
 
         add("vehicle_status", 500, self._vehicle_status,

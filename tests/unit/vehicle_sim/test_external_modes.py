@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import pytest
 
-from vehicle_sim.external_modes.arming_checks import REQUEST_EVERY_US, Reply
-from vehicle_sim.external_modes.registry import Answer, ExternalModes, Registration
-from vehicle_sim.external_modes.requirements import OWN
+from vehicle_sim.external_modes.arming_checks import REQUEST_EVERY_US, ArmingCheckReply
+from vehicle_sim.external_modes.registry import ExternalModes, Registration, RegistrationReply
+from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS
 from vehicle_sim.external_modes.slots import Controllers, Overrides, name_hash
 
 RTL, HOLD = 5, 4
 CYCLE_US = 12_000
-FAILED = Answer()
+FAILED = RegistrationReply()
 
 
 class Registry(ExternalModes):
@@ -25,10 +25,10 @@ class Registry(ExternalModes):
         self.now_us = 0
         self.requests: list[int] = []
 
-    def register_mode(self, name: str, **more: bool | int) -> Answer:
+    def register_mode(self, name: str, **more: bool | int) -> RegistrationReply:
         return self.register(Registration(name, arming_check=True, mode=True, **more))  # type: ignore[arg-type]
 
-    def run(self, seconds: float, answer: Callable[[int], Reply | None] = lambda _: None) -> None:
+    def run(self, seconds: float, answer: Callable[[int], ArmingCheckReply | None] = lambda _: None) -> None:
         for _ in range(round(seconds * 1e6 / CYCLE_US)):
             request_id = self.update(self.now_us, failsafe_acts=False)
             if request_id is not None:
@@ -39,17 +39,19 @@ class Registry(ExternalModes):
             self.now_us += CYCLE_US
 
 
-def answers(number: int = 0, *, can_run: bool = True, requires: str = "") -> Callable[[int], Reply]:
-    return lambda request_id: Reply(request_id, number, can_run, frozenset(requires.split()))
+def answers(
+    number: int = 0, *, can_run: bool = True, requires: str = ""
+) -> Callable[[int], ArmingCheckReply]:
+    return lambda request_id: ArmingCheckReply(request_id, number, can_run, frozenset(requires.split()))
 
 
 def test_a_mode_gets_its_slot_by_its_name():
     registry = Registry()
-    assert registry.register_mode("A") == Answer(True, 0, 23)
-    assert registry.register_mode("B") == Answer(True, 1, 24)
+    assert registry.register_mode("A") == RegistrationReply(True, 0, 23)
+    assert registry.register_mode("B") == RegistrationReply(True, 1, 24)
     assert registry.unregister("A", 0, 23)
-    assert registry.register_mode("C") == Answer(True, 0, 25)
-    assert registry.register_mode("A") == Answer(True, 2, 23)
+    assert registry.register_mode("C") == RegistrationReply(True, 0, 25)
+    assert registry.register_mode("A") == RegistrationReply(True, 2, 23)
 
 
 def test_slots_are_kept_over_a_restart():
@@ -91,7 +93,7 @@ def test_an_incomplete_registration_fails(request_):
 
 
 def test_a_registration_of_nothing_succeeds():
-    assert Registry().register(Registration("A")) == Answer(True)
+    assert Registry().register(Registration("A")) == RegistrationReply(True)
 
 
 def test_a_mode_with_another_name_is_not_removed():
@@ -147,7 +149,7 @@ def test_a_component_that_failed_four_times_stays_unresponsive():
 def test_an_answer_to_an_older_request_does_not_count():
     registry = Registry()
     registry.register_mode("A")
-    registry.run(3.5, lambda request_id: Reply(request_id - 1, 0, True))
+    registry.run(3.5, lambda request_id: ArmingCheckReply(request_id - 1, 0, True))
     assert registry.health().unresponsive
 
 
@@ -165,7 +167,7 @@ def test_only_the_last_four_simultaneous_answers_count():
     for n in range(5):
         registry.register_mode(f"M{n}")
     for n in range(5):
-        registry.receive(Reply(0, n, True))
+        registry.receive(ArmingCheckReply(0, n, True))
     registry.run(0.012)
     assert registry.health().not_armable == 1 << 23
 
@@ -175,8 +177,8 @@ def test_requirements_of_a_mode_apply_to_it_and_to_the_mode_it_replaces():
     registry.register_mode("A", replaces=RTL)
     registry.run(0.1, answers(requires="local_position"))
     needs = registry.health().requirements
-    assert needs.local_position == OWN.local_position | 1 << 23 | 1 << RTL
-    assert needs.home_position == OWN.home_position & ~(1 << RTL)
+    assert needs.local_position == BUILT_IN_REQUIREMENTS.local_position | 1 << 23 | 1 << RTL
+    assert needs.home_position == BUILT_IN_REQUIREMENTS.home_position & ~(1 << RTL)
     assert not needs.other >> 23 & 1
 
 
@@ -185,7 +187,7 @@ def test_a_mode_that_cannot_run_prevents_arming_in_it_only():
     registry.register_mode("A")
     registry.run(0.1, answers(can_run=False))
     assert registry.health().not_armable == 1 << 23
-    assert registry.health().requirements == OWN
+    assert registry.health().requirements == BUILT_IN_REQUIREMENTS
 
 
 def test_an_unresponsive_mode_is_removed_unless_it_is_selected():
@@ -202,11 +204,11 @@ def test_a_replacement_is_flown_while_it_answers():
     registry = Registry()
     registry.register_mode("My RTL", replaces=RTL)
     assert registry.register_mode("Other RTL", replaces=RTL) == FAILED
-    assert registry.replaced(RTL) == 23
+    assert registry.effective_mode(RTL) == 23
     assert registry.replaces(23) == RTL
     assert registry.settable(0xFF) == 0xFF & ~(1 << RTL) | 1 << 23
     registry.run(3.5)
-    assert registry.replaced(RTL) == RTL
+    assert registry.effective_mode(RTL) == RTL
 
 
 def test_the_executor_of_the_selected_mode_is_in_charge():
@@ -262,7 +264,7 @@ def test_a_mode_without_configuration_has_no_controllers():
 def test_registrations_and_published_changes_are_counted():
     registry = Registry()
     received: list[int] = []
-    registry.on_announced = lambda: received.append(registry.announced)
+    registry.on_announced = lambda: received.append(registry.mode_list_seq)
     registry.published(registry.settable(0))
     registry.register_mode("A")
     registry.published(registry.settable(0))

@@ -30,7 +30,7 @@ class View:
 
     def __init__(self, **parameters):
         self.parameters = Parameters(parameters)
-        self.parameter = self.parameters.usable
+        self.parameter = self.parameters.finite_value
         self.choice = lambda name: int(self.parameters.get(name))
         self.row, self.parameter_changes, self.time_s, self.origin = 0, 0, 0.0, (47.0, 8.0, 500.0)
         self.fusion = SimpleNamespace(

@@ -256,7 +256,7 @@ class DisplacedVehicle:
             )
         )  # fmt: skip
         self.row = self.parameter_changes = 0
-        self.parameter = Parameters().usable
+        self.parameter = Parameters().finite_value
 
     def choice(self, name: str) -> int:
         return int(Parameters().get(name))

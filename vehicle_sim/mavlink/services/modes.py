@@ -24,5 +24,5 @@ class ModesMonitor:
             self._send()
 
     def _send(self) -> None:
-        self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.announced % SEQUENCES)
+        self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.mode_list_seq % SEQUENCES)
         self._context.after(EVERY_S, self._send)
