@@ -1,6 +1,6 @@
 /**
  * Layers that features show on the large map and in the 3D view: points, lines and areas, which may be editable. The
- * stage draws them and handles the pointer.
+ * map and the 3D view draw them and handle the pointer.
  */
 
 import type { GeoPosition } from '../vehicle/geo';
@@ -56,7 +56,7 @@ export interface LayerPicture {
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
   readonly solids?: readonly LayerSolid[];
-  /** A position on the ground; its altitude is used for all ground. Missing: the layer is not shown in the 3D view. */
+  /** A position on the ground. The 3D view draws flat ground at its altitude. Missing: the layer is not shown in the 3D view. */
   readonly ground?: Required<LayerPosition>;
 }
 

@@ -46,7 +46,7 @@ export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly renewers = new Map<string, SetpointRenewer>();
   /** Called when a vehicle gets its own setpoint instead of a group's. */
-  onOwnSetpoint: (id: string) => void = () => undefined;
+  onVehicleSetpoint: (id: string) => void = () => undefined;
   /** Called when a renewal is refused: the setpoint will expire. */
   onNotRenewed: (id: string, problem: Problem) => void = () => undefined;
 
@@ -80,7 +80,7 @@ export class OffboardControl {
    */
   async send(id: string, setpoint: AnySetpoint, validity: Validity): Promise<Outcome<unknown>> {
     const renewer = this.renewer(id);
-    this.onOwnSetpoint(id);
+    this.onVehicleSetpoint(id);
     const refused = renewer.start(setpoint, validity, this.nowS());
     const outcome = await this.postSetpoint(id, setpoint, validity);
     if (!outcome.ok && outcome.problem.status !== 0) refused();
@@ -92,7 +92,7 @@ export class OffboardControl {
 
   /** A person controls the vehicle directly (gamepad, drag): the previous setpoint is no longer renewed. */
   onDirectControl(id: string): void {
-    this.onOwnSetpoint(id);
+    this.onVehicleSetpoint(id);
     this.stopRenewing(id);
   }
 

@@ -17,7 +17,7 @@ export const groups = new GroupController(
   (id) => offboard.stopRenewing(id),
 );
 
-offboard.onOwnSetpoint = (id) => groups.onOwnSetpoint(id);
+offboard.onVehicleSetpoint = (id) => groups.onVehicleSetpoint(id);
 offboard.onNotRenewed = (id, problem) => {
   for (const pagePart of ['offboard', 'room'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), pagePart, problem);
 };

@@ -45,7 +45,7 @@ export function removable(facts: VehicleFacts): boolean {
   return facts.lost && !facts.offline && !facts.replayed;
 }
 
-/** The rows that match text and filter, sorted by number. */
+/** The rows that match text and filter, in their order. */
 export function filtered(rows: readonly Row[], text: string, filter: Filter): Row[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
@@ -74,8 +74,8 @@ export function rowAfterKey(at: number, count: number, key: string): number | nu
 }
 
 /** Result of a Hold command to several vehicles. */
-export function holdText(asked: number, refused: readonly string[]): string {
-  if (refused.length === 0) return asked === 1 ? 'The vehicle switched to Hold.' : `All ${asked} vehicles switched to Hold.`;
-  const named = refused.slice(0, 5).join(', ') + (refused.length > 5 ? ` and ${refused.length - 5} more` : '');
-  return `${asked - refused.length} of ${asked} vehicles switched to Hold. Not confirmed: ${named}.`;
+export function holdText(commanded: number, unconfirmed: readonly string[]): string {
+  if (unconfirmed.length === 0) return commanded === 1 ? 'The vehicle switched to Hold.' : `All ${commanded} vehicles switched to Hold.`;
+  const named = unconfirmed.slice(0, 5).join(', ') + (unconfirmed.length > 5 ? ` and ${unconfirmed.length - 5} more` : '');
+  return `${commanded - unconfirmed.length} of ${commanded} vehicles switched to Hold. Not confirmed: ${named}.`;
 }

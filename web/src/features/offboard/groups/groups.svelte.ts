@@ -39,13 +39,13 @@ export class GroupController {
     private readonly isVisible: () => boolean,
     private readonly nameOf: (vehicle: string) => string,
     /** Stops renewing a vehicle's own setpoint, which would conflict with the group. */
-    private readonly stopOwnRenewal: (vehicle: string) => void,
+    private readonly stopVehicleRenewal: (vehicle: string) => void,
   ) {}
 
   readonly live = $derived(this.list.filter((one) => isLive(one.group)));
   readonly lastEnded = $derived(lastEnded(this.list, this.seenLive));
   /** The group that this page started or commands. */
-  readonly own = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
+  readonly pageGroup = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
 
   isOwn(group: Group): boolean {
     return this.api.key !== null && group.client_key === this.api.key;
@@ -90,7 +90,7 @@ export class GroupController {
   }
 
   async start(body: GroupBody, validity: Validity): Promise<Outcome<Group>> {
-    for (const { vehicle } of body.members) this.stopOwnRenewal(vehicle);
+    for (const { vehicle } of body.members) this.stopVehicleRenewal(vehicle);
     const members = body.members.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) }));
     const outcome = await this.api.post('/groups', { body: { ...body, members } });
     if (outcome.ok) this.onAccepted(outcome.value, body.members, validity);
@@ -99,7 +99,7 @@ export class GroupController {
 
   /** Sends new setpoints to some members and renews the others; without new ones, renews all. */
   async send(group: Group, setpoints: readonly MemberSetpoint[], validity: Validity): Promise<Outcome<Group>> {
-    for (const { vehicle } of setpoints) this.stopOwnRenewal(vehicle);
+    for (const { vehicle } of setpoints) this.stopVehicleRenewal(vehicle);
     return this.enqueue(group, async () => {
       const outcome = await this.post(group, setpoints, validity);
       if (outcome.ok) this.onAccepted(outcome.value, setpoints, validity);
@@ -118,7 +118,7 @@ export class GroupController {
   }
 
   /** The vehicle got its own setpoint: renewals of the group leave it out. */
-  onOwnSetpoint(vehicle: string): void {
+  onVehicleSetpoint(vehicle: string): void {
     for (const sentSetpoints of this.setpoints.values()) sentSetpoints.delete(vehicle);
   }
 
@@ -172,7 +172,7 @@ export class GroupController {
     this.update(group);
     const sentSetpoints = this.setpoints.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
     for (const { vehicle, setpoint } of setpoints) sentSetpoints.set(vehicle, setpoint);
-    this.setpoints.clear(); // those of earlier groups have ended
+    this.setpoints.clear(); // earlier groups have ended, so their setpoints are no longer renewed
     this.setpoints.set(keyOf(group), sentSetpoints);
     this.renewer.start(group, validity, this.nowS());
     this.updateRenewedKey();

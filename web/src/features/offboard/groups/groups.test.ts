@@ -222,12 +222,12 @@ describe('the group controller', () => {
     const { controller, calls, at, dropped, settle } = setup();
     expect((await controller.start({ members: MEMBERS }, VALIDITY)).ok).toBe(true);
     expect(dropped).toEqual(['1', '2']);
-    expect([controller.own?.group.id, controller.renewedKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
+    expect([controller.pageGroup?.group.id, controller.renewedKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
     at.now_s = 3;
     controller.tick('open');
     await settle();
-    controller.onOwnSetpoint('1');
+    controller.onVehicleSetpoint('1');
     at.now_s = 6;
     controller.tick('open');
     await settle();
@@ -297,7 +297,7 @@ describe('the group controller', () => {
     expect(getCount()).toBe(3);
     at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
     controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
-    expect([controller.live.length, controller.lastEnded?.ended, controller.own]).toEqual([0, 'me commanded Hold.', null]);
+    expect([controller.live.length, controller.lastEnded?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
     at.now_s = 60;
     controller.tick('open');
     await settle();

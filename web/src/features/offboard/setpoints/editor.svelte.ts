@@ -10,7 +10,7 @@ import type { WireEvent } from '../../../live/wire';
 import { fixed } from '../../../ui/format';
 import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint';
 import { expiryText, readOffboard } from '../../../vehicle/offboard';
-import { build, formHere, type Form } from './form';
+import { build, formFromCurrentState, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
@@ -65,13 +65,13 @@ class SetpointEditor {
 
   /** The form of the chosen kind, filled with the vehicle's present state. */
   form(facts: VehicleFacts): Form {
-    return this.forms[this.kind] ?? formHere(this.kind, facts, this.hoverThrust);
+    return this.forms[this.kind] ?? formFromCurrentState(this.kind, facts, this.hoverThrust);
   }
 
   /** Fills the form with the vehicle's state. This is done only once, so that the values do not change while a person reads them. */
   fill(facts: VehicleFacts, again = false): void {
     if (!again && this.forms[this.kind] !== undefined) return;
-    this.edit(formHere(this.kind, facts, this.hoverThrust));
+    this.edit(formFromCurrentState(this.kind, facts, this.hoverThrust));
   }
 
   edit(form: Form): void {

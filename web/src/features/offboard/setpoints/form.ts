@@ -51,7 +51,7 @@ const BEHIND = { o0: -5, o1: 0, o2: 2 };
 const FOLLOW_MIN_M = 2;
 
 /** A form filled with the vehicle's present state, so that sending it unchanged holds the vehicle where possible. `hoverThrust` null: not known. */
-export function formHere(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
+export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { build, formHere, setUncontrolled, parseTyped, type Form } from './form';
+import { build, formFromCurrentState, setUncontrolled, parseTyped, type Form } from './form';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
 import { fromHeading, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointText } from './sent-log';
@@ -30,49 +30,55 @@ const put = (form: Form, key: string, text: string, off = false): Form => ({ ...
 
 describe('forms', () => {
   it('start with the present state, so that they hold the vehicle if sent unchanged', () => {
-    expect(good(formHere('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
-    expect(good(formHere('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
-    expect(good(formHere('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
-    expect(good(formHere('attitude', FACTS, 0.55))).toEqual({ type: 'attitude', roll_rad: 0, pitch_rad: 0, yaw_ned_rad: Math.PI / 2, thrust: 0.55 });
+    expect(good(formFromCurrentState('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
+    expect(good(formFromCurrentState('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
+    expect(good(formFromCurrentState('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
+    expect(good(formFromCurrentState('attitude', FACTS, 0.55))).toEqual({
+      type: 'attitude',
+      roll_rad: 0,
+      pitch_rad: 0,
+      yaw_ned_rad: Math.PI / 2,
+      thrust: 0.55,
+    });
   });
 
   it('build every kind of setpoint once its numbers are filled in', () => {
     for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
-      const built = good({ ...formHere(kind, FACTS, 0.5), other: '2' });
+      const built = good({ ...formFromCurrentState(kind, FACTS, 0.5), other: '2' });
       expect(built['type']).toBe(kind);
       for (const g of groups) if (!g.optional && g.field !== 'alt') expect(built).toHaveProperty(g.field);
     }
-    expect(bad(formHere('actuators', FACTS, 0.5))).toHaveProperty('kind');
+    expect(bad(formFromCurrentState('actuators', FACTS, 0.5))).toHaveProperty('kind');
   });
 
-  it('convert up to minus down and degrees to radians', () => {
-    expect(good(put(formHere('position', FACTS, null), 'p2', '12,5'))['position_ned_m']).toEqual([10, 20, -12.5]);
-    expect(good(put(formHere('rates', FACTS, 0.5), 'r2', '−90'))['rates_frd_rad_s']).toEqual([0, 0, -Math.PI / 2]);
-    expect(good({ ...formHere('position', FACTS, null), yaw: '270' })['yaw_ned_rad']).toBeCloseTo(-Math.PI / 2);
-    expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'rate', yaw: '90' })).toMatchObject({ yaw_rate_ned_rad_s: Math.PI / 2 });
-    expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
+  it('negate up values for NED, and convert degrees to radians', () => {
+    expect(good(put(formFromCurrentState('position', FACTS, null), 'p2', '12,5'))['position_ned_m']).toEqual([10, 20, -12.5]);
+    expect(good(put(formFromCurrentState('rates', FACTS, 0.5), 'r2', '−90'))['rates_frd_rad_s']).toEqual([0, 0, -Math.PI / 2]);
+    expect(good({ ...formFromCurrentState('position', FACTS, null), yaw: '270' })['yaw_ned_rad']).toBeCloseTo(-Math.PI / 2);
+    expect(good({ ...formFromCurrentState('velocity', FACTS, null), yawChoice: 'rate', yaw: '90' })).toMatchObject({ yaw_rate_ned_rad_s: Math.PI / 2 });
+    expect(good({ ...formFromCurrentState('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
   });
 
-  it('allow uncontrolled axes, north and east only together, if another quantity controls them', () => {
-    const mixed = setUncontrolled({ ...formHere('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
+  it('allow to omit an axis that another quantity still controls, north and east only together', () => {
+    const mixed = setUncontrolled({ ...formFromCurrentState('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(good(setUncontrolled(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
     expect(bad({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
       p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
     });
-    expect(good(put(formHere('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
+    expect(good(put(formFromCurrentState('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
   });
 
   it('report the invalid field, and do not fill in unknown values', () => {
-    expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
-    expect(bad(put(formHere('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
-    expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
-    expect(bad(formHere('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
+    expect(bad(put(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
+    expect(bad(put(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
+    expect(bad(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
+    expect(bad(formFromCurrentState('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
     expect(parseTyped(' 1e400 ')).toBeNull();
   });
 
   it('require a vehicle to follow, and a minimum offset', () => {
-    const form = formHere('follow', FACTS, null);
+    const form = formFromCurrentState('follow', FACTS, null);
     expect(bad(form)).toEqual({ other: 'Choose the vehicle to follow.' });
     expect(good({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
     expect(bad({ ...put(put(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
@@ -80,7 +86,7 @@ describe('forms', () => {
   });
 
   it('add feedforward only if chosen', () => {
-    const form = formHere('trajectory', FACTS, null);
+    const form = formFromCurrentState('trajectory', FACTS, null);
     expect(good(form)).not.toHaveProperty('velocity_ned_m_s');
     expect(good({ ...form, omitted: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
   });
@@ -159,7 +165,7 @@ describe('the stream', () => {
     };
   }
 
-  it('numbers its setpoints and assigns the answers', () => {
+  it('numbers its setpoints and matches each acknowledgement to its setpoint by seq', () => {
     const { stream, socket, acks, later } = opened();
     expect(stream.send({ type: 'velocity' })).toBe(1);
     later(0.02);
@@ -173,8 +179,8 @@ describe('the stream', () => {
   it('returns a refusal with the server’s text', () => {
     const { stream, socket, acks } = opened();
     stream.send({});
-    socket.receive({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is held by tablet.', code: 'not_in_control' } });
-    expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is held by tablet.' });
+    socket.receive({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is controlled by tablet.', code: 'not_in_control' } });
+    expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is controlled by tablet.' });
     expect(acks[0]?.applied).toBeNull();
   });
 
@@ -256,7 +262,7 @@ describe('traces', () => {
     expect(traces.columns('attitude', 2, 2)[2].map((v) => v && Math.round(v))).toEqual([170, 179, null]);
   });
 
-  it('read an attitude from a quaternion, from a yaw, or from a velocity along the heading', () => {
+  it('read an attitude from a quaternion or a yaw, and rotate a body velocity to NED', () => {
     expect(eulerOf([Math.SQRT1_2, 0, 0, Math.SQRT1_2])).toEqual([0, 0, expect.closeTo(Math.PI / 2)]);
     expect(targetOf(null, null)).toBeNull();
     const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;

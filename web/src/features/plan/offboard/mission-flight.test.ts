@@ -14,7 +14,7 @@ import {
   progress,
   startQuestion,
   lastFlightText,
-  stateWords,
+  stateLabel,
   type Flown,
 } from './mission-flight';
 import type { Finding } from '../document/fixes';
@@ -42,7 +42,7 @@ const FLOWN: Flown = {
   reason: null,
   if_stream_stops: 'it lands.',
 };
-const as = (more: Partial<Flown>): Flown => ({ ...FLOWN, ...more });
+const flightWith = (more: Partial<Flown>): Flown => ({ ...FLOWN, ...more });
 const MISSION = {
   name: 'Tower',
   steps: [{ step: 'take_off' }, { step: 'land' }],
@@ -61,9 +61,11 @@ const error = (text: string): Finding => ({
 describe('who commands the vehicle', () => {
   it('is stated while a flight mode with an executor is flown', () => {
     expect(executorText(FLOWN)).toBeNull();
-    expect(executorText(as({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
-    expect(executorText(as({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain('the mission no longer commands the vehicle');
-    expect(executorText(as({ mode: 'external_1', executor_in_charge: false, state: 'done' }))).toBeNull();
+    expect(executorText(flightWith({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
+    expect(executorText(flightWith({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain(
+      'the mission no longer commands the vehicle',
+    );
+    expect(executorText(flightWith({ mode: 'external_1', executor_in_charge: false, state: 'done' }))).toBeNull();
   });
 });
 
@@ -81,51 +83,51 @@ describe('the corridor of a dry run', () => {
     const corridor = (east_m: number) => ({ corridor: { position_ned_m: [[0, east_m, 0]] } });
     const together = { monte_carlo: { roles: { lead: corridor(0), left: corridor(20) } } };
     const vehicles = { lead: '1', left: '2' };
-    const of = view({ vehicle: null, vehicles, together });
+    const dryRun = view({ vehicle: null, vehicles, together });
     const at = (id: string) => positionAt(here, { north_m: 2, east_m: id === '1' ? 0 : 20 });
-    expect(corridorForRoles(of, vehicles, at)).toBe('7');
-    expect(corridorForRoles(of, { lead: '2', left: '1' }, at)).toBeNull();
-    expect(corridorForRoles(of, vehicles, () => here)).toBeNull();
-    expect(corridorForRoles(of, vehicles, () => null)).toBeNull();
+    expect(corridorForRoles(dryRun, vehicles, at)).toBe('7');
+    expect(corridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
+    expect(corridorForRoles(dryRun, vehicles, () => here)).toBeNull();
+    expect(corridorForRoles(dryRun, vehicles, () => null)).toBeNull();
     expect([corridorForRoles(view({ vehicle: null, together: null }), vehicles, at), corridorForRoles(null, vehicles, at)]).toEqual([null, null]);
   });
 
   it('is mentioned while the vehicle is outside it', () => {
-    expect(corridorText(as({ outside_corridor_m: 1.26, dry_run: '7' }))).toBe('1.3 m outside the corridor of the dry run');
-    expect([corridorText(as({ outside_corridor_m: 0 })), corridorText(FLOWN)]).toEqual([null, null]);
+    expect(corridorText(flightWith({ outside_corridor_m: 1.26, dry_run: '7' }))).toBe('1.3 m outside the corridor of the dry run');
+    expect([corridorText(flightWith({ outside_corridor_m: 0 })), corridorText(FLOWN)]).toEqual([null, null]);
   });
 });
 
 describe('an offboard mission in flight', () => {
   it('offers only the commands of its state', () => {
     expect(availableCommands(FLOWN)).toEqual(['pause', 'skip', 'abort']);
-    expect(availableCommands(as({ others: ['2'] }))).toEqual(['pause', 'abort']);
-    expect(availableCommands(as({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
-    expect(availableCommands(as({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
-    expect(availableCommands(as({ state: 'waiting', question: 'Sharp?' }))).toEqual(['go_on', 'pause', 'skip', 'abort']);
-    for (const state of ['done', 'aborted', 'stopped'] as const) expect(availableCommands(as({ state }))).toEqual([]);
+    expect(availableCommands(flightWith({ others: ['2'] }))).toEqual(['pause', 'abort']);
+    expect(availableCommands(flightWith({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
+    expect(availableCommands(flightWith({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
+    expect(availableCommands(flightWith({ state: 'waiting', question: 'Sharp?' }))).toEqual(['go_on', 'pause', 'skip', 'abort']);
+    for (const state of ['done', 'aborted', 'stopped'] as const) expect(availableCommands(flightWith({ state }))).toEqual([]);
   });
 
   it('confirms commands that move the vehicle; pause and continue are sent at once', () => {
     expect(commandQuestion('pause', FLOWN, '1 Quad')).toBeNull();
     expect(commandQuestion('go_on', FLOWN, '1 Quad')).toBeNull();
     expect(commandQuestion('resume', FLOWN, '1 Quad')?.effect).toContain('“Approach”');
-    expect(commandQuestion('skip', as({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
+    expect(commandQuestion('skip', flightWith({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
     expect(commandQuestion('abort', FLOWN, '1 Quad')?.verb).toBe('Abort');
   });
 
   it('shows its progress, and nothing if that is not known', () => {
     expect(progress(FLOWN)).toBeCloseTo(0.25);
-    expect(progress(as({ remaining_s: null }))).toBeNull();
-    expect(progress(as({ duration_s: 0 }))).toBeNull();
-    expect(progress(as({ remaining_s: 500 }))).toBe(0);
+    expect(progress(flightWith({ remaining_s: null }))).toBeNull();
+    expect(progress(flightWith({ duration_s: 0 }))).toBeNull();
+    expect(progress(flightWith({ remaining_s: 500 }))).toBe(0);
     expect(deviationText(FLOWN)).toBe('0.3 m position error');
-    expect(deviationText(as({ deviation_m: null }))).toBeNull();
-    expect(stateWords(as({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
-    expect(lastFlightText(as({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLOWN.name}” by 1 Quad: aborted.`);
-    expect(stateWords(as({ state: 'starting' })).text).toBe('Switching to Offboard');
-    expect(stateWords(as({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
-    expect([isOver(FLOWN), isOver(as({ state: 'done' }))]).toEqual([false, true]);
+    expect(deviationText(flightWith({ deviation_m: null }))).toBeNull();
+    expect(stateLabel(flightWith({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
+    expect(lastFlightText(flightWith({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLOWN.name}” by 1 Quad: aborted.`);
+    expect(stateLabel(flightWith({ state: 'starting' })).text).toBe('Switching to Offboard');
+    expect(stateLabel(flightWith({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
+    expect([isOver(FLOWN), isOver(flightWith({ state: 'done' }))]).toEqual([false, true]);
   });
 });
 
@@ -135,7 +137,7 @@ describe('starting an offboard mission', () => {
     expect(startProblem(null, null)).toContain('not been checked');
     expect(startProblem([error('It leaves the fence.')], null)).toBe('An error to fix or accept below: It leaves the fence.');
     expect(startProblem([], FLOWN)).toContain('Abort it first');
-    expect(startProblem([], as({ state: 'aborted' }))).toBeNull();
+    expect(startProblem([], flightWith({ state: 'aborted' }))).toBeNull();
   });
 
   it('lists the failsafe actions for battery, control, link and server', () => {

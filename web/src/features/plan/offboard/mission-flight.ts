@@ -33,7 +33,7 @@ export function isOver(flown: Flown): boolean {
   return FINISHED_STATES.includes(flown.state);
 }
 
-export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
+export function stateLabel(flown: Flown): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
   const text = flown.state === 'starting' && flown.mode !== 'offboard' ? 'Starting' : WORDS[flown.state];
   if (flown.state === 'done') return { text, tone: 'ok' };
   if (isOver(flown) || flown.state === 'suspended') return { text, tone: 'caution' };
