@@ -190,6 +190,13 @@ def full_payload(frame: Frame) -> bytes:
     return payload if len(payload) == size else payload[:size].ljust(size, b"\0")
 
 
+def payload_byte(frame: Frame, offset: int) -> int:
+    """One byte of the payload; 0 if it is among the trailing zeros that MAVLink 2 removes."""
+    raw = frame.raw
+    start = HEADER_V2 if raw[0] == STX_V2 else HEADER_V1
+    return raw[start + offset] if offset < raw[1] else 0
+
+
 def decode(frame: Frame) -> MAVLink_message | None:
     """The dialect's message object; None for an unknown id."""
     layout = LAYOUTS.get(frame.msg_id)

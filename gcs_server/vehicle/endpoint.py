@@ -18,7 +18,7 @@ from __future__ import annotations
 import enum
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from gcs_server.links.base import Peer
@@ -88,6 +88,11 @@ class Endpoint:
     refused_until_s: float = float("-inf")
     """Time until which new vehicles of this endpoint are refused, because there is no room
     (`population.py`)."""
+    over_ros2: bool = field(init=False)
+    """Whether its connection is one of ROS 2; stored, because it is read for each frame."""
+
+    def __post_init__(self) -> None:
+        self.over_ros2 = self.connection.protocol == ROS2
 
     def take_frame(self, frame: Frame) -> None:
         """Stores the data that identify the vehicle: heartbeat, version, boot time."""

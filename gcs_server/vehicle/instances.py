@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.mavlink.codec import Frame, full_payload
+from gcs_server.mavlink.codec import Frame, payload_byte
 from gcs_server.vehicle import gimbal_decoder
 
 INSTANCE_AT = {
@@ -68,7 +68,7 @@ class Instances:
         if not own and msg_id not in ANY_COMPONENT:
             return None
         component = 0 if own else frame.component_id
-        instance = 0 if at is None else full_payload(frame)[at]
+        instance = 0 if at is None else payload_byte(frame, at)
         key = msg_id | instance << 24 | component << 32
         known = self._keys.get(msg_id, ())
         if key not in known:

@@ -12,8 +12,8 @@ from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.gimbals import GimbalAddress, by_gimbal
 from gcs_server.vehicle.history import HISTORY_S, History
-from gcs_server.vehicle.instances import Instances, instance_of, without_silent
-from gcs_server.vehicle.modes import ModeNames
+from gcs_server.vehicle.instances import INSTANCE_AT, Instances, instance_of, without_silent
+from gcs_server.vehicle.modes import ModeNames, name_and_label
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Gimbal, GimbalReading, Sample, Status
@@ -72,6 +72,8 @@ class VehicleState:
         self._cache: dict[str, Sample | None] = {}
         self._decoded: set[str] = set()
         """Decoded topics without a new message since then."""
+        self._inputs: set[int] = set()
+        """Ids of the messages from which topics were decoded, until the next such message."""
         self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
         self._received_s = float("-inf")
         """Time of the last heartbeat, or of a later message that followed without a gap."""
@@ -80,27 +82,28 @@ class VehicleState:
 
     def take(self, frame: Frame) -> bool:
         """Stores a frame; returns False if it is ignored, because another component sent it."""
-        own = frame.component_id == self._component_id
+        msg_id, own = frame.msg_id, frame.component_id == self._component_id
         if not frame.known:  # storing all 16 million possible ids would fill the memory
             return own
         if own:
-            self._note_received(frame)
-        if own and frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
-            self.topic("home")  # decode the previous frame before the new one replaces it
-        key = self._instances.key_of(frame)
+            self._note_received(msg_id, frame.received_monotonic_s)
+            if msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
+                self.topic("home")  # decode the previous frame before the new one replaces it
+        key = msg_id if own and msg_id not in INSTANCE_AT else self._instances.key_of(frame)
         if key is None:
             return own
         self.latest[key] = frame
-        self._decoded.difference_update(TOPICS_OF_MESSAGE.get(frame.msg_id, ()))
-        reducer = REDUCERS.get(frame.msg_id)
+        if msg_id in self._inputs:
+            self._inputs.remove(msg_id)
+            self._decoded.difference_update(TOPICS_OF_MESSAGE[msg_id])
+        reducer = REDUCERS.get(msg_id)
         if reducer is not None:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
         return True
 
-    def _note_received(self, frame: Frame) -> None:
-        now_s = frame.received_monotonic_s
-        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # only this restores a lost connection
-        if is_heartbeat or now_s - self._received_s <= LINK_LOST_AFTER_S:
+    def _note_received(self, msg_id: int, now_s: float) -> None:
+        within_time = now_s - self._received_s <= LINK_LOST_AFTER_S
+        if within_time or msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:  # only this restores a lost connection
             self._received_s = now_s
 
     @property
@@ -121,6 +124,11 @@ class VehicleState:
         if now_s - self._received_s > LINK_LOST_AFTER_S:
             return f"no messages for {now_s - self._received_s:.1f} s"
         return f"no heartbeat for {now_s - self.flight_state.heartbeat_s:.0f} s"
+
+    @property
+    def mode(self) -> str:
+        """Name of the current mode."""
+        return name_and_label(self.flight_state.custom_mode, self.flight_state.autopilot)[0]
 
     def status(self) -> Status:
         """Current status of the vehicle."""
@@ -167,6 +175,7 @@ class VehicleState:
             sample = None
         self._cache[name] = sample
         self._decoded.add(name)
+        self._inputs.update(INPUT_MESSAGES[name])
         return sample
 
     def newest(self, msg_id: int, component_id: int | None, instance: int | None) -> Frame | None:

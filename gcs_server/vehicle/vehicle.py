@@ -135,6 +135,16 @@ class Vehicle:
         return self._state.flight_state
 
     @property
+    def link_lost(self) -> bool:
+        """Whether the connection is lost; faster than `status`."""
+        return self._state.link_lost
+
+    @property
+    def mode(self) -> str:
+        """Name of the current mode; faster than `status`."""
+        return self._state.mode
+
+    @property
     def mode_cause(self) -> ModeCause | None:
         """Cause of the current mode; None before the first mode change."""
         return self._external_control.mode_cause
@@ -271,7 +281,7 @@ class Vehicle:
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
         if (
-            endpoint.connection.protocol == ROS2
+            endpoint.over_ros2
             and frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK
             and endpoint not in preferred(self._endpoints, MAVLINK)
         ):

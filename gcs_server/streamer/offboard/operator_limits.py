@@ -74,12 +74,16 @@ class VehicleOperatorLimits:
         self._record, self._restored, self._not_restored = record, False, None
         await self._store_record(record)
 
+    @property
+    def identity_changed(self) -> bool:
+        """Whether the vehicle's identity has changed since `recognise` was called."""
+        return self._vehicle.identity is not self._last_identity
+
     def recognise(self) -> None:
-        """Called periodically: restores stored limits once the vehicle is identified."""
-        identity = self._vehicle.identity
-        if identity is self._last_identity:
+        """Called when the identity has changed: restores stored limits once the vehicle is identified."""
+        if not self.identity_changed:
             return
-        self._last_identity = identity
+        identity = self._last_identity = self._vehicle.identity
         key = key_of(identity)
         if key is None or key == self._key:
             return

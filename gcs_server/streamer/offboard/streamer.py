@@ -150,7 +150,8 @@ class Streamer:
     def update_once(self) -> None:
         """Signals that the event loop runs, updates the snapshots, restores limits and publishes reports."""
         for vehicle_id, control in self._controls.items():
-            self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator_limits.recognise)
+            if control.operator_limits.identity_changed:
+                self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator_limits.recognise)
         first_requests = self._streams.watched()
         vehicle_ids = dict.fromkeys(self._streams.active()) | first_requests
         known = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]

@@ -142,10 +142,10 @@ class WaypointFlights:
         if flight is not None:
             flight.update()
             self._save_progress(vehicle, flight)
-        if vehicle.status.link_lost:
-            return
         was_flying = self._in_mission.get(vehicle.id, True)
-        flies = vehicle.status.armed and vehicle.status.mode == "mission"
+        flies = vehicle.flight_state.armed and vehicle.mode == "mission"
+        if not (flies or was_flying) or vehicle.link_lost:
+            return
         self._in_mission[vehicle.id] = flies
         if flies:
             self._begin_if_new(vehicle, flight, was_flying)
