@@ -38,7 +38,7 @@ class Peer:
     name: str
     address: tuple[str, int] | None = None
     dds: DdsAddress | None = None
-    """Address of its ROS 2 topics, to which another process may also send; None over MAVLink."""
+    """Address of the vehicle's ROS 2 topics, with which another process may also send; None over MAVLink."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Recording:
     file: str | None
     """Name of the tlog in the folder `recordings`; null before the first frame."""
     bytes: int
-    """Size of this file; when it is full, the next file begins."""
+    """Size of this file; at the maximum size, the next file begins."""
     started_unix_s: float | None
     """Start time of this file."""
     stopped: str | None
@@ -90,7 +90,7 @@ class SigningReport:
 
 @dataclass(frozen=True, slots=True)
 class LinkInfo:
-    """One line of `GET /links`."""
+    """State and counters of one link, for `GET /links`."""
 
     name: str
     url: str
@@ -160,7 +160,7 @@ class Link(ABC):
     signing: SigningOptions | None = None
     """The signing key; None: frames are not signed, and signatures are not checked."""
     suppresses_events = False
-    """True while received frames only restore a vehicle's state; no events are published then."""
+    """True while received frames only restore a vehicle's state and publish no events."""
 
     def __init__(self, name: str, url: str, *, forward: bool = False) -> None:
         self.name = name
@@ -176,7 +176,7 @@ class Link(ABC):
         self._retry: asyncio.TimerHandle | None = None
         self._should_be_open = False
         self.faults = FaultLog(f"link {name}")
-        """Errors of this server's code while serving this link."""
+        """Errors in this server's code while it handled this link."""
         self.now_s: Callable[[], float] = time.monotonic
         """The clock for the expiry of packets: the event loop's clock after the start. May be called from any
         thread."""

@@ -13,13 +13,13 @@ MAX_READ_S = 0.02
 """Maximum time spent on one link per iteration of the event loop [s]. The remaining data wait in the system's
 buffer; if it overflows, bytes are lost on this link only."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
-"""(pieces per second, seconds between two reads). A piece is a datagram, or the bytes of one read. A busy
-link is read less often, because each wake-up costs as much as reading dozens of pieces."""
+"""(minimum pieces per second, seconds between two reads). A piece is a datagram, or the bytes of one read. A
+busy link is read less often, because each wake-up costs as much as reading dozens of pieces."""
 
 
 def pace(pieces_per_s: float) -> float:
     """Time to wait before a link is read again [s]."""
-    return next((wait_s for busy, wait_s in PACES if pieces_per_s >= busy), WAKE_INTERVAL_S)
+    return next((wait_s for min_rate, wait_s in PACES if pieces_per_s >= min_rate), WAKE_INTERVAL_S)
 
 
 class ThrottledReader:
@@ -72,7 +72,7 @@ class ThrottledReader:
             self._loop.add_reader(self._fileno, self._readable)
 
     def close(self) -> None:
-        """Stops watching; call before the descriptor is closed."""
+        """Stops reading; call before the descriptor is closed."""
         self._closed = True
         if self._timer is not None:
             self._timer.cancel()

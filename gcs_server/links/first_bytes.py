@@ -13,7 +13,7 @@ import re
 log = logging.getLogger(__name__)
 
 MAX_UNDECIDED_BYTES = 24
-"""Number of bytes that identify the protocol; longer than every HTTP method."""
+"""With this many bytes the protocol is known, because every HTTP method is shorter."""
 LOG_INTERVAL_S = 10.0
 SHOWN_FOR_S = 600.0
 """Time for which a link's detail shows the last closed connection [s]."""
@@ -35,12 +35,12 @@ def foreign_protocol(first: bytes) -> str | None:
 
 
 class FirstBytes:
-    """Holds back a connection's first bytes until it is certain that the other side is not a web client."""
+    """Buffers a connection's first bytes until it is certain that the other side is not a web client."""
 
-    __slots__ = ("_decided", "_held")
+    __slots__ = ("_buffer", "_decided")
 
     def __init__(self) -> None:
-        self._held = b""
+        self._buffer = b""
         self._decided = False
 
     def accept(self, data: bytes) -> bytes:
@@ -51,15 +51,15 @@ class FirstBytes:
         """
         if self._decided:
             return data
-        self._held += data
-        protocol = foreign_protocol(self._held)
+        self._buffer += data
+        protocol = foreign_protocol(self._buffer)
         if protocol:
             raise ForeignProtocol(protocol)
         if protocol == "":
             return b""
         self._decided = True
-        held, self._held = self._held, b""
-        return held
+        buffered, self._buffer = self._buffer, b""
+        return buffered
 
 
 class ForeignProtocol(Exception):

@@ -14,7 +14,7 @@ class HostLink(Link):
 
     Args:
         host: address to listen on, or to connect or send to.
-        port: its port.
+        port: port on that host.
     """
 
     def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
@@ -28,11 +28,11 @@ class HostLink(Link):
         return self._socket.getsockname()[1] if self._socket else None
 
     def _open(self) -> None:
-        def found(address: Address) -> None:
+        def open_socket(address: Address) -> None:
             if self._should_be_open and self._socket is None:
                 self._run_opening_step(self._resolved, address)
 
-        resolve(self._loop, self._host, self._port, found, self._lost)
+        resolve(self._loop, self._host, self._port, open_socket, self._lost)
 
     @abstractmethod
     def _resolved(self, address: Address) -> None:

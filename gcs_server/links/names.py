@@ -50,16 +50,16 @@ def checked_key_name(name: str) -> str:
 
 
 def shown_url(url: str) -> str:
-    """A link's URL for journal and log, in which anything that could be a key is hidden."""
+    """A link's URL for the journal and the log; anything that could be a key is hidden."""
 
-    def hidden(match: re.Match[str]) -> str:
+    def hide_key(match: re.Match[str]) -> str:
         try:
             checked_key_name(unquote(match[2]))
         except InvalidRequest:
             return f"{match[1]}(not shown)"
         return match[0]
 
-    return re.sub(r"([?&]key=)([^&#]*)", hidden, url, flags=re.IGNORECASE)
+    return re.sub(r"([?&]key=)([^&#]*)", hide_key, url, flags=re.IGNORECASE)
 
 
 def derived_name(text: str) -> str:

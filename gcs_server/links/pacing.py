@@ -1,7 +1,7 @@
 """Decides when a link may send the next frame.
 
 Only little data may wait in the buffers of the system and the driver, because urgent packets cannot overtake
-it there, and it does not expire.
+these data, and they do not expire.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ RECHECK_PERIOD_S = 0.005
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
 AHEAD_S = 0.005
-"""Time before the line becomes idle at which the next frame may be written, because timers fire late [s]."""
+"""The next frame may be written this long before the line becomes idle, because timers fire late [s]."""
 TIMER_STEP_S = 0.0001
-"""Shortest timer [s]."""
+"""Shorter waits are skipped [s]."""
 DRIVER_SLACK_BYTES = 64
 """Tolerance for drivers that count in blocks."""
 UNPACED_DRIVER_BYTES = 512
@@ -62,32 +62,34 @@ class LinePacer:
 
     Args:
         baud: line speed; infinity if the device has none.
-        in_driver: returns the number of bytes that the driver has not sent yet.
+        driver_bytes: returns the number of bytes that the driver has not sent yet.
     """
 
-    def __init__(self, baud: float, in_driver: Callable[[], int]) -> None:
+    def __init__(self, baud: float, driver_bytes: Callable[[], int]) -> None:
         self._bytes_per_s = baud / BITS_PER_BYTE
-        self._in_driver = in_driver
+        self._driver_bytes = driver_bytes
         unlimited = math.isinf(baud)
-        self._ahead = 0.0 if unlimited else self._bytes_per_s * AHEAD_S
-        self._driver_limit = UNPACED_DRIVER_BYTES if unlimited else self._ahead + DRIVER_SLACK_BYTES
-        self._on_line = 0.0
+        self._ahead_bytes = 0.0 if unlimited else self._bytes_per_s * AHEAD_S
+        self._driver_limit_bytes = (
+            UNPACED_DRIVER_BYTES if unlimited else self._ahead_bytes + DRIVER_SLACK_BYTES
+        )
+        self._line_bytes = 0.0
         """Bytes written but not sent yet, assuming that the line is never idle."""
         self._updated_s = 0.0
-        """Time of the last change of `_on_line`."""
+        """Time of the last change of `_line_bytes`."""
 
     def wait_s(self, now_s: float) -> float:
-        if self._on_line:
-            self._on_line = max(0.0, self._on_line - (now_s - self._updated_s) * self._bytes_per_s)
+        if self._line_bytes:
+            self._line_bytes = max(0.0, self._line_bytes - (now_s - self._updated_s) * self._bytes_per_s)
             self._updated_s = now_s
-            ready_in_s = (self._on_line - self._ahead) / self._bytes_per_s
+            ready_in_s = (self._line_bytes - self._ahead_bytes) / self._bytes_per_s
             if ready_in_s > TIMER_STEP_S:
                 return ready_in_s
-        return RECHECK_PERIOD_S if self._in_driver() > self._driver_limit else 0.0
+        return RECHECK_PERIOD_S if self._driver_bytes() > self._driver_limit_bytes else 0.0
 
     def wrote(self, size_bytes: int, now_s: float) -> None:
         if not math.isinf(self._bytes_per_s):
-            self._on_line += size_bytes
+            self._line_bytes += size_bytes
             self._updated_s = now_s
 
 

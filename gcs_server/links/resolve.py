@@ -13,34 +13,34 @@ def resolve(
     loop: asyncio.AbstractEventLoop,
     host: str,
     port: int,
-    found: Callable[[Address], None],
-    failed: Callable[[str], None],
+    on_address: Callable[[Address], None],
+    on_failure: Callable[[str], None],
 ) -> None:
-    """Resolves a host. Calls `found` immediately for an IPv4 address and later for a name, or `failed` with a
-    message.
+    """Resolves a host. Calls `on_address`, immediately for an IPv4 address and later for a name, or
+    `on_failure` with a message.
 
     Args:
-        found: must not raise, because no caller would handle the error.
+        on_address: must not raise, because no caller would handle the error.
     """
     try:
         socket.inet_pton(socket.AF_INET, host)
     except OSError:
         pass
     else:
-        found((host, port))
+        on_address((host, port))
         return
 
-    def done(future: asyncio.Future[list[tuple[object, ...]]]) -> None:
+    def on_lookup_done(future: asyncio.Future[list[tuple[object, ...]]]) -> None:
         error = future.exception()
         if error is not None:
-            failed(f"The host {host!r} is not known ({error}). Check its spelling and the network.")
+            on_failure(f"The host {host!r} is not known ({error}). Check its spelling and the network.")
         else:
             address = future.result()[0][4]
             assert isinstance(address, tuple)
-            found((str(address[0]), port))
+            on_address((str(address[0]), port))
 
     look_up = loop.run_in_executor(None, _look_up, host, port)
-    look_up.add_done_callback(done)
+    look_up.add_done_callback(on_lookup_done)
 
 
 def _look_up(host: str, port: int) -> list[tuple[object, ...]]:

@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 CLASSES = 5
 """Class 0 is the most urgent. `mavlink/priority.py` defines the classes."""
 FIRST, LAST = 0, CLASSES - 1
-PASSED_OVER = 4
-"""A class is sent next after this many packets of more urgent classes were sent before it, unless a packet of
-class 0 waits."""
+MAX_PASSED_OVER = 4
+"""Packets of more urgent classes that may be sent before a waiting class is sent next. Class 0 is always sent
+first."""
 LAST_LIMIT_BYTES = 64_000
-"""Limit of the least urgent class: further packets are dropped."""
+"""Limit of the waiting packets of the least urgent class; further packets are dropped."""
 CLASS_LIMIT = 512
 """Maximum number of packets in each class between the first and the last; packets of class 0 are never
 dropped."""
 
 
-def _nothing(_data: bytes) -> None:
+def _ignore(_data: bytes) -> None:
     return
 
 
@@ -49,7 +49,7 @@ class Packet:
     peer: Peer
     size_bytes: int
     finish: Callable[[], bytes]
-    on_sent: Callable[[bytes], None] = _nothing
+    on_sent: Callable[[bytes], None] = _ignore
     priority: int = LAST
     expires_s: float = math.inf
     key: Hashable = None
@@ -71,8 +71,9 @@ class SendCounts:
 
 
 class SendQueue:
-    """Packets by class. Class 0 is always sent first, then the most urgent of the other classes. A class over
-    which `PASSED_OVER` packets were preferred is sent next, so that no packet waits forever.
+    """Packets by class. Class 0 is always sent first, then the most urgent of the other classes. After
+    `MAX_PASSED_OVER` packets of more urgent classes a waiting class is sent next, so that no packet waits
+    forever.
     """
 
     def __init__(self, counts: SendCounts) -> None:
@@ -87,7 +88,7 @@ class SendQueue:
     def put(self, packet: Packet, now_s: float) -> bool:
         """Queues a packet; False if it was dropped because the queue is full."""
         if packet.group is not None:
-            self._take_out_group(packet)
+            self._remove_group(packet)
         name = (packet.peer.name, packet.key) if packet.key is not None else packet
         waiting = self._waiting[packet.priority]
         older = waiting.get(name)
@@ -155,7 +156,7 @@ class SendQueue:
         waiting = [priority for priority in range(CLASSES) if self._waiting[priority]]
         if not waiting or waiting[0] == FIRST:
             return waiting[0] if waiting else None
-        overdue = (priority for priority in waiting if self._passed_over[priority] >= PASSED_OVER)
+        overdue = (priority for priority in waiting if self._passed_over[priority] >= MAX_PASSED_OVER)
         return next(overdue, waiting[0])
 
     def _is_full(self, packet: Packet) -> bool:
@@ -166,7 +167,7 @@ class SendQueue:
             return bool(waiting) and self._last_bytes + packet.size_bytes > LAST_LIMIT_BYTES
         return len(waiting) >= CLASS_LIMIT
 
-    def _take_out_group(self, packet: Packet) -> None:
+    def _remove_group(self, packet: Packet) -> None:
         for priority in range(max(packet.priority, FIRST + 1), CLASSES):
             waiting = self._waiting[priority]
             for name, other in list(waiting.items()):

@@ -32,12 +32,11 @@ class SerialLink(Link):
     def _open(self) -> None:
         try:
             port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
-        except (
-            serial.SerialException
-        ) as error:  # pyserial keeps the system's error number, but not always the exception class
+        except serial.SerialException as error:
+            # pyserial keeps the system's error number, but not always the exception class
             raise OSError(error.errno or _errno_of(error), str(error)) from error
         except ValueError as error:
-            raise OSError(errno.EINVAL, f"{self._baud} baud is not possible: {error}") from error
+            raise OSError(errno.EINVAL, f"{self._baud} baud is not supported: {error}") from error
         self._port = port
         descriptor = port.fileno()
         os.set_blocking(descriptor, False)
@@ -58,12 +57,12 @@ class SerialLink(Link):
 
     def _explain(self, error: OSError) -> str:
         if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-            present = sorted(
+            ports = sorted(
                 str(p) for kind in ("ttyACM*", "ttyUSB*", "ttyAMA*") for p in Path("/dev").glob(kind)
             )
             return (
                 f"There is no serial port {self._device}. Plug the device in; "
-                f"present now: {', '.join(present) or 'none'}."
+                f"present now: {', '.join(ports) or 'none'}."
             )
         if error.errno in (errno.EACCES, errno.EPERM):
             return (
@@ -100,7 +99,7 @@ def _block_when_empty(descriptor: int) -> None:
         attributes = termios.tcgetattr(descriptor)
         attributes[6][termios.VMIN] = 1
         termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
-    except termios.error as error:  # unplugged since it was opened; not an OSError
+    except termios.error as error:  # the device was unplugged; termios.error is not an OSError
         raise OSError(*error.args[:2]) from error
 
 

@@ -60,14 +60,14 @@ class TcpLink(HostLink):
             write=sock.send,
             pacer=_pacer(sock),
             counts=self._counts,
-            received=self._screened,
+            received=self._receive_if_mavlink,
             ended=lambda why: self._lost(f"{self._peer.name}: {why}"),
             faults=self.faults,
         )
         self._peers[self._peer.name] = self._peer
         self._opened()
 
-    def _screened(self, data: bytes) -> None:
+    def _receive_if_mavlink(self, data: bytes) -> None:
         try:
             data = self._first_bytes.accept(data)
         except ForeignProtocol as error:
@@ -177,7 +177,7 @@ class TcpServerLink(HostLink):
             write=sock.send,
             pacer=_pacer(sock),
             counts=self._counts,
-            received=lambda data: self._screened(data, peer, first_bytes),
+            received=lambda data: self._receive_if_mavlink(data, peer, first_bytes),
             ended=lambda _why: self._drop(peer),
             faults=self.faults,
         )
@@ -185,7 +185,7 @@ class TcpServerLink(HostLink):
         self._peers[peer.name] = peer
         self._changed()
 
-    def _screened(self, data: bytes, peer: Peer, first_bytes: FirstBytes) -> None:
+    def _receive_if_mavlink(self, data: bytes, peer: Peer, first_bytes: FirstBytes) -> None:
         try:
             data = first_bytes.accept(data)
         except ForeignProtocol as error:

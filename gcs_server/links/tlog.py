@@ -20,9 +20,10 @@ TICK_S = 0.02
 RECORDS_PER_TICK = 500
 """Limits a tick to about 10 ms of the event loop; if more is due, the replay falls behind."""
 CONDENSE_FROM = 100
-"""If more records are due at the same time, only those needed for the vehicles' state are played."""
+"""If more records than this are due at the same time, only those needed for the vehicles' state are
+played."""
 READ_AHEAD = 4000
-AT_ITS_END = "The recording is at its end."
+AT_END = "The recording is at its end."
 
 T = TypeVar("T")
 
@@ -52,7 +53,7 @@ class TlogLink(Link):
     the previous vehicles and their state are removed.
 
     Args:
-        index: index of this file; None: a separate process creates it.
+        index: index of this file; None: a separate process creates the index.
     """
 
     replay = True
@@ -67,7 +68,7 @@ class TlogLink(Link):
         self._peer = Peer(path.name)
         self._file: BinaryIO | None = None
         self._reader: ThreadPoolExecutor | None = None
-        """The only thread that reads the file, so that the file is not closed while it reads."""
+        """The only thread that reads the file, so that the file is never closed during a read."""
         self._indexing: IndexProcess | None = None
         self._playback: PlaybackPosition | None = None
         self._replay_clock: ReplayClock | None = None
@@ -77,13 +78,13 @@ class TlogLink(Link):
         """Number of jumps so far; data that was requested before a jump is dropped."""
         self._jump_to_us: int | None = None
         self._jumping = False
-        self._jumped: list[asyncio.Future[None]] = []
+        self._jump_waiters: list[asyncio.Future[None]] = []
         self._timer: asyncio.Handle | None = None
-        self._settled = asyncio.Event()
+        self._opened_or_failed = asyncio.Event()
 
     async def opened(self) -> None:
         """Returns once the recording plays, or cannot be played: see `replay_state`."""
-        await self._settled.wait()
+        await self._opened_or_failed.wait()
 
     # --- controls ---------------------------------------------------------------------------------
 
@@ -93,40 +94,40 @@ class TlogLink(Link):
         if playback is None or clock is None:
             return ReplayState(self._state, self._detail, False, self._speed, None, None, None)
         now_s = self._loop.time()
-        at_us = playback.position_us(now_s) if self._jump_to_us is None else self._jump_to_us
+        position_us = playback.position_us(now_s) if self._jump_to_us is None else self._jump_to_us
         return ReplayState(
             self._state,
             self._detail,
             playback.playing(now_s),
             self._speed,
-            (at_us if self._jumping else clock.time_us) / 1e6,
+            (position_us if self._jumping else clock.time_us) / 1e6,
             playback.begin_us / 1e6,
             playback.end_us / 1e6,
         )
 
     def play(self) -> None:
-        """Plays; if at the end, from the beginning."""
-        playback, now_s = self._ready(), self._loop.time()
+        """Starts playing; at the end of the recording, from its beginning."""
+        playback, now_s = self._require_playback(), self._loop.time()
         if playback.position_us(now_s) >= playback.end_us and not self._jumping:
             self._jump(playback.begin_us)
         playback.play(now_s)
 
     def pause(self) -> None:
-        """Pauses."""
-        self._ready().pause(self._loop.time())
+        """Pauses the replay."""
+        self._require_playback().pause(self._loop.time())
 
     def set_speed(self, speed: float) -> None:
         """Sets the replay speed."""
-        self._ready().set_speed(self._loop.time(), speed)
+        self._require_playback().set_speed(self._loop.time(), speed)
         self._speed = speed
 
     async def seek(self, time_us: int) -> None:
-        """Jumps to a time, or the nearest recorded one; returns once the vehicles have their state of that
-        time."""
-        self._ready()
-        self._jumped.append(done := self._loop.create_future())
+        """Jumps to a time, or to the nearest recorded time; returns once the vehicles have the state of
+        that time."""
+        self._require_playback()
+        self._jump_waiters.append(jumped := self._loop.create_future())
         self._jump(time_us)
-        await done
+        await jumped
 
     # --- opening ----------------------------------------------------------------------------------
 
@@ -138,16 +139,16 @@ class TlogLink(Link):
         index, indexing = self.index, self._indexing
 
         def prepare() -> tuple[BinaryIO, Index]:
-            made = index if index is not None else indexing.run() if indexing is not None else None
-            assert made is not None
-            return open_log(self.path), made
+            opened_index = index if index is not None else indexing.run() if indexing is not None else None
+            assert opened_index is not None
+            return open_log(self.path), opened_index
 
-        self._in_background(prepare, self._prepared)
+        self._run_in_reader(prepare, self._on_prepared)
 
     def _explain(self, error: OSError) -> str:
         return explain(self.path, error)
 
-    def _prepared(self, prepared: tuple[BinaryIO, Index]) -> None:
+    def _on_prepared(self, prepared: tuple[BinaryIO, Index]) -> None:
         file, index = prepared
         if self._reader is None:  # closed meanwhile
             file.close()
@@ -159,19 +160,19 @@ class TlogLink(Link):
         self._replay_clock = self.clock = ReplayClock(index.begin_us, self._jump_count)
         self._peers[self._peer.name] = self._peer
         self._opened()
-        self._settled.set()
+        self._opened_or_failed.set()
         self._timer = self._loop.call_soon(self._tick)
 
-    def _in_background(self, work: Callable[[], T], then: Callable[[T], None]) -> None:
-        """Runs file reading in the background; an error ends the replay with a text."""
+    def _run_in_reader(self, work: Callable[[], T], on_result: Callable[[T], None]) -> None:
+        """Runs `work` in the reading thread and `on_result` in the event loop; an error ends the replay."""
 
-        def done(future: asyncio.Future[T]) -> None:
+        def on_done(future: asyncio.Future[T]) -> None:
             if future.cancelled():
                 return
             error = future.exception()
             if error is None:
                 try:
-                    then(future.result())
+                    on_result(future.result())
                 except Exception as fault:
                     self.faults.add(fault, "playing")
                     self._end(f"{self.path.name} cannot be played.")
@@ -184,7 +185,7 @@ class TlogLink(Link):
                 self._loop.call_exception_handler({"message": "replay failed", "exception": error})
 
         assert self._reader is not None
-        self._loop.run_in_executor(self._reader, work).add_done_callback(done)
+        self._loop.run_in_executor(self._reader, work).add_done_callback(on_done)
 
     def _end(self, why: str) -> None:
         if self._should_be_open:
@@ -217,7 +218,7 @@ class TlogLink(Link):
                 break
             due.append(pending.popleft())
         if len(pending) < READ_AHEAD and not self._at_end:
-            self._read_on()
+            self._read_next_batch()
         if not full_speed and len(due) > CONDENSE_FROM:
             due = condense(due)
         pending.extendleft(reversed(due[RECORDS_PER_TICK:]))
@@ -231,7 +232,7 @@ class TlogLink(Link):
             clock.time_us = max(clock.time_us, position_us)
         if not pending and self._at_end and clock.time_us >= playback.end_us:
             playback.pause(self._loop.time())
-            self._set_state("ended", AT_ITS_END)
+            self._set_state("ended", AT_END)
 
     def _feed(self, records: list[Record], clock: ReplayClock) -> None:
         for record in records:
@@ -240,7 +241,7 @@ class TlogLink(Link):
             if not self._should_be_open:  # the handler closed the link
                 return
 
-    def _read_on(self) -> None:
+    def _read_next_batch(self) -> None:
         file, cursor, jump_count = self._file, self._cursor, self._jump_count
         if self._reading or file is None:
             return
@@ -252,36 +253,36 @@ class TlogLink(Link):
                 self._pending.extend(batch.records)
                 self._cursor, self._at_end = batch.after, batch.at_end
 
-        self._in_background(lambda: read_batch(file, cursor), read)
+        self._run_in_reader(lambda: read_batch(file, cursor), read)
 
     # --- jumping ----------------------------------------------------------------------------------
 
-    def _ready(self) -> PlaybackPosition:
+    def _require_playback(self) -> PlaybackPosition:
         if self._playback is None:
             raise UnreadableRecording(self._detail or "The recording is closed.")
         return self._playback
 
     def _jump(self, time_us: int) -> None:
-        self._jump_to_us = self._ready().jump(self._loop.time(), time_us)
+        self._jump_to_us = self._require_playback().jump(self._loop.time(), time_us)
         if not self._jumping:
             self._jumping = True
-            self._fetch()
+            self._read_state()
 
-    def _fetch(self) -> None:
-        file, index, wanted_us = self._file, self.index, self._jump_to_us
+    def _read_state(self) -> None:
+        file, index, target_us = self._file, self.index, self._jump_to_us
         assert file is not None
         assert index is not None
-        assert wanted_us is not None
+        assert target_us is not None
 
-        def fetched(restored: RestoredState) -> None:
+        def on_state(restored: RestoredState) -> None:
             if self._playback is None or self._file is not file:
                 return
-            if self._jump_to_us != wanted_us:  # another jump came meanwhile
-                self._fetch()
+            if self._jump_to_us != target_us:  # another jump was requested meanwhile
+                self._read_state()
                 return
-            self._restore(restored, index, wanted_us)
+            self._restore(restored, index, target_us)
 
-        self._in_background(lambda: state_at(file, index, wanted_us), fetched)
+        self._run_in_reader(lambda: state_at(file, index, target_us), on_state)
 
     def _restore(self, restored: RestoredState, index: Index, time_us: int) -> None:
         self._jump_count += 1
@@ -301,8 +302,8 @@ class TlogLink(Link):
         self._feed([records.popleft() for _ in range(min(len(records), RECORDS_PER_TICK))], clock)
         if records:
             self._loop.call_soon(self._rebuild, records, clock, time_us, jump_count)
-        elif self._jump_to_us != time_us:  # another jump came meanwhile
-            self._fetch()
+        elif self._jump_to_us != time_us:  # another jump was requested meanwhile
+            self._read_state()
         else:
             self.suppresses_events = False
             clock.time_us = max(clock.time_us, time_us)
@@ -311,7 +312,7 @@ class TlogLink(Link):
             self._resolve_jumps()
 
     def _resolve_jumps(self) -> None:
-        waiting, self._jumped = self._jumped, []
+        waiting, self._jump_waiters = self._jump_waiters, []
         for future in waiting:
             if not future.done():
                 future.set_result(None)
@@ -323,7 +324,7 @@ class TlogLink(Link):
 
     def _close(self) -> None:
         self.suppresses_events = False
-        self._settled.set()
+        self._opened_or_failed.set()
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

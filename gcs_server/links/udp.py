@@ -1,4 +1,4 @@
-"""UDP links: `udpin` listens and answers its peers, `udpout` sends first."""
+"""UDP links: `udpin` listens and sends to peers from which it received data; `udpout` sends first."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ FORGET_AFTER_S = 30.0
 """Time without bytes after which a peer is removed [s]."""
 MAX_PEERS = 256
 EVICT_AFTER_S = 5.0
-"""If there are MAX_PEERS peers, a new peer replaces one that was silent for this long [s], or else is
-ignored."""
+"""If there are MAX_PEERS peers, a new peer replaces one that sent nothing for this long [s]; if there is
+none, the new peer is ignored."""
 RECHECK_PERIOD_S = 0.25
 DATAGRAMS_PER_WAKE = 4000
 BUFFER_BYTES = 4_000_000
@@ -44,10 +44,10 @@ class UdpLink(HostLink):
         self._socket_writer: LinkWriter | None = None
         self._by_address: dict[Address, Peer] = {}
         self._last_received_s: dict[str, float] = {}
-        self._fixed: str | None = None
+        self._fixed_peer: str | None = None
         """Name of the peer of an outgoing link, which is never removed."""
         self._full_until_s = float("-inf")
-        self._sweep: asyncio.TimerHandle | None = None
+        self._sweep_timer: asyncio.TimerHandle | None = None
 
     def datagram_socket(self) -> socket.socket | None:
         return self._socket
@@ -74,8 +74,8 @@ class UdpLink(HostLink):
         )
         self._reader = ThrottledReader(self._loop, sock.fileno(), self._read_available, self.faults)
         if self._outgoing:
-            self._fixed = self._new_peer(address).name
-        self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
+            self._fixed_peer = self._new_peer(address).name
+        self._sweep_timer = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_inactive_peers)
         self._opened()
 
     def _explain(self, error: OSError) -> str:
@@ -85,7 +85,10 @@ class UdpLink(HostLink):
                 "(another ground station?). Close it, or choose another port; the server tries again."
             )
         if error.errno == errno.EADDRNOTAVAIL:
-            return f"This machine has no address {self._host}. Use 127.0.0.1, 0.0.0.0 or one of its own."
+            return (
+                f"This machine has no address {self._host}. "
+                "Use 127.0.0.1, 0.0.0.0 or an address of this machine."
+            )
         if error.errno == errno.EACCES:
             return f"UDP port {self._port} may not be used by this user. Choose one above 1023."
         return super()._explain(error)
@@ -103,7 +106,7 @@ class UdpLink(HostLink):
                 data, address = sock.recvfrom(MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
-            except ConnectionError:  # an earlier datagram had no receiver; others may arrive
+            except ConnectionError:  # no receiver for an earlier datagram of this server; reading continues
                 continue
             except OSError as error:
                 self._lost(self._explain(error))
@@ -122,14 +125,14 @@ class UdpLink(HostLink):
             return self._new_peer(address)
         if now_s < self._full_until_s:
             return None
-        longest_silent = min(
-            (n for n in self._last_received_s if n != self._fixed), key=self._last_received_s.__getitem__
+        least_active = min(
+            (n for n in self._last_received_s if n != self._fixed_peer), key=self._last_received_s.__getitem__
         )
-        if now_s - self._last_received_s[longest_silent] > EVICT_AFTER_S:
-            self._forget_peer(longest_silent)
+        if now_s - self._last_received_s[least_active] > EVICT_AFTER_S:
+            self._forget_peer(least_active)
             return self._new_peer(address)
         self._full_until_s = now_s + RECHECK_PERIOD_S
-        self._set_state("open", f"{MAX_PEERS} addresses send on this link; further ones are ignored.")
+        self._set_state("open", f"{MAX_PEERS} addresses send on this link; further addresses are ignored.")
         return None
 
     def _new_peer(self, address: Address) -> Peer:
@@ -147,15 +150,15 @@ class UdpLink(HostLink):
         self._last_received_s.pop(name, None)
         self._forget(peer)
 
-    def _forget_silent(self) -> None:
-        self._sweep = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_silent)
+    def _forget_inactive_peers(self) -> None:
+        self._sweep_timer = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_inactive_peers)
         before_s = self._loop.time() - FORGET_AFTER_S
         if self._loop.time() > self._full_until_s + FORGET_AFTER_S:
             self._set_state("open", "")
         for name in [
             n
             for n, last_received_s in self._last_received_s.items()
-            if last_received_s < before_s and n != self._fixed
+            if last_received_s < before_s and n != self._fixed_peer
         ]:
             self._forget_peer(name)
 
@@ -172,8 +175,8 @@ class UdpLink(HostLink):
             raise
 
     def _close(self) -> None:
-        if self._sweep is not None:
-            self._sweep.cancel()
+        if self._sweep_timer is not None:
+            self._sweep_timer.cancel()
         if self._reader is not None:
             self._reader.close()
             self._reader = None
@@ -185,4 +188,4 @@ class UdpLink(HostLink):
             sock.close()
         self._by_address.clear()
         self._last_received_s.clear()
-        self._fixed = None
+        self._fixed_peer = None

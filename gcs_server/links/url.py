@@ -5,7 +5,7 @@
     tcp://127.0.0.1:5760               client
     tcpin://127.0.0.1:5790             listens
     serial:///dev/ttyACM0?baud=57600   or serial:/dev/ttyACM0:57600
-    tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
+    tlog:///path/to/flight.tlog?speed=1    speed=0: as fast as possible
     ros2://0/px4_1                     a DDS domain (docs/links.md)
 
 `forward=1` on a network link marks another ground station: messages are forwarded between that station and
@@ -35,31 +35,33 @@ LIVE_OPTIONS = frozenset({"forward", "key", "signing"})
 """Options of all links except recordings."""
 KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
 LinkMaker = Callable[[str, str | None, SplitResult, dict[str, str]], Link]
-"""(URL, name of the link, parts of the URL, options of the URL) → link. Raises as `make_link`."""
-NO_OTHERS: Mapping[str, LinkMaker] = {}
+"""(URL, name of the link, parts of the URL, options of the URL) → link. Raises the errors of `make_link`."""
+NO_OTHER_KINDS: Mapping[str, LinkMaker] = {}
 REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev/ttyACM0?baud=57600."
 
 
-def make_link(url: str, name: str | None = None, others: Mapping[str, LinkMaker] = NO_OTHERS) -> Link:
+def make_link(
+    url: str, name: str | None = None, other_kinds: Mapping[str, LinkMaker] = NO_OTHER_KINDS
+) -> Link:
     """Creates the link of a URL, without starting it.
 
     Args:
         url: a link URL.
         name: name of the link; None: derived from the URL.
-        others: functions that create further kinds of links, by URL scheme.
+        other_kinds: functions that create further kinds of links, by URL scheme.
 
     Raises:
         InvalidRequest: the URL or the name is not valid.
         LinkError: the recording does not exist, or software that the link needs is missing.
     """
-    for given in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
-        checked_key_name(unquote(given))  # checked first, because the messages below repeat the URL
-    link = _link(url, name, others)
+    for key_name in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
+        checked_key_name(unquote(key_name))  # checked first, because other error messages repeat the URL
+    link = _link(url, name, other_kinds)
     link.signing = _signing(url)
     return link
 
 
-def _link(url: str, name: str | None, others: Mapping[str, LinkMaker]) -> Link:
+def _link(url: str, name: str | None, other_kinds: Mapping[str, LinkMaker]) -> Link:
     if name is not None:
         checked_name(name)
     try:
@@ -69,17 +71,17 @@ def _link(url: str, name: str | None, others: Mapping[str, LinkMaker]) -> Link:
         raise InvalidRequest("url", f"{url!r} is not a link: {error}.", remedy=REMEDY) from None
     kind = parts.scheme
     options = _options(parts.query)
-    if kind in others:
-        return others[kind](url, name, parts, options)
+    if kind in other_kinds:
+        return other_kinds[kind](url, name, parts, options)
     if kind not in KINDS:
-        kinds = ", ".join((*KINDS, *others))
+        kinds = ", ".join((*KINDS, *other_kinds))
         raise InvalidRequest(
             "url", f"{url!r} is not a link: it must begin with one of {kinds}.", remedy=REMEDY
         )
     allowed = {"serial": {"baud", *LIVE_OPTIONS}, "tlog": {"speed"}}.get(kind, LIVE_OPTIONS)
     for key in options.keys() - allowed:
         raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)
-    forward = _flag(url, options.get("forward", "0"))
+    forward = _parse_flag(url, options.get("forward", "0"))
     if kind == "serial":
         if not parts.path.startswith("/"):
             raise InvalidRequest("url", f"{url!r} has no device.", remedy=REMEDY)
@@ -87,7 +89,7 @@ def _link(url: str, name: str | None, others: Mapping[str, LinkMaker]) -> Link:
         after_colon = re.fullmatch(r"(.+):(\d{4,})", device)
         if after_colon is not None:
             device, rate = after_colon.groups()
-        baud = _number(url, "baud", options.get("baud", rate))
+        baud = _parse_number(url, "baud", options.get("baud", rate))
         if not 1200 <= baud <= 12_000_000 or baud != int(baud):
             raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
         name = name or derived_name(f"serial-{Path(device).name}")
@@ -135,19 +137,19 @@ def _tlog(url: str, name: str | None, path_text: str, options: dict[str, str]) -
         raise LinkError(
             f"There is no recording {path_text or url!r}.", remedy="Give the path of a .tlog file."
         )
-    speed = _number(url, "speed", options.get("speed", "1"))
+    speed = _parse_number(url, "speed", options.get("speed", "1"))
     if not 0 <= speed <= 1000:
-        raise InvalidRequest("url", f"{url!r}: speed must be from 0 (as fast as it goes) to 1000.")
+        raise InvalidRequest("url", f"{url!r}: speed must be from 0 (as fast as possible) to 1000.")
     return TlogLink(name or derived_name(f"replay-{path.name}"), url, path, speed)
 
 
-def _flag(url: str, text: str) -> bool:
+def _parse_flag(url: str, text: str) -> bool:
     if text not in ("0", "1"):
         raise InvalidRequest("url", f"{url!r}: forward must be 0 or 1.")
     return text == "1"
 
 
-def _number(url: str, key: str, text: str) -> float:
+def _parse_number(url: str, key: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

@@ -23,8 +23,8 @@ Write = Callable[[bytes, "Peer"], int]
 class LinkWriter:
     """Sends a queue's packets as the pacer allows. `submit` writes immediately what can be sent; the rest is
     written by the next `submit` or by the event loop's timer. A packet is completed only when its bytes can
-    be sent. A partly sent frame is finished before the next one. If it has expired by then, its end is sent
-    with a wrong checksum, so that the vehicle ignores the frame and reads the next one.
+    be sent. A partly sent frame is finished before the next one. If the frame expires before it is complete,
+    its rest is sent with a wrong checksum, so that the vehicle ignores the frame and reads the next one.
 
     Args:
         loop: event loop for the timer; None if writing never blocks.
@@ -56,7 +56,7 @@ class LinkWriter:
         self._lost: Packet | None = None
         """The packet that could not be sent during the current `submit`."""
         self._timer: asyncio.TimerHandle | None = None
-        self._timer_wanted = False
+        self._timer_requested = False
         self._next_purge_s = 0.0
         self._closed = False
 
@@ -72,12 +72,12 @@ class LinkWriter:
                 return False
             now_s = self._now_s()
             self._lost = None
-            kept = self._queue.put(packet, now_s)
+            queued = self._queue.put(packet, now_s)
             self._write_waiting(now_s)
-            return kept and not self._was_lost(packet)
+            return queued and not self._was_lost(packet)
 
     def close(self) -> None:
-        """Drops waiting packets; nothing is written afterwards. Call before the descriptor is closed."""
+        """Drops waiting packets and writes nothing more. Call before the descriptor is closed."""
         with self._counts.lock:
             self._closed = True
             self._partial = None
@@ -156,16 +156,16 @@ class LinkWriter:
             self._closed = True
             self._partial = None
             self._queue.clear()
-            self._in_loop(self._failed, error)
+            self._call_in_loop(self._failed, error)
 
     def _wake_in(self, wait_s: float) -> None:
-        if self._loop is not None and not self._timer_wanted:
-            self._timer_wanted = True
-            self._in_loop(self._set_timer, self._now_s() + wait_s)
+        if self._loop is not None and not self._timer_requested:
+            self._timer_requested = True
+            self._call_in_loop(self._set_timer, self._now_s() + wait_s)
 
-    def _in_loop(self, callback: Callable[..., None], argument: object) -> None:
+    def _call_in_loop(self, callback: Callable[..., None], argument: object) -> None:
         assert self._loop is not None
-        with contextlib.suppress(RuntimeError):  # the event loop and the server have ended
+        with contextlib.suppress(RuntimeError):  # the event loop is closed, so the server has ended
             self._loop.call_soon_threadsafe(callback, argument)
 
     # --- in the event loop ---------------------------------------------------------------------------
@@ -176,7 +176,7 @@ class LinkWriter:
 
     def _wake(self) -> None:
         with self._counts.lock:
-            self._timer_wanted = False
+            self._timer_requested = False
             try:
                 self._write_waiting(self._now_s())
             except Exception as error:

@@ -1,7 +1,8 @@
 """Converts bytes to frames and back, without I/O and message objects.
 
 Frame layouts and the checksum are those of the MAVLink guide ("Packet serialization"): MAVLink 1 has a
-6-byte header, MAVLink 2 a 10-byte one and, where incompatibility flag 1 is set, 13 bytes of signature.
+6-byte header, MAVLink 2 a 10-byte header; if incompatibility flag 1 is set, a 13-byte signature follows the
+checksum.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Frame:
     raw: bytes
     received_monotonic_s: float
     known: bool = True
-    """Whether the message is in the dialect; otherwise its checksum could not be checked."""
+    """Whether the message is in the dialect; the checksum of an unknown message cannot be checked."""
 
     @property
     def payload(self) -> bytes:
@@ -56,8 +57,8 @@ class FrameParser:
     """
 
     __slots__ = (
+        "_incomplete",
         "_last_seq",
-        "_rest",
         "bytes_skipped",
         "crc_errors",
         "frames",
@@ -76,12 +77,13 @@ class FrameParser:
         """Number of lost frames per (system, component), counted by gaps in the sequence numbers."""
         self._last_seq: dict[int, int] = {}
         """The last sequence number by system id * 256 + component id."""
-        self._rest = b""
+        self._incomplete = b""
+        """The beginning of a frame that is not complete yet."""
 
     def feed(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
         """Returns all complete frames."""
-        if self._rest:
-            return self._split(self._rest + data, received_monotonic_s)
+        if self._incomplete:
+            return self._split(self._incomplete + data, received_monotonic_s)
         # fast path: nearly every datagram is one valid unsigned frame
         size = len(data)
         if size > MIN_V2_BYTES and data[0] == STX_V2 and data[1] + MIN_V2_BYTES == size and not data[2]:
@@ -127,7 +129,7 @@ class FrameParser:
                 continue
             frames.append(frame)
             position = end + signature
-        self._rest = data[position:]
+        self._incomplete = data[position:]
         return frames
 
     def _check(
@@ -208,8 +210,8 @@ def decode(frame: Frame) -> MAVLink_message | None:
     for length in layout.lengths:
         values.append(flat[position] if length == 1 else list(flat[position : position + length]))
         position += length
-    make: Any = layout.message_class
-    message = make(*(values[i] for i in layout.order))
+    constructor: Any = layout.message_class
+    message = constructor(*(values[i] for i in layout.order))
     message._header = MAVLink_header(
         frame.msg_id,
         mlen=len(frame.payload),

@@ -28,7 +28,7 @@ class ParserCounts:
     frames_signed: int = 0
 
     def plus(self, other: ParserCounts) -> ParserCounts:
-        """The sum."""
+        """The sum of both counts."""
         return ParserCounts(
             self.frames + other.frames,
             self.frames_unknown + other.frames_unknown,
@@ -42,8 +42,8 @@ class ParserCounts:
 class FrameSender:
     """Completes all outgoing frames, so that all threads share the sequence numbers. A frame is completed
     when it is sent, with the link's lock held: `_finish` returns the bytes to send, and `_on_sent` advances
-    the number. Each peer has its own numbers; otherwise a vehicle would count frames to other vehicles on the
-    same link as lost.
+    the sequence number. Each peer has its own sequence; otherwise a vehicle would count frames to other
+    vehicles on the same link as lost.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class FrameSender:
         """Sends or queues a message, from any thread. Returns False if it was dropped.
 
         Args:
-            created_s: time of its creation on the link's clock; None: now.
+            created_s: creation time of the message on the link's clock; None: now.
             until_s: the message is not sent after this time, even if its type has a longer lifetime.
         """
         urgency = classify(msg_id, payload)
@@ -105,7 +105,7 @@ class FrameSender:
         return self._link.submit(packet)
 
     def forget(self, peer: Peer) -> None:
-        """Called when a peer is lost; its numbers restart."""
+        """Called when a peer is lost; the sequence numbers for it restart."""
         self._seq.pop(peer.name, None)
 
     def _finish(self, msg_id: int, payload: bytes, peer: Peer) -> bytes:
@@ -153,7 +153,7 @@ class Connection:
         self._on_state = on_state
         self._parsers: dict[str, FrameParser] = {}
         self._stamped_s, self._stamp = -1.0, b""
-        """Arrival time of the newest bytes, on both clocks."""
+        """Arrival time of the newest bytes: monotonic [s], and encoded for the recording."""
         self._former = ParserCounts(0, 0, 0, 0, 0)
         """Sum of the counts of former peers."""
         signer = None if signing is None else signing.signer
@@ -228,7 +228,7 @@ class Connection:
         frames = parser.feed(data, received_s)
         if not frames:
             return
-        # also if the frames are refused: the vehicle adopts the signing time of this server's heartbeat
+        # before frames are refused, because the vehicle adopts the signing time of this server's heartbeat
         if is_new:
             try:
                 self._on_new_peer(self, peer)

@@ -2,7 +2,7 @@
 
 Loops are impossible: frames are never sent back to their source or from one station to another, and frames
 that a station sends with a vehicle's id are dropped. If a vehicle is connected over two links, only the
-frames of one of them are forwarded.
+frames of one link are forwarded.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from gcs_server.mavlink.codec import Frame
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
 
-SILENT_AFTER_S = 2.0
+CHANGE_ROUTE_AFTER_S = 2.0
+"""After this time without frames over a vehicle's link, its frames from another link are forwarded [s]."""
 
 
 @dataclass(slots=True)
@@ -26,7 +27,7 @@ class _Route:
 
 
 class Forwarder:
-    """Forwards frames, and tracks the connection of each system."""
+    """Forwards frames, and tracks over which connection each system is reached."""
 
     def __init__(self, own_system_id: int) -> None:
         self.stations: tuple[Connection, ...] = ()
@@ -35,7 +36,7 @@ class Forwarder:
         self._routes: dict[int, _Route] = {}
 
     def set_connections(self, connections: Iterable[Connection]) -> None:
-        """Sets all connections, after each change."""
+        """Sets all connections; call after each change."""
         self.stations = tuple(c for c in connections if c.link.forward)
         if not self.stations:
             self._routes.clear()
@@ -46,17 +47,17 @@ class Forwarder:
         if link.replay or not self.stations:
             return
         if link.forward:
-            self._to_vehicles(frame)
+            self._forward_to_vehicles(frame)
             return
         route = self._routes.get(frame.system_id)
-        if route is None or frame.received_monotonic_s - route.last_received_s > SILENT_AFTER_S:
+        if route is None or frame.received_monotonic_s - route.last_received_s > CHANGE_ROUTE_AFTER_S:
             route = self._routes[frame.system_id] = _Route(connection, peer, frame.received_monotonic_s)
         elif route.connection is not connection or route.peer is not peer:
             return
         route.last_received_s = frame.received_monotonic_s
-        for other in self.stations:
-            for station in other.link.peers():
-                other.forward(frame, station)
+        for station in self.stations:
+            for station_peer in station.link.peers():
+                station.forward(frame, station_peer)
 
     def peer_gone(self, connection: Connection, peer: Peer) -> None:
         """Forgets the systems behind this peer."""
@@ -64,7 +65,7 @@ class Forwarder:
             if route.connection is connection and route.peer is peer:
                 del self._routes[system_id]
 
-    def _to_vehicles(self, frame: Frame) -> None:
+    def _forward_to_vehicles(self, frame: Frame) -> None:
         if frame.system_id in self._routes:
             return
         offset = TARGET_SYSTEM_OFFSET.get(frame.msg_id)

@@ -1,4 +1,4 @@
-"""Stores signing keys by name, each in a file that only its owner can read, and the newest used timestamp."""
+"""Stores signing keys by name, each in a file that only its owner can read, and the newest timestamp used."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class KeyStore:
     """The keys of one data folder.
 
     Args:
-        folder: created with the first key, accessible to its owner only.
+        folder: created with the first key; only its owner has access.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -49,7 +49,7 @@ class KeyStore:
         return []
 
     def read(self, name: str) -> SecretKey:
-        """The key of that name.
+        """Reads the key of this name.
 
         Raises:
             InvalidRequest: the name is not valid.
@@ -154,7 +154,7 @@ def key_of_passphrase(text: str) -> SecretKey:
     """The key of a passphrase: SHA-256 of the text, as in MAVProxy.
 
     Raises:
-        ValueError: too short.
+        ValueError: the passphrase is too short.
     """
     if len(text) < MIN_PASSPHRASE_LENGTH:
         raise ValueError(f"a passphrase has at least {MIN_PASSPHRASE_LENGTH} characters")

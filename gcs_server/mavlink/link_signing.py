@@ -36,11 +36,11 @@ _REFUSAL_TEXT = {
     Refusal.UNSIGNED: "sends frames without a signature, and this link requires one. "
     "Store the key on the vehicle, or open the link with signing=allowed.",
     Refusal.WRONG_SIGNATURE: "sends frames with a wrong signature: it has another key, or somebody forges "
-    "frames in its name. Store the key of this link on it.",
+    "frames with this system id. Store the key of this link on the vehicle.",
     Refusal.REPLAYED: "sends frames that are not newer than earlier ones: someone replays them, or two "
     "senders with this key have the same system id, component and link id.",
     Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. "
-    "It should adopt this server's time from received frames; if it does not, set its clock.",
+    "The vehicle should adopt this server's time from received frames; if it does not, set its clock.",
     Refusal.TOO_MANY_STREAMS: "exceeds the maximum number of senders with this key. Restart the server.",
 }
 
@@ -105,7 +105,7 @@ class Signing:
     """Signing of one server: keys in use, time, link ids.
 
     Args:
-        store: the stored keys; None: none.
+        store: the stored keys; None: this server stores no keys.
     """
 
     def __init__(self, clock: Clock, store: KeyStore | None) -> None:
@@ -113,14 +113,14 @@ class Signing:
         self._store = store
         self.clock = SigningClock(clock.unix_s)
         newest = 0 if store is None else store.newest_timestamp()
-        if newest >= self.clock.now():  # the system clock was set back, or a vehicle's clock was ahead of it
-            unwritten = round(STORE_INTERVAL_S * TICKS_PER_S)
-            self.clock = SigningClock(clock.unix_s, newest + unwritten)
+        if newest >= self.clock.now():  # the system clock was set back, or a vehicle's clock was ahead
+            unstored = round(STORE_INTERVAL_S * TICKS_PER_S)
+            self.clock = SigningClock(clock.unix_s, newest + unstored)
         self._verifiers: list[tuple[SecretKey, KeyVerifier]] = []
         """Verifiers stay after the links of a key are closed, because they contain the received
         timestamps."""
         self._link_ids: set[int] = set()
-        self._failed = False
+        self._store_failed = False
         """Whether the newest timestamp could not be stored at the last attempt."""
 
     @property
@@ -129,10 +129,10 @@ class Signing:
         return bool(self._link_ids)
 
     def open(self, link: str, options: SigningOptions) -> LinkSigning:
-        """Signing for a new link.
+        """Sets up signing for a new link.
 
         Raises:
-            InvalidRequest: its key cannot be used, or no link id is free.
+            InvalidRequest: the key cannot be used, or no link id is free.
         """
         try:
             if self._store is None:
@@ -142,14 +142,14 @@ class Signing:
             raise InvalidRequest("url", error.message, remedy=error.remedy) from None
         link_id = next((n for n in range(MAX_LINK_IDS) if n not in self._link_ids), None)
         if link_id is None:
-            raise InvalidRequest("url", f"{MAX_LINK_IDS} links sign already.", remedy="Close one of them.")
+            raise InvalidRequest("url", f"{MAX_LINK_IDS} links already sign.", remedy="Close one of them.")
         self._link_ids.add(link_id)
         signer = FrameSigner(key, link_id, self.clock)
         return LinkSigning(link, options, signer, self._verifier(key), self._clock)
 
     def _verifier(self, key: SecretKey) -> KeyVerifier:
-        """The verifier of a key. Links with the same key share it, even under several names, because a frame
-        received on one link is a replay on another."""
+        """The verifier of a key. Links with the same key share the verifier, also if the key has several
+        names, because a frame received on one link is a replay on another."""
         for known, verifier in self._verifiers:
             if known == key:
                 return verifier
@@ -158,7 +158,7 @@ class Signing:
         return verifier
 
     def release(self, signing: LinkSigning) -> None:
-        """Called when the link is closed."""
+        """Frees the link id; called when the link is closed."""
         self._link_ids.discard(signing.signer.link_id)
 
     def store_timestamp(self) -> None:
@@ -167,8 +167,8 @@ class Signing:
             return
         try:
             self._store.store_timestamp(self.clock.now())
-            self._failed = False
+            self._store_failed = False
         except OSError as error:
-            if not self._failed:
+            if not self._store_failed:
                 log.warning("the newest signing timestamp cannot be stored: %s", error.strerror or error)
-            self._failed = True
+            self._store_failed = True

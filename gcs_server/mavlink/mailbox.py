@@ -19,11 +19,11 @@ Matches = Callable[[Reply], bool]
 
 
 MAX_WAITING = 4096
-"""Maximum number of messages that wait in one waiter; more than PX4's parameters in one burst."""
+"""Maximum number of unread messages in one waiter; more than PX4's parameters in one burst."""
 
 
 class Waiter:
-    """A stream of awaited messages: `await next()` gives each match in order.
+    """A stream of awaited messages: `await next()` returns the matches in order.
 
     With `MAX_WAITING` unread matches, further ones are dropped.
     """
@@ -34,7 +34,7 @@ class Waiter:
         self._queue: asyncio.Queue[MAVLink_message | GcsError] = asyncio.Queue()
 
     def take(self) -> Reply | None:
-        """A waiting match, or None; raises the same errors as `next`."""
+        """An unread match, or None; raises the same errors as `next`."""
         if self._queue.empty():
             return None
         item = self._queue.get_nowait()
@@ -56,7 +56,7 @@ class Waiter:
         return item
 
     def offer(self, message: MAVLink_message) -> None:
-        """Called by the mailbox."""
+        """Adds a message if it matches; called by the mailbox."""
         if self._queue.qsize() < MAX_WAITING and (self._matches is None or self._matches(message)):
             self._queue.put_nowait(message)
 
@@ -96,7 +96,7 @@ class Mailbox:
             return
         for waiter in tuple(self._waiters):
             if frame.msg_id in waiter.msg_ids:
-                try:  # if one waiter's match fails, the others still get the message
+                try:  # a fault in one waiter's condition does not affect the other waiters
                     waiter.offer(message)
                 except Exception as error:
                     self._faults.add(error, f"matching {message.get_type()}")

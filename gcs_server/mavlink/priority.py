@@ -2,7 +2,7 @@
 
 Frames wait on a slow link. The order is: stop motors; mode changes and disarm; other commands and replies;
 setpoints; everything else. Every message expires: a setpoint is replaced by the next one, and a command must
-not reach the vehicle after the server has stopped waiting for the answer.
+not reach the vehicle after the server has stopped waiting for the acknowledgement.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Priority(IntEnum):
     COMMAND = 2
     """Other commands, protocol replies, heartbeats."""
     SETPOINT = 3
-    """Offboard setpoints, gimbal and stick inputs: only the newest counts."""
+    """Offboard setpoints, gimbal and stick inputs; a newer one replaces a waiting one."""
     OTHER = 4
     """Parameters, files, missions, and messages of other stations."""
 
@@ -50,8 +50,8 @@ class Urgency:
     key: Hashable = None
     """A message replaces a waiting message with the same key; None: it replaces none."""
     flight: Hashable = None
-    """The vehicle whose flight the message changes; None: it changes no flight. Such a message replaces
-    waiting messages with the same `flight` that are not more urgent. It never replaces stop motors."""
+    """The vehicle whose flight the message changes; None: it changes no flight. A message with
+    `flight` replaces waiting messages with the same `flight` that are not more urgent, except stop motors."""
 
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
@@ -106,9 +106,9 @@ FLIGHT_COMMANDS = frozenset(
 
 
 def classify(msg_id: int, payload: bytes) -> Urgency:
-    """Urgency of a message of this server; the payload with or without trailing zeros."""
+    """Urgency of a message from this server; the payload may lack trailing zeros."""
     if msg_id in (_LONG, _INT):
-        return _of_command(msg_id, payload)
+        return _classify_command(msg_id, payload)
     system = _target_system(msg_id, payload)
     if msg_id in SETPOINTS:
         return Urgency(Priority.SETPOINT, SETPOINT_LIFETIME_S, ("setpoint", system))
@@ -130,35 +130,35 @@ def classify_forwarded(frame: Frame) -> Urgency:
     """Urgency of a forwarded frame: frames keep their order, except for stop motors and setpoints. A newer
     command does not replace older ones, because only the station that sent them may withdraw them.
     """
-    own = classify(frame.msg_id, frame.payload)
+    urgency = classify(frame.msg_id, frame.payload)
     sender = (frame.system_id, frame.component_id)
-    if own.priority in (Priority.STOP, Priority.SETPOINT) or own.key == "heartbeat":
-        return Urgency(own.priority, own.lifetime_s, (sender, own.key))
-    if own.priority is Priority.OTHER:
+    if urgency.priority in (Priority.STOP, Priority.SETPOINT) or urgency.key == "heartbeat":
+        return Urgency(urgency.priority, urgency.lifetime_s, (sender, urgency.key))
+    if urgency.priority is Priority.OTHER:
         return Urgency(Priority.OTHER, OTHER_LIFETIME_S)
-    return Urgency(Priority.COMMAND, own.lifetime_s)
+    return Urgency(Priority.COMMAND, urgency.lifetime_s)
 
 
-def _of_command(msg_id: int, payload: bytes) -> Urgency:
-    full = payload.ljust(_COMMAND_BYTES, b"\0")
-    first, second, command, system, component = _command.unpack_from(full)
+def _classify_command(msg_id: int, payload: bytes) -> Urgency:
+    full_payload = payload.ljust(_COMMAND_BYTES, b"\0")
+    param_1, param_2, command, system, component = _command.unpack_from(full_payload)
     flight = ("flight", system)
-    if _stops(command, first, second):
+    if _stops_motors(command, param_1, param_2):
         return Urgency(Priority.STOP, STOP_LIFETIME_S, (command, system, component), flight)
-    disarms = command == d.MAV_CMD_COMPONENT_ARM_DISARM and abs(first) < 0.5
+    disarms = command == d.MAV_CMD_COMPONENT_ARM_DISARM and abs(param_1) < 0.5
     if disarms or command in MODE_COMMANDS:
         return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (command, system, component), flight)
     if command in FLIGHT_COMMANDS:
         return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (command, system, component), flight)
-    without_confirmation = full[:_CONFIRMATION_AT] if msg_id == _LONG else full
+    without_confirmation = full_payload[:_CONFIRMATION_AT] if msg_id == _LONG else full_payload
     return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (msg_id, without_confirmation))
 
 
-def _stops(command: int, first: float, second: float) -> bool:
+def _stops_motors(command: int, param_1: float, param_2: float) -> bool:
     """Whether a command stops the motors. Handles NaN, because another station may send it."""
     if command == d.MAV_CMD_COMPONENT_ARM_DISARM:
-        return abs(first) < 0.5 and abs(second - FORCE) < 0.5
-    return command == d.MAV_CMD_DO_FLIGHTTERMINATION and first > 0.5
+        return abs(param_1) < 0.5 and abs(param_2 - FORCE) < 0.5
+    return command == d.MAV_CMD_DO_FLIGHTTERMINATION and param_1 > 0.5
 
 
 def _target_system(msg_id: int, payload: bytes) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, UnknownLink
 from gcs_server.links.base import Link, LinkInfo, Peer
-from gcs_server.links.url import NO_OTHERS, LinkMaker, make_link
+from gcs_server.links.url import NO_OTHER_KINDS, LinkMaker, make_link
 from gcs_server.mavlink import dialect
 from gcs_server.mavlink.codec import Frame, encode_payload
 from gcs_server.mavlink.connection import Connection
@@ -42,7 +42,7 @@ class RouterSettings:
 
 
 class FrameSink:
-    """Receiver of the frames (the fleet); the methods do nothing until it is set."""
+    """Receiver of the frames. The fleet replaces this default, which does nothing."""
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         """Handles a frame from a vehicle (not from a forwarding link)."""
@@ -55,7 +55,7 @@ class Router:
     """All links of the server.
 
     Args:
-        others: functions that create links of other protocols than MAVLink, by URL scheme.
+        other_kinds: functions that create links of other protocols than MAVLink, by URL scheme.
     """
 
     def __init__(
@@ -63,10 +63,10 @@ class Router:
         clock: Clock,
         supervisor: Supervisor,
         settings: RouterSettings,
-        others: Mapping[str, LinkMaker] = NO_OTHERS,
+        other_kinds: Mapping[str, LinkMaker] = NO_OTHER_KINDS,
     ) -> None:
         self.settings = settings
-        self._others = others
+        self._other_kinds = other_kinds
         self._own_system_id = settings.system_id
         self.sink = FrameSink()
         self._clock = clock
@@ -112,15 +112,15 @@ class Router:
         return self.add(self.make_link(url, name))
 
     def make_link(self, url: str, name: str | None = None) -> Link:
-        """Creates the link of a URL without opening it: a kind of `links/url.py`, or one of `others`.
+        """Creates the link of a URL without opening it: a kind in `links/url.py`, or one of `other_kinds`.
 
         Raises:
             InvalidRequest, LinkError: see `add_link`.
         """
-        return make_link(url, name, self._others)
+        return make_link(url, name, self._other_kinds)
 
     def add(self, link: Link) -> LinkInfo:
-        """Opens an existing link.
+        """Adds and opens a link.
 
         Raises:
             InvalidRequest: the name or the URL is in use.
@@ -275,7 +275,7 @@ class Router:
             for connection in tuple(self._connections.values()):
                 if connection.link.replay or connection.link.forward:
                     continue
-                try:  # a fault of one link must not stop heartbeats on the others
+                try:  # a fault of one link must not stop heartbeats on the other links
                     for peer in connection.mavlink_peers():
                         connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
                 except Exception as error:

@@ -2,8 +2,8 @@
 
 Rules and layout are those of the MAVLink guide ("Message signing"): after the checksum, a frame has a link id
 (one byte), a timestamp (48 bits, unit 10 us, since 2015-01-01) and the first 48 bits of the SHA-256 over the
-secret key and all bytes before them. A stream is one (link id, system, component). Its timestamps increase
-with each frame; a new stream may be at most a minute behind.
+secret key and all preceding bytes. A stream is one (link id, system, component). Its timestamps increase
+with each frame; a new stream may be at most a minute behind the receiver.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TICKS_PER_S = 100_000
 MAX_NEW_STREAM_AGE_TICKS = 60 * TICKS_PER_S
 MAX_TIMESTAMP = (1 << 48) - 1
 MAX_ADOPTED_TIMESTAMP = MAX_TIMESTAMP - 366 * 86_400 * TICKS_PER_S
-"""Larger timestamps are not adopted, because the range of values would soon be exhausted."""
+"""Larger timestamps are not adopted, because the range of values would then soon be exhausted."""
 MAX_STREAMS = 1024
 """Maximum number of streams per key. Only a sender with the key can start a new stream."""
 STX_V2 = 0xFD
@@ -71,7 +71,7 @@ class SecretKey:
         raise TypeError("a signing key cannot be pickled; use `reveal`")
 
     def reveal(self) -> bytes:
-        """The bytes, only for the stream process and the key's file."""
+        """The key's bytes, only for the stream process and the key's file."""
         return self._bytes
 
     def signature(self, frame: bytes) -> bytes:
@@ -137,19 +137,19 @@ class FrameSigner:
         clock: the signing clock of the process.
     """
 
-    __slots__ = ("_link_id", "clock", "key", "link_id")
+    __slots__ = ("_link_id_byte", "clock", "key", "link_id")
 
     def __init__(self, key: SecretKey, link_id: int, clock: SigningClock) -> None:
         self.key = key
         self.link_id = link_id
-        self._link_id = bytes([link_id])
+        self._link_id_byte = bytes([link_id])
         self.clock = clock
 
     def trailer(self, frame: bytes) -> bytes:
         """The 13 bytes of the signature that follow a frame and its checksum. Call when the frame is sent, in
         the order of sending."""
-        timed = self._link_id + self.clock.next().to_bytes(6, "little")
-        return timed + self.key.signature(frame + timed)
+        link_id_and_time = self._link_id_byte + self.clock.next().to_bytes(6, "little")
+        return link_id_and_time + self.key.signature(frame + link_id_and_time)
 
 
 class KeyVerifier:

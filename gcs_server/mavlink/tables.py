@@ -23,7 +23,7 @@ class Layout:
     attributes: tuple[str, ...]
     """Attribute names in the dialect's message object, in wire order."""
     lengths: tuple[int, ...]
-    """Elements per field, in wire order; 1 for scalars and texts."""
+    """Number of elements per field, in wire order; 1 for scalars and texts."""
     unpacker: struct.Struct
     order: tuple[int, ...]
     """For each argument of the message class's constructor, its position in wire order."""
@@ -48,8 +48,8 @@ def _layout(msg_id: int, cls: Any) -> Layout:
 
 
 RENAMED = frozenset({296})
-"""Messages that have another name in PX4 v1.17 and therefore another checksum (GLOBAL_POSITION); treated as
-unknown."""
+"""Messages that have another name in PX4 v1.17 and therefore another checksum (GLOBAL_POSITION). The
+server treats them as unknown."""
 LAYOUTS: dict[int, Layout] = {
     msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items() if msg_id not in RENAMED
 }
@@ -58,12 +58,12 @@ NAMES: dict[int, str] = {msg_id: layout.name for msg_id, layout in LAYOUTS.items
 
 
 def _target_system_offset(layout: Layout) -> int | None:
-    """Offset of `target_system` in the payload; None if a message has none."""
+    """Offset of `target_system` in the payload; None if the message has no such field."""
     if "target_system" not in layout.fields:
         return None
     formats = re.findall(r"\d*[a-zA-Z]", layout.unpacker.format)
-    before = layout.fields.index("target_system")
-    return struct.calcsize("<" + "".join(formats[:before]))
+    position = layout.fields.index("target_system")
+    return struct.calcsize("<" + "".join(formats[:position]))
 
 
 TARGET_SYSTEM_OFFSET: dict[int, int] = {

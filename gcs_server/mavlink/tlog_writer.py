@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
 BACKLOG_LIMIT_FRAMES = 150_000
-"""Maximum number of frames of a link that wait for a stalled disk (15 MB, half a minute of fifty vehicles).
+"""Maximum number of frames of a link that wait for a stalled disk (15 MB: half a minute of fifty vehicles).
 Above it, the recording stops.
 """
 TRY_AGAIN_FLUSHES = 40
@@ -71,7 +71,7 @@ class TlogChannel:
         return len(self._waiting)
 
     def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:
-        """Called by the recorder's thread; on OSError, removes an incomplete record first."""
+        """Writes records; called by the recorder's thread. On OSError, an incomplete record is removed."""
         if self._file is not None and self._size and self._size + len(data) > max_bytes:
             self.end()
         if self._file is None:
@@ -107,7 +107,7 @@ class TlogChannel:
         return Recording(name, self._size, self._began_unix_s, self.problem or None)
 
     def end(self) -> None:
-        """Closes the file; the next write starts another."""
+        """Closes the file; the next write starts a new file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -119,7 +119,7 @@ class TlogChannel:
         self.take()
         self.end()
 
-    def waited_long_enough(self) -> bool:
+    def should_retry(self) -> bool:
         """Counts the flushes since recording stopped; returns whether to try again."""
         self._flushes_until_retry -= 1
         return self._flushes_until_retry <= 0
@@ -174,15 +174,15 @@ class TlogRecorder:
         """Writes waiting records now; normally called by the thread."""
         with self._lock:
             channels = tuple(self._channels)
-        too_full = self._too_full()
+        disk_problem = self._disk_problem()
         for channel in channels:
             if channel.problem:
-                if not too_full and channel.waited_long_enough():
+                if not disk_problem and channel.should_retry():
                     log.info("recording of %s continues", channel.link)
                     channel.problem = ""
                 continue
-            if too_full and channel.backlog_frames:
-                self._stop_channel(channel, too_full)
+            if disk_problem and channel.backlog_frames:
+                self._stop_channel(channel, disk_problem)
                 continue
             self._write(channel)
             if channel.closing and not channel.backlog_frames:
@@ -203,19 +203,19 @@ class TlogRecorder:
             problem = f"The recording in {self._directory} cannot be written: {error.strerror or error}."
             self._stop_channel(channel, problem)
 
-    def _too_full(self) -> str:
+    def _disk_problem(self) -> str:
         folder = self._directory
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
         try:
             free = shutil.disk_usage(folder).free
         except OSError:
-            return ""  # the next write shows it
+            return ""  # the next write reports the problem
         if free >= self._keep_free_bytes:
             return ""
         return (
             f"Only {free // 1_000_000} MB are free on the disk of the recordings ({self._directory}); "
-            f"{self._keep_free_bytes // 1_000_000} MB are kept free. Free some space, and recording "
+            f"{self._keep_free_bytes // 1_000_000} MB are kept free. Free some space; recording then "
             f"continues."
         )
 

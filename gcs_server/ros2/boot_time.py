@@ -1,8 +1,8 @@
 """The vehicle's time since its boot, from the timestamps of its ROS 2 messages.
 
 With time synchronization (`UXRCE_DDS_SYNCT`, the default) PX4 sends its timestamps in microseconds since 1970
-on the agent's clock, and the offset to its own time once a second (`timesync_status`). Without it, timestamps
-count from the boot.
+on the agent's clock, and the offset to its own time once a second (`timesync_status`). Without time
+synchronization, timestamps count from the boot.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ MAX_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
 TIMESYNC_TIMEOUT_S: Final = 3.0
 """Time without `timesync_status` after which the first timestamp is used as the time of the boot [s]."""
 MAX_OFFSET_US: Final = 2**62
-"""Larger offsets are not plausible and are ignored."""
+"""Larger offsets are implausible and are ignored."""
 
 
 class BootTime:
@@ -23,14 +23,15 @@ class BootTime:
     def __init__(self) -> None:
         self._offset_us: int | None = None
         self._first: tuple[float, int] | None = None
-        """When the first timestamp since 1970 arrived [s, monotonic], and the timestamp [µs]."""
+        """Arrival time of the first timestamp that counts from 1970 [s, monotonic], and this timestamp
+        [µs]."""
 
     def synchronize(self, estimated_offset_us: int) -> None:
         """Applies the offset of `timesync_status` [µs], which is added to timestamps."""
         if abs(estimated_offset_us) < MAX_OFFSET_US:
             self._offset_us = estimated_offset_us
 
-    def ms(self, timestamp_us: int, now_s: float) -> int | None:
+    def boot_ms(self, timestamp_us: int, now_s: float) -> int | None:
         """Time since boot, in 32 bits as in MAVLink [ms]; None while it is not known.
 
         Args:

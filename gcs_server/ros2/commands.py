@@ -1,8 +1,8 @@
 """Converts MAVLink commands to VehicleCommand, and PX4's VehicleCommandAck to COMMAND_ACK.
 
-Over ROS 2 the server sends its commands from component 192 instead of 190. PX4 publishes the answers to the
-commands of all links; the component id shows over which link a command was sent, so that its answer is not
-received twice.
+Over ROS 2 the server sends its commands from component 192 instead of 190. PX4 publishes the
+acknowledgements of the commands of all links; the component id shows over which link a command was sent, so
+that no acknowledgement is received twice.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gcs_server.vehicle.modes import BY_NAME
 MAVLINK_COMPONENT: Final = d.MAV_COMP_ID_MISSIONPLANNER
 """Component id of the server's commands over MAVLink, 190."""
 ROS2_COMPONENT: Final = 192
-"""Component id of the same commands over ROS 2."""
+"""Component id of the server's commands over ROS 2."""
 MODE_OF_COMMAND: Final = {
     d.MAV_CMD_NAV_TAKEOFF: "takeoff",
     d.MAV_CMD_DO_REPOSITION: "hold",
@@ -43,7 +43,7 @@ def command_fields(frame: Frame) -> dict[str, Any] | None:
     """The fields of a VehicleCommand for a COMMAND_LONG or COMMAND_INT frame; None for other messages.
 
     Args:
-        frame: from the server or from another station.
+        frame: a frame from this server or from another ground station.
     """
     layout = {_long.msg_id: _long, _int.msg_id: _int}.get(frame.msg_id)
     if layout is None:
@@ -64,8 +64,8 @@ def command_fields(frame: Frame) -> dict[str, Any] | None:
     }
 
 
-def mode_to_explain(fields: Values, current_nav_state: int) -> int | None:
-    """The mode whose requirements may explain a refusal of this command, as `nav_state`; None if none do.
+def mode_of_refusal(fields: Values, current_nav_state: int) -> int | None:
+    """`nav_state` of the mode whose requirements may explain why PX4 refuses this command; None: no mode.
 
     Args:
         fields: the fields of the VehicleCommand.
@@ -83,13 +83,13 @@ def mode_to_explain(fields: Values, current_nav_state: int) -> int | None:
 
 
 def _degrees(scaled: int) -> float:
-    """Degrees of 1e-7 degrees; NaN for the largest value, as in PX4."""
+    """Converts 1e-7 degrees to degrees; NaN for the largest value, as in PX4."""
     return math.nan if scaled == 2**31 - 1 else scaled * 1e-7
 
 
 def command_ack(values: Values, own_system_id: int) -> MAVLink_message | None:
-    """The COMMAND_ACK of a VehicleCommandAck; None if it is not for a MAVLink address, or is the answer
-    to a command that the server sent over MAVLink."""
+    """The COMMAND_ACK of a VehicleCommandAck; None if its target is no MAVLink address, or if the
+    server sent the command over MAVLink."""
     target = (values["target_system"], values["target_component"])
     if target[1] > 255 or target == (own_system_id, MAVLINK_COMPONENT):
         return None

@@ -37,9 +37,9 @@ MAX_ANNOUNCEMENTS: Final = 200
 """Maximum number of announcements of writers, and of readers, in one reading."""
 MAX_WRITERS: Final = 64
 """Maximum number of writers of one topic whose participant is stored."""
-SILENT_S: Final = 3.5
-"""If the participant that is read sends no vehicle status for this time, another participant with the same
-topics is read [s]."""
+SOURCE_TIMEOUT_S: Final = 3.5
+"""If the participant whose topics are read sends no vehicle status for this time, another participant's
+topics are read [s]."""
 
 BEST_EFFORT: Final = Policy.Reliability.BestEffort
 
@@ -68,7 +68,8 @@ def configuration(interface: str | None) -> str:
 
 
 class SharedDomain:
-    """A DDS domain of this process. Links share it, because Cyclone allows one domain of each number."""
+    """A DDS domain of this process. Links share it, because Cyclone allows only one domain with each
+    number."""
 
     def __init__(self, domain_id: int, interface: str | None) -> None:
         self.domain_id, self.interface = domain_id, interface
@@ -78,11 +79,11 @@ class SharedDomain:
 _domains: weakref.WeakValueDictionary[int, SharedDomain] = weakref.WeakValueDictionary()
 _domains_lock = threading.Lock()
 _types_lock = threading.Lock()
-"""Held while types are registered, because two threads cannot do this at the same time in Cyclone."""
+"""Held while types are registered, because Cyclone cannot do this in two threads at the same time."""
 
 
 def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
-    """The domain of this number; it closes when the last reference to it is dropped.
+    """The domain with this number; the domain closes when its last reference is dropped.
 
     Raises:
         DdsUnavailable: there is no such interface, or the domain is open on another interface.
@@ -98,7 +99,7 @@ def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
             try:
                 shared = _domains[domain_id] = SharedDomain(domain_id, interface)
             except DDSException as problem:
-                raise DdsUnavailable(_not_opened(domain_id, interface, problem)) from None
+                raise DdsUnavailable(_open_error(domain_id, interface, problem)) from None
         return shared
 
 
@@ -106,15 +107,15 @@ def _interface_text(interface: str | None) -> str:
     return f"interface {interface}" if interface else f"the loopback interface {LOOPBACK}"
 
 
-def _not_opened(domain_id: int, interface: str | None, problem: DDSException) -> str:
+def _open_error(domain_id: int, interface: str | None, problem: DDSException) -> str:
     return (
         f"DDS domain {domain_id} could not be opened on {_interface_text(interface)} ({problem.msg}). Check "
         "the interface's name and that no more than a hundred programs use the domain."
     )
 
 
-def _has_names(found: object) -> bool:
-    return bool(getattr(found, "topic_name", None) and getattr(found, "type_name", None))
+def _is_alive(endpoint: object) -> bool:
+    return bool(getattr(endpoint, "topic_name", None) and getattr(endpoint, "type_name", None))
 
 
 inspectors: Final[set[str]] = set()
@@ -135,7 +136,7 @@ class DdsPort:
     """This server's participant in a domain.
 
     Raises:
-        DdsUnavailable: DDS cannot create it.
+        DdsUnavailable: DDS cannot create the participant.
     """
 
     def __init__(self, domain_id: int, interface: str | None) -> None:
@@ -147,7 +148,7 @@ class DdsPort:
                 (False, BuiltinDataReader(self.participant, BuiltinTopicDcpsSubscription)),
             )
         except DDSException as problem:
-            raise DdsUnavailable(_not_opened(domain_id, interface, problem)) from None
+            raise DdsUnavailable(_open_error(domain_id, interface, problem)) from None
 
     def discovered(self) -> list[Discovered]:
         """Writers and readers that appeared or changed since the last call, a limited number."""
@@ -160,8 +161,8 @@ class DdsPort:
             found += [
                 Discovered(each.topic_name, each.type_name, publishes)
                 for each in announced
-                # one that has ended is announced without its names
-                if _has_names(each) and str(each.participant_key) not in inspectors
+                # an ended writer or reader is announced without names
+                if _is_alive(each) and str(each.participant_key) not in inspectors
             ]
         return found
 
@@ -195,10 +196,10 @@ class Writers:
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
 
     def prepare(self, topic: str, message: MessageType) -> None:
-        """Creates the writer of a topic, so that DDS connects it before it is used.
+        """Creates the writer of a topic, so that DDS connects the writer before it is used.
 
         Raises:
-            DDSException: DDS cannot create it.
+            DDSException: DDS cannot create the writer.
         """
         if topic not in self._writers:
             kind = idl_type(message)
@@ -210,7 +211,7 @@ class Writers:
         """Sends a message of a prepared topic.
 
         Raises:
-            OSError: DDS cannot send it.
+            OSError: DDS cannot send the message.
         """
         kind, writer = self._writers[topic]
         try:
@@ -227,7 +228,7 @@ def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writ
     """Writers for a vehicle's topics, in a new participant.
 
     Raises:
-        DdsUnavailable: DDS cannot create them.
+        DdsUnavailable: DDS cannot create the participant, a writer or a reader.
     """
     return open_topics(address, topics, ())[0]
 
@@ -238,7 +239,7 @@ def open_topics(
     """Writers and readers for a vehicle's topics, in a new participant.
 
     Raises:
-        DdsUnavailable: DDS cannot create them.
+        DdsUnavailable: DDS cannot create the participant, a writer or a reader.
     """
     domain = open_domain(address.domain_id, address.interface)
     try:
@@ -249,7 +250,7 @@ def open_topics(
                 writers.prepare(topic, message)
             return writers, Readers(participant, address.namespace, read)
     except DDSException as problem:
-        raise DdsUnavailable(_not_opened(address.domain_id, address.interface, problem)) from None
+        raise DdsUnavailable(_open_error(address.domain_id, address.interface, problem)) from None
 
 
 class Readers:
@@ -258,7 +259,7 @@ class Readers:
     Args:
         participant: the participant of this process.
         namespace: namespace of the vehicle; may be empty.
-        read: the topics; `every_s` is not used.
+        read: the topics; their `every_s` has no effect.
     """
 
     def __init__(self, participant: DomainParticipant, namespace: str, read: Iterable[Subscription]) -> None:
@@ -301,8 +302,8 @@ class _Reader:
 class VehiclePort:
     """The topics of one namespace.
 
-    A vehicle is one participant. If several publish the same topics (vehicles without a namespace of their
-    own), only one is read, so that their states never mix.
+    A vehicle is one participant. If several participants publish the same topics (vehicles with the same
+    namespace), only one participant is read, so that the states of two vehicles never mix.
     """
 
     def __init__(self, participant: DomainParticipant, namespace: str) -> None:
@@ -310,9 +311,9 @@ class VehiclePort:
         self.writers = Writers(participant, namespace)
         self.writers.prepare("/fmu/in/vehicle_command", MESSAGES["VehicleCommand"])
         self._source: str | None = None
-        """The participant that is read."""
+        """The participant whose topics are read."""
         self._source_s = 0.0
-        """Time of its last vehicle status."""
+        """Time of the last vehicle status of `_source`."""
         self.other_status_s = float("-inf")
         """When another participant's vehicle status was last ignored."""
 
@@ -323,7 +324,7 @@ class VehiclePort:
             subscription = each.subscription
             if now_s < each.next_s:
                 continue
-            each.next_s = now_s + subscription.every_s * 0.9  # 10 % less: a call may be a little early
+            each.next_s = now_s + subscription.every_s * 0.9  # 10 % less: a call may be early
             try:
                 samples = each.reader.take(subscription.depth)
             except DDSException:
@@ -342,7 +343,7 @@ class VehiclePort:
     def _is_from_vehicle(self, each: _Reader, sample: Sample, now_s: float) -> bool:
         participant = each.participant_of(sample)
         is_status = each.subscription.name == STATUS
-        if is_status and (self._source is None or now_s - self._source_s > SILENT_S):
+        if is_status and (self._source is None or now_s - self._source_s > SOURCE_TIMEOUT_S):
             self._source = participant
         if participant != self._source:
             if is_status:

@@ -33,16 +33,16 @@ class InspectionPort:
     """A participant that only reads.
 
     Raises:
-        DdsUnavailable: DDS cannot create it.
+        DdsUnavailable: DDS cannot create the participant.
     """
 
     def __init__(self, domain_id: int, interface: str | None) -> None:
         self._domain = open_domain(domain_id, interface)
         try:
             self._participant = DomainParticipant(domain_id)
-            self._own = str(self._participant.get_guid())
-            inspectors.add(self._own)
-            weakref.finalize(self, inspectors.discard, self._own)
+            self._own_key = str(self._participant.get_guid())
+            inspectors.add(self._own_key)
+            weakref.finalize(self, inspectors.discard, self._own_key)
             self._builtin = (
                 (True, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
                 (False, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),
@@ -62,14 +62,16 @@ class InspectionPort:
                 samples = reader.take(MAX_ANNOUNCEMENTS)
             except DDSException:
                 continue
-            for each in samples:
-                topic = TopicKey(each.topic_name, each.type_name) if each.sample_info.valid_data else None
-                if str(each.participant_key) != self._own:
-                    found.append(Announcement(str(each.key), publishes, topic))
+            for sample in samples:
+                topic = (
+                    TopicKey(sample.topic_name, sample.type_name) if sample.sample_info.valid_data else None
+                )
+                if str(sample.participant_key) != self._own_key:
+                    found.append(Announcement(str(sample.key), publishes, topic))
         return found
 
     def open(self, key: TopicKey, message: MessageType) -> str | None:
-        """Begins to read a topic; returns why it cannot be read, or None."""
+        """Begins to read a topic; returns why the topic cannot be read, or None."""
         try:
             topic = Topic(self._participant, key.name, idl_type(message))
             self._readers[key] = DataReader(self._participant, topic, qos=QOS)
@@ -82,7 +84,7 @@ class InspectionPort:
         self._readers.pop(key, None)
 
     def take(self, key: TopicKey) -> tuple[list[bytes], bool]:
-        """Messages since the last call, oldest first, and whether there may have been more."""
+        """Messages since the last call, oldest first, and whether older ones may have been dropped."""
         reader = self._readers.get(key)
         if reader is None:
             return [], False
@@ -91,4 +93,4 @@ class InspectionPort:
         except DDSException:
             return [], False
         # When a writer ends, Cyclone delivers an `InvalidSample`.
-        return [each.cdr for each in samples if isinstance(each, Sample)], len(samples) == DEPTH
+        return [sample.cdr for sample in samples if isinstance(sample, Sample)], len(samples) == DEPTH

@@ -1,5 +1,5 @@
-"""PX4's message types for Cyclone DDS. Samples stay bytes, which `message_types.py` encodes and decodes:
-Cyclone's own Python encoder takes 30 to 300 µs for a message."""
+"""PX4's message types for Cyclone DDS. A sample stays bytes; `message_types.py` encodes and decodes them,
+because Cyclone's own Python encoder takes 30 to 300 µs for a message."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class Sample(IdlStruct):
     """A sample as its bytes on the wire; `idl_type` creates a subclass for each type."""
 
     cdr = b""
-    """With encapsulation header. It has no annotation, because Cyclone treats annotations as fields."""
+    """The bytes with the encapsulation header. The attribute has no annotation, because Cyclone treats
+    annotations as fields."""
 
     def serialize(self, *_: Any, **__: Any) -> bytes:
         """The bytes that Cyclone sends."""
@@ -31,7 +32,7 @@ class Sample(IdlStruct):
 
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Self:
-        """A sample of the bytes that Cyclone received, without a check."""
+        """A sample with the bytes that Cyclone received, unchecked."""
         return cls.from_cdr(bytes(data))
 
     @classmethod
@@ -41,7 +42,7 @@ class Sample(IdlStruct):
 
     @classmethod
     def from_cdr(cls, cdr: bytes) -> Self:
-        """A sample of these bytes."""
+        """A sample with these bytes."""
         sample = cls()
         sample.cdr = cdr
         return sample
@@ -50,8 +51,8 @@ class Sample(IdlStruct):
 def _fields(message: MessageType) -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for field in message.fields:
-        one = _PRIMITIVES[field.type] if field.type in CODES else _nested(message.nested[field.type])
-        fields[field.name] = idl.array[one, field.length] if field.length else one
+        element = _PRIMITIVES[field.type] if field.type in CODES else _nested(message.nested[field.type])
+        fields[field.name] = idl.array[element, field.length] if field.length else element
     return fields
 
 
@@ -66,8 +67,8 @@ def _nested(message: MessageType) -> type[IdlStruct]:
 
 @cache
 def idl_type(message: MessageType) -> type[Sample]:
-    """The type of a topic."""
-    made: Any = make_idl_struct(
+    """The sample class for topics of this message type."""
+    sample_class: Any = make_idl_struct(
         message.name, _type_name(message), _fields(message), dataclassify=False, bases=(Sample,)
     )  # fmt: skip
-    return made
+    return sample_class

@@ -1,9 +1,10 @@
 """One flight mode of this server in PX4: registration, arming checks, completion, removal.
 
 PX4 v1.16 gives a registered mode one of eight navigation states, shows its name to every ground station, and
-asks its component about three times a second whether the mode can run. A mode whose component does not
-answer is removed; in flight PX4 then returns (RTL). The times here follow from recordings of PX4 and from its
-own interface library. No I/O and no clock: the caller passes the time and sends the messages.
+requests from its component about three times a second whether the mode can run. PX4 removes a mode whose
+component does not reply; if the vehicle flies in the mode, PX4 then returns (RTL). The times in this module
+come from recordings of PX4 and from its interface library. No I/O and no clock: the caller passes the time
+and sends the messages.
 """
 
 from __future__ import annotations
@@ -35,21 +36,22 @@ SENT_TYPES: Final = {
 """Type of every topic that a mode sends, besides its setpoints."""
 API_VERSION: Final = 1
 NAME_BYTES: Final = 24
-"""Longest name of a mode."""
+"""Maximum length of a mode's name [bytes]."""
 FIRST_STATE, LAST_STATE = 23, 30
 """Navigation states of external modes."""
 NO_ID: Final = -1
 ATTEMPTS, ATTEMPT_EVERY_S = 5, 1.0
 MIN_CHECKS: Final = 2
-"""Number of check requests after which the mode counts as registered. PX4 can select a mode only after it has
-evaluated the first answer, which it does before the second request."""
+"""Number of arming check requests after which the mode counts as registered. PX4 can select a mode only after
+it has evaluated the first reply; it does this before the second request."""
 LOST_S: Final = 1.5
-"""PX4 sends a request every 0.31 s, and removes a mode at most 1.25 s after its last answer."""
+"""Time without a request after which the mode is lost [s]. PX4 sends a request every 0.31 s, and removes a
+mode at most 1.25 s after the last reply."""
 ANSWERS_ENDED: Final = "the process of the server that answers PX4 ended"
 IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more answers for its mode."
-"""The vehicle's action in one of these modes when its component ends, as text."""
+"""Text: what a vehicle that flies in an external mode does when the mode's component ends."""
 NOT_DEFERRED, WOULD_FAILSAFE = 0, 2
-"""VehicleStatus.failsafe_defer_state: PX4 may not defer a failsafe; it defers one now."""
+"""VehicleStatus.failsafe_defer_state: deferring is disabled; PX4 defers a failsafe now."""
 FAILED: Final = 100
 """ModeCompleted.RESULT_FAILURE_OTHER."""
 RegistrationState = Literal["registering", "registered", "refused", "lost"]
@@ -62,14 +64,14 @@ class ModeDeclaration:
     name: str
     """ASCII, at most `NAME_BYTES`."""
     requires: frozenset[str]
-    """Names of fields `mode_req_*` of ArmingCheckReply. PX4 checks them when the mode is selected, and
-    executes a failsafe if one is missing."""
+    """Names of fields `mode_req_*` of ArmingCheckReply. PX4 checks these requirements when the mode is
+    selected, and executes a failsafe if one is not met."""
     defer_failsafes_s: int = 0
     """How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its
     reaction to a lost ground station connection, lost manual control or a low battery, but never to a missing
     requirement or a geofence breach."""
     executor: bool = False
-    """Whether the mode has an executor. Then the vehicle can be armed in the mode."""
+    """Whether the mode has an executor. A vehicle can be armed only in a mode with an executor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +81,13 @@ class Registration:
     name: str
     state: RegistrationState
     nav_state: int | None
-    """Navigation state in PX4; None: the mode never had one."""
+    """Navigation state in PX4; None: PX4 never gave the mode one."""
     why: str = ""
-    """Why it was refused or lost."""
+    """Why the registration was refused or lost."""
     failsafe_deferred: bool = False
     """Whether PX4 defers a failsafe now, because the vehicle flies in this mode."""
     executor: ExecutorState | None = None
-    """State of the mode's executor; None: it has none, or is not registered."""
+    """State of the mode's executor; None: the mode has no executor, or is not registered."""
 
     @property
     def mode(self) -> str | None:
@@ -98,8 +100,8 @@ class ExternalMode:
 
     Args:
         declaration: name and requirements of the mode.
-        request_id: distinguishes its requests from those of other programs.
-        now_s: monotonic.
+        request_id: distinguishes this mode's requests from those of other programs.
+        now_s: current time [s, monotonic].
     """
 
     def __init__(self, declaration: ModeDeclaration, request_id: int, now_s: float) -> None:
@@ -130,7 +132,9 @@ class ExternalMode:
     def step(self, now_s: float) -> list[Message]:
         """The requests that are due now; call this at `due_s`."""
         if self._state == "registered" and now_s - self._checked_s > LOST_S:
-            self._lost("PX4 no longer sends requests for the mode (PX4 restarted, or ROS 2 was interrupted)")
+            self._set_lost(
+                "PX4 no longer sends requests for the mode (PX4 restarted, or ROS 2 was interrupted)"
+            )
         if self._state != "registering":
             self.due_s = self._checked_s + LOST_S + 0.01 if self._state == "registered" else float("inf")
             return []
@@ -144,7 +148,7 @@ class ExternalMode:
         self.due_s = now_s + ATTEMPT_EVERY_S
         fields = {
             "request_id": self._request_id,
-            "name": _text(self.declaration.name),
+            "name": _encode_name(self.declaration.name),
             "px4_ros2_api_version": API_VERSION,
             "register_arming_check": True,
             "register_mode": True,
@@ -154,15 +158,15 @@ class ExternalMode:
 
     def on_reply(self, values: Values, now_s: float) -> list[Message]:
         """Handles a RegisterExtComponentReply; ignores a reply to another program."""
-        if values["request_id"] != self._request_id or _name(values["name"]) != self.declaration.name:
+        if values["request_id"] != self._request_id or _decode_name(values["name"]) != self.declaration.name:
             return []
         executor_id = values["mode_executor_id"]
         valid = values["success"] and FIRST_STATE <= values["mode_id"] <= LAST_STATE
         valid = valid and (executor_id > 0 or not self.declaration.executor)
         if self._state != "registering":
-            # a late answer to an earlier request: PX4 has registered the mode twice
+            # a late reply to an earlier request: PX4 has registered the mode twice
             ids = (values["arming_check_id"], values["mode_id"], executor_id)
-            return [self._removal(*ids)] if valid else []
+            return [self._unregistration(*ids)] if valid else []
         if not valid:
             self._state, self.due_s = "refused", float("inf")
             self._why = (
@@ -176,7 +180,7 @@ class ExternalMode:
                 f"PX4's interface for flight modes has version {values['px4_ros2_api_version']}, but this "
                 f"server knows version {API_VERSION}; use PX4 v1.16"
             )
-            return [self._removal(values["arming_check_id"], values["mode_id"], executor_id)]
+            return [self._unregistration(values["arming_check_id"], values["mode_id"], executor_id)]
         self._state, self._checked_s, self.due_s = "registered", now_s, now_s + LOST_S
         self._check_id, self._mode_id = values["arming_check_id"], values["mode_id"]
         if self.declaration.executor:
@@ -184,12 +188,12 @@ class ExternalMode:
         return [controllers_message(self._mode_id, "position"), *self._overrides()]
 
     def on_check_request(self, values: Values, now_s: float, *, can_run: bool) -> list[Message]:
-        """Answers an ArmingCheckRequest.
+        """The reply to an ArmingCheckRequest.
 
         Args:
             values: the request.
-            now_s: monotonic.
-            can_run: whether the mode can be started, or may continue, if it is `ready`.
+            now_s: current time [s, monotonic].
+            can_run: whether the mode may be started or continued. Arming in the mode also requires `ready`.
         """
         if self._state != "registered":
             return []
@@ -198,15 +202,15 @@ class ExternalMode:
             "request_id": values["request_id"],
             "registration_id": self._check_id,
             "can_arm_and_run": can_run and (self.ready or self._armed),
-            # without an executor the mission begins in the air: an armed vehicle would fly to the path
+            # a mission without an executor begins in the air: a vehicle armed on the ground would fly to it
             "mode_req_prevent_arming": not self.declaration.executor,
             **{f"mode_req_{name}": True for name in self.declaration.requires},
         }
         return [_message(CHECK_REPLY, fields)]
 
     def on_status(self, values: Values) -> list[Message]:
-        """Handles a VehicleStatus, which shows whether PX4 has removed the mode; repeats the overrides if PX4
-        does not have them."""
+        """Handles a VehicleStatus, which shows whether PX4 has removed the mode; returns the overrides
+        again if PX4 does not have them."""
         self._armed = values["arming_state"] == ARMED
         active = self._state == "registered" and values["nav_state"] == self._mode_id
         self._failsafe_deferred = active and values["failsafe_defer_state"] == WOULD_FAILSAFE
@@ -216,28 +220,30 @@ class ExternalMode:
             self.executor.on_status(values)
         settable = bool(values["can_set_nav_states_mask"] >> self._mode_id & 1)
         if self._was_settable and not settable:
-            self._lost("PX4 removed the mode, because it received no answers in time")
+            self._set_lost("PX4 removed the mode, because it received no answers in time")
         self._was_settable = settable
         return self._overrides() if active and values["failsafe_defer_state"] == NOT_DEFERRED else []
 
     def completed(self, *, success: bool) -> list[Message]:
-        """Reports that the mode is complete, or that it has failed."""
+        """The message that the mode is complete, or has failed."""
         if self._state != "registered":
             return []
         return [_message(COMPLETED, {"result": 0 if success else FAILED, "nav_state": self._mode_id})]
 
     def remove(self) -> list[Message]:
-        """Unregisters the mode. If this message is lost, PX4 removes the mode because the answers stop."""
+        """Unregisters the mode. If this message is lost, PX4 removes the mode because it receives no more
+        replies."""
         registered, self._state, self.due_s = self._state == "registered", "lost", float("inf")
         executor_id = NO_ID if self.executor is None else self.executor.id
-        return [self._removal(self._check_id, self._mode_id, executor_id)] if registered else []
+        return [self._unregistration(self._check_id, self._mode_id, executor_id)] if registered else []
 
-    def _lost(self, why: str) -> None:
+    def _set_lost(self, why: str) -> None:
         self._state, self._why = "lost", why
         self._failsafe_deferred = False
 
     def _overrides(self) -> list[Message]:
-        """What PX4 does differently while the mode is active; nothing by default."""
+        """The message with the overrides for the time in the mode: deferred failsafes; empty if it has
+        none."""
         if not self.declaration.defer_failsafes_s:
             return []
         fields = {
@@ -247,9 +253,9 @@ class ExternalMode:
         }
         return [_message(OVERRIDES, fields)]
 
-    def _removal(self, check_id: int, mode_id: int, executor_id: int) -> Message:
+    def _unregistration(self, check_id: int, mode_id: int, executor_id: int) -> Message:
         fields = {
-            "name": _text(self.declaration.name),
+            "name": _encode_name(self.declaration.name),
             "arming_check_id": check_id,
             "mode_id": mode_id,
             "mode_executor_id": executor_id,
@@ -257,8 +263,8 @@ class ExternalMode:
         return _message(UNREGISTER, fields)
 
 
-_CASCADE: Final = ("position", "attitude", "body_rate", "thrust_and_torque")
-_ENABLES: Final = {
+_CONTROL_CASCADE: Final = ("position", "attitude", "body_rate", "thrust_and_torque")
+_CONTROLLER_FLAGS: Final = {
     "position": ("position", "velocity", "altitude", "climb_rate", "acceleration"),
     "attitude": ("attitude",),
     "body_rate": ("rates",),
@@ -269,16 +275,17 @@ _ENABLES: Final = {
 
 @cache
 def controllers_message(nav_state: int, level: str) -> Message:
-    """The message with the controllers that PX4 runs in a mode: the one for the setpoint, and all below it.
+    """The message with the controllers that PX4 runs in a mode: the controller of the setpoint and all lower
+    controllers of the cascade.
 
     Args:
         nav_state: the mode's navigation state.
-        level: flag of OffboardControlMode for the same setpoint. Position, velocity and acceleration need
+        level: flag of OffboardControlMode for the mode's setpoints. Position, velocity and acceleration need
             the same controllers; direct actuators need none.
     """
     level = "position" if level in ("velocity", "acceleration") else level
-    levels = _CASCADE[_CASCADE.index(level) :] if level in _CASCADE else ()
-    flags = {f"flag_control_{flag}_enabled": True for each in levels for flag in _ENABLES[each]}
+    levels = _CONTROL_CASCADE[_CONTROL_CASCADE.index(level) :] if level in _CONTROL_CASCADE else ()
+    flags = {f"flag_control_{flag}_enabled": True for each in levels for flag in _CONTROLLER_FLAGS[each]}
     return _message(CONTROLLERS, {"source_id": nav_state, **flags})
 
 
@@ -286,9 +293,9 @@ def _message(topic: str, fields: Values) -> Message:
     return topic, MESSAGES[SENT_TYPES[topic]].encode(fields)
 
 
-def _text(name: str) -> tuple[int, ...]:
+def _encode_name(name: str) -> tuple[int, ...]:
     return tuple(name.encode("ascii").ljust(NAME_BYTES + 1, b"\0"))
 
 
-def _name(text: tuple[int, ...]) -> str:
+def _decode_name(text: tuple[int, ...]) -> str:
     return bytes(text).split(b"\0", 1)[0].decode("ascii", "replace")

@@ -1,4 +1,5 @@
-"""Texts for PX4's failsafe flags (`failsafe_flags`): over ROS 2 a refused command has no text of its own."""
+"""Texts for PX4's failsafe flags (`failsafe_flags`), because PX4 sends no text for a refused command over ROS
+2."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from typing import Final
 
 from gcs_server.ros2.message_types import Values
 
-NEEDED_BY_MODE: Final = (
+MODE_REQUIREMENTS: Final = (
     ("angular_velocity_invalid", "mode_req_angular_velocity", "no valid angular velocity"),
     ("attitude_invalid", "mode_req_attitude", "no valid attitude estimate"),
     ("local_altitude_invalid", "mode_req_local_alt", "no valid altitude estimate"),
@@ -23,7 +24,7 @@ NEEDED_BY_MODE: Final = (
     ("home_position_invalid", "mode_req_home_position", "no home position"),
     ("manual_control_signal_lost", "mode_req_manual_control", "no manual control input"),
 )
-"""(flag, mask of the modes that need it, text); a mode's bit is its `nav_state`."""
+"""(flag, mask of the modes with this requirement, text); a mode's bit number is its `nav_state`."""
 IN_ANY_MODE: Final = (
     ("battery_unhealthy", "battery unhealthy"),
     ("battery_low_remaining_time", "remaining flight time too low"),
@@ -36,7 +37,7 @@ IN_ANY_MODE: Final = (
     ("fd_imbalanced_prop", "imbalanced propeller detected"),
     ("fd_motor_failure", "motor failure"),
 )
-"""(flag, text) of problems in every mode."""
+"""(flag, text) of problems that matter in every mode."""
 
 
 def problems(flags: Values, nav_state: int) -> Iterator[str]:
@@ -48,7 +49,7 @@ def problems(flags: Values, nav_state: int) -> Iterator[str]:
     """
     if nav_state < 32 and flags["mode_req_prevent_arming"] >> nav_state & 1:
         yield "PX4 does not arm in this mode"
-    for flag, mask, text in NEEDED_BY_MODE:
+    for flag, mask, text in MODE_REQUIREMENTS:
         if flags[flag] and nav_state < 32 and flags[mask] >> nav_state & 1:
             yield text
     for flag, text in IN_ANY_MODE:

@@ -1,6 +1,6 @@
 """The topics of a DDS domain with rate, age and last value, for the inspector. Uses neither DDS nor a clock.
 
-Everything here comes from other programs, so the number of endpoints and topics is limited.
+All input comes from other programs, so the number of endpoints and topics is limited.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gcs_server.ros2.message_types import SHOWN, MalformedMessage, MessageType
 from gcs_server.ros2.topics import vehicle_of, wire_type
 
 MAX_ENDPOINTS: Final = 4000
-"""Maximum number of writers and readers; further ones are ignored."""
+"""Maximum number of writers and readers; further writers and readers are ignored."""
 MAX_TOPICS: Final = 200
 """Maximum number of topics shown for one vehicle; the others are only counted."""
 MAX_NAME: Final = 256
@@ -30,7 +30,7 @@ State = Literal["starting", "open", "failed"]
 
 
 class TopicKey(NamedTuple):
-    """A topic as DDS identifies it. Topics of one name and two types are two topics."""
+    """A topic as DDS identifies it. Topics with the same name but different types are different topics."""
 
     name: str
     type: str
@@ -56,17 +56,17 @@ class TopicView:
     type: str
     """Type as in ROS 2, for example px4_msgs/msg/VehicleStatus."""
     publishers: int
-    """Programs that publish it, this server included."""
+    """Number of publishers of the topic, including this server."""
     subscribers: int
-    """Programs that subscribe to it, without this inspector."""
+    """Number of subscribers of the topic, without this inspector."""
     type_known: bool
-    """Whether the server knows the type; rate, age and value of other types are not known."""
+    """Whether the server knows the type; topics of other types have no rate, age and value."""
     rate_hz: float | None
     """Messages per second, over the last 10 s; null before the second message."""
     rate_is_minimum: bool
     """True: more messages arrive than the inspector reads, so the rate is a lower limit."""
     age_s: float | None
-    """Time since the last message; null: none since the inspector was opened."""
+    """Time since the last message; null: no message since the inspector was opened."""
     size_bytes: int | None
     """Size of the last message, with its header."""
     value: dict[str, Any] | None
@@ -78,24 +78,24 @@ class TopicView:
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """The ROS 2 topics of a vehicle's domain: its own, and those of no vehicle."""
+    """The ROS 2 topics of a vehicle, and the topics of its domain that belong to no vehicle."""
 
     domain_id: int
     """DDS domain."""
     namespace: str
-    """Namespace of the vehicle; empty: it has none."""
+    """Namespace of the vehicle; empty: no namespace."""
     state: State
     """starting: the inspector has just been opened; open; failed: see `problem`."""
     problem: str | None
     """Why the topics cannot be shown."""
     topics: tuple[TopicView, ...]
-    """By name, the vehicle's own first."""
+    """The vehicle's topics, then those of no vehicle, each by name."""
     left_out: int
     """Number of topics that are not shown because there are too many."""
 
 
 def ros_name(name: str) -> str:
-    """A topic's name in ROS 2, without `rt`; other DDS topics keep their name."""
+    """A topic's name in ROS 2, without the prefix `rt`; other DDS topics keep their name."""
     return name[2:] if name.startswith("rt/") else name
 
 
@@ -106,7 +106,7 @@ def ros_type(name: str) -> str:
 
 
 class MessageRate:
-    """Rate of a topic from the number of messages at each reading."""
+    """Rate of a topic, from the number of messages in each reading."""
 
     def __init__(self) -> None:
         self._readings: deque[tuple[float, int]] = deque()
@@ -116,7 +116,7 @@ class MessageRate:
         self._readings.append((now_s, messages))
 
     def hz(self, now_s: float) -> float | None:
-        """Rate now; None if fewer than two readings of the last `RATE_WINDOW_S` had messages."""
+        """Current rate; None if fewer than two readings of the last `RATE_WINDOW_S` had messages."""
         readings = self._readings
         while readings and readings[0][0] < now_s - RATE_WINDOW_S:
             readings.popleft()
@@ -144,8 +144,8 @@ class TopicRecord:
         """Stores messages read now.
 
         Args:
-            messages: with their headers, oldest first.
-            overflowed: whether older ones may have been dropped before this reading.
+            messages: messages with their headers, oldest first.
+            overflowed: whether older messages may have been dropped before this reading.
             now_s: time of the reading [s, monotonic].
         """
         if messages:
@@ -154,7 +154,7 @@ class TopicRecord:
             self._overflowed = overflowed
 
     def view(self, key: TopicKey, publishers: int, subscribers: int, now_s: float) -> TopicView:
-        """The topic now; decodes its last message."""
+        """The topic's current view, with the decoded last message."""
         value, problem = None, self.problem
         if self._last is not None:
             try:

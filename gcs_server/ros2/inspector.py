@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 READ_EVERY_S: Final = 0.1
 SHOW_EVERY_S: Final = 0.5
 DISCOVERY_S: Final = 1.0
-"""Time in which a new participant has discovered the others."""
+"""Time in which a new participant discovers the other participants [s]."""
 RETRY_S: Final = 5.0
 KEEP_READING_S: Final = 12.0
 """Time after the last request for which a vehicle's topics are read [s]; the slowest subscription requests
@@ -54,21 +54,21 @@ OpenPort = Callable[[int, "str | None"], Port]
 
 
 class Session:
-    """One use of a port, from the first request to the last. Uses no clock and no thread."""
+    """One use of a port, from the first request to the last. Uses neither a clock nor a thread."""
 
     def __init__(self, port: Port, domain_id: int, now_s: float) -> None:
-        self._port, self._domain_id, self._began_s = port, domain_id, now_s
+        self._port, self._domain_id, self._start_s = port, domain_id, now_s
         self._domain = DomainTopics()
         self._records: dict[TopicKey, TopicRecord] = {}
 
     def read(self, namespaces: set[str], now_s: float) -> None:
-        """Reads the topics of these vehicles, and no others."""
+        """Reads the topics of the vehicles with these namespaces, and stops reading other topics."""
         self._domain.apply(self._port.announcements())
-        wanted = {key for namespace in namespaces for key in self._domain.topics_of(namespace)[:MAX_TOPICS]}
-        for key in self._records.keys() - wanted:
+        required = {key for namespace in namespaces for key in self._domain.topics_of(namespace)[:MAX_TOPICS]}
+        for key in self._records.keys() - required:
             self._port.close(key)
             del self._records[key]
-        for key in wanted - self._records.keys():
+        for key in required - self._records.keys():
             message = known_type(key)
             if message is not None:
                 self._records[key] = record = TopicRecord(message)
@@ -82,7 +82,7 @@ class Session:
         return Inspection(
             domain_id=self._domain_id,
             namespace=namespace,
-            state="starting" if now_s - self._began_s < DISCOVERY_S else "open",
+            state="starting" if now_s - self._start_s < DISCOVERY_S else "open",
             problem=None,
             topics=tuple(self._view(key, now_s) for key in keys[:MAX_TOPICS]),
             left_out=max(0, len(keys) - MAX_TOPICS),
@@ -147,7 +147,8 @@ class DomainInspector:
                 self._stop.wait(RETRY_S)
 
     def _serve(self) -> None:
-        """Reads topics until no client requests them. Cyclone's entities end with this call."""
+        """Reads topics until no client requests them. Cyclone's participant and readers end with this
+        call."""
         now_s = time.monotonic()
         session = Session(self._open_port(self._domain_id, self._interface), self._domain_id, now_s)
         next_show_s = now_s
@@ -187,10 +188,10 @@ class TopicInspectors:
         address = dds_address(vehicle)
         if address is None:
             return None
-        where = address.domain_id, address.interface
-        inspector = self._inspectors.get(where)
+        domain = address.domain_id, address.interface
+        inspector = self._inspectors.get(domain)
         if inspector is None:
-            inspector = self._inspectors[where] = DomainInspector(*where, self._open_port)
+            inspector = self._inspectors[domain] = DomainInspector(*domain, self._open_port)
         return inspector.inspect(address.namespace)
 
     def close(self) -> None:

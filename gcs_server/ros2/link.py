@@ -1,7 +1,7 @@
 """The `ros2://` link: PX4's topics over DDS, read by a separate thread.
 
-The thread finds vehicles and converts their messages; the event loop only receives MAVLink frames. While the
-loop is busy the thread reads nothing, and DDS keeps only the newest samples.
+The thread finds vehicles and converts their messages; the event loop only receives MAVLink frames. While
+the loop is busy the thread reads nothing, and DDS keeps only the newest samples.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MAX_UNREADABLE: Final = 16
 NO_NAMESPACE: Final = "/"
 """Name of the peer without a namespace."""
 SAME_NAMESPACE_S: Final = 10.0
-"""Time for which several vehicles with the same namespace are reported."""
+"""Time for which several vehicles with the same namespace are reported after the last message [s]."""
 OpenPort = Callable[[int, "str | None"], "DdsPort"]
 
 
@@ -101,27 +101,27 @@ class Ros2Link(Link):
         return len(data)
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
-        """Topics of another version of PX4."""
+        """Topics that the vehicle has only in versions of another PX4 version."""
         return {} if self._run is None else self._run.unusable.get(peer.name, {})
 
     # --- in the event loop, called by the thread --------------------------------------------------------
 
-    def ready(self, run: _Run) -> None:
-        """Called when DDS is open."""
+    def on_open(self, run: _Run) -> None:
+        """Marks the link as open; called when DDS is open."""
         if run is self._run:
             self._opened()
 
-    def failed(self, run: _Run, why: str) -> None:
-        """Called when DDS cannot be used."""
+    def on_failure(self, run: _Run, why: str) -> None:
+        """Closes the link and schedules a retry; called when DDS cannot be used."""
         if run is self._run:
             self._lost(why)
 
-    def report(self, run: _Run, detail: str) -> None:
+    def show_problems(self, run: _Run, detail: str) -> None:
         """Shows the current problems in the link's state; `detail` is empty if there are none."""
         if run is self._run:
             self._set_state("open", detail)
 
-    def frames(self, run: _Run, batch: list[tuple[str, bytes]], taken_s: float) -> None:
+    def on_frames(self, run: _Run, batch: list[tuple[str, bytes]], taken_s: float) -> None:
         """Receives the MAVLink frames of vehicles, by peer name."""
         run.delivered.set()
         if run is not self._run:
@@ -148,27 +148,28 @@ class _Run:
         """Set while the event loop has no unread batch."""
         self.delivered.set()
         self.vehicles: dict[str, VehicleLink] = {}
-        """By peer name; only the thread adds."""
+        """By peer name; only the thread adds vehicles."""
         self._ports: dict[str, VehiclePort] = {}
         self._found_s: dict[str, float] = {}
         self._unreadable: dict[str, str] = {}
-        """Reason by topic why a vehicle cannot be read."""
+        """Topics of vehicles that cannot be read, with the reason."""
         self._versions = TopicVersions()
         self.unusable: dict[str, dict[str, str]] = {}
-        """Topics in unknown versions by peer name; replaced by the thread, never changed."""
-        self._began_s = loop.time()
+        """Topics in unknown versions by peer name; the thread replaces the dictionary and never changes
+        it."""
+        self._start_s = loop.time()
         self._discover_s = self._report_s = 0.0
         self.thread = threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)
 
     def _main(self) -> None:
         try:
             port = self._open_port(self._link.domain_id, self._link.interface)
-            self._post(self._link.ready)
+            self._post(self._link.on_open)
             while not self.stop.wait(READ_EVERY_S):
                 if self.delivered.is_set():
                     self._step(port, self._loop.time())
         except Exception as problem:
-            self._post(self._link.failed, str(problem))
+            self._post(self._link.on_failure, str(problem))
         finally:
             self.vehicles.clear()
             self._ports.clear()  # Cyclone's entities end with the last reference
@@ -177,9 +178,9 @@ class _Run:
         if now_s >= self._discover_s:
             self._discover_s = now_s + DISCOVER_EVERY_S
             for each in port.discovered():
-                self._versions.announced(each.topic, publishes=each.publishes)
+                self._versions.add_topic(each.topic, publishes=each.publishes)
                 if each.publishes:
-                    self._found(port, each, now_s)
+                    self._add_vehicle(port, each, now_s)
             vehicles = [vehicle.namespace for vehicle in self.vehicles.values()]
             self.unusable = {peer_name(each): self._versions.unusable(each) for each in vehicles}
         batch: list[tuple[str, bytes]] = []
@@ -193,33 +194,35 @@ class _Run:
                 batch.append((name, data))
         if batch:
             self.delivered.clear()
-            self._post(self._link.frames, batch, now_s)
+            self._post(self._link.on_frames, batch, now_s)
         if now_s >= self._report_s:
             self._report_s = now_s + REPORT_EVERY_S
-            self._post(self._link.report, self._detail(now_s))
+            self._post(self._link.show_problems, self._detail(now_s))
 
-    def _found(self, port: DdsPort, publication: Discovered, now_s: float) -> None:
+    def _add_vehicle(self, port: DdsPort, publication: Discovered, now_s: float) -> None:
         topic = publication.topic.removeprefix("rt")
         read = read_topic(publication.topic)
         if read is not None and self._link.namespace in (None, read[0]):
             expected = wire_type(read[1].message)
             if publication.type != expected:
-                self._cannot_read(topic, f"{topic} has the type {publication.type} instead of {expected}")
+                self._add_unreadable(topic, f"{topic} has the type {publication.type} instead of {expected}")
                 return
-        found = vehicle_of(publication.topic)
-        if found is None or self._link.namespace not in (None, found[0]):
+        status_topic = vehicle_of(publication.topic)
+        if status_topic is None or self._link.namespace not in (None, status_topic[0]):
             return
-        namespace, version = found
+        namespace, version = status_topic
         if version == STATUS_VERSION and peer_name(namespace) not in self._ports:
             if len(self._ports) >= MAX_VEHICLES:
-                self._cannot_read(topic, f"{topic} is not read: the link has {MAX_VEHICLES} vehicles already")
+                self._add_unreadable(
+                    topic, f"{topic} is not read: the link already has {MAX_VEHICLES} vehicles"
+                )
                 return
-            opened = port.vehicle(namespace)
+            vehicle_port = port.vehicle(namespace)
             name = peer_name(namespace)
-            self.vehicles[name] = VehicleLink(namespace, opened.writers, self._link.own_system_id)
-            self._ports[name], self._found_s[name] = opened, now_s
+            self.vehicles[name] = VehicleLink(namespace, vehicle_port.writers, self._link.own_system_id)
+            self._ports[name], self._found_s[name] = vehicle_port, now_s
 
-    def _cannot_read(self, topic: str, why: str) -> None:
+    def _add_unreadable(self, topic: str, why: str) -> None:
         if len(self._unreadable) < MAX_UNREADABLE:
             self._unreadable[topic] = why[:300]
 
@@ -232,18 +235,18 @@ class _Run:
                 texts.append(f"{name} has a writer of {STATUS}, but sends no message of PX4 v1.16's type.")
             if now_s - port.other_status_s < SAME_NAMESPACE_S:
                 texts.append(
-                    f"Several vehicles publish the topics of {name}; only the first is read. Give each a "
-                    "namespace of its own (uxrce_dds_client start -n NAME)."
+                    f"Several vehicles publish the topics of {name}; only the first is read. Give each "
+                    "vehicle its own namespace (uxrce_dds_client start -n NAME)."
                 )
-        if not self._ports and not texts and now_s - self._began_s > FIRST_REPORT_S:
-            where = self._link.interface or "loopback"
+        if not self._ports and not texts and now_s - self._start_s > FIRST_REPORT_S:
+            interface = self._link.interface or "loopback"
             topic = f"/{self._link.namespace}{STATUS}" if self._link.namespace else STATUS
             texts.append(
-                f"No vehicle publishes {topic} in DDS domain {self._link.domain_id} on {where}. "
+                f"No vehicle publishes {topic} in DDS domain {self._link.domain_id} on {interface}. "
                 "Check the agent, the domain and the interface."
             )
         return " ".join(texts[:4])
 
     def _post(self, call: Callable[..., None], *arguments: object) -> None:
-        with contextlib.suppress(RuntimeError):  # the event loop has ended, and the server with it
+        with contextlib.suppress(RuntimeError):  # the event loop is closed, so the server has ended
             self._loop.call_soon_threadsafe(call, self, *arguments)

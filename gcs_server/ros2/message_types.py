@@ -1,7 +1,7 @@
-"""The PX4 message types that the server reads or sends (`px4_msgs.txt`), and their bytes.
+"""The PX4 message types that the server reads or sends (`px4_msgs.txt`), and their encoding.
 
-On the wire a message is little-endian CDR: each value is aligned to its own size. All types of PX4 that are
-used here have a fixed size, so one `struct` format is enough for a type.
+On the wire a message is little-endian CDR: each value is aligned to its own size. All types in
+this module have a fixed size, so one `struct` format is enough for a type.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CODES: Final = {
     "int32": ("i", 4), "uint32": ("I", 4), "int64": ("q", 8), "uint64": ("Q", 8), "float32": ("f", 4),
     "float64": ("d", 8),
 }  # fmt: skip
-"""`struct` code and size [bytes] of each primitive type; a text is an array of its bytes."""
+"""`struct` code and size [bytes] of each primitive type; a text is an array of bytes."""
 HEADER: Final = b"\x00\x01\x00\x00"
 """Encapsulation header: plain CDR, little endian."""
 Values = Mapping[str, Any]
@@ -40,7 +40,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class MessageType:
-    """One message type; `nested` has the types of its fields that are not primitive."""
+    """One message type; `nested` contains the types of fields that are not primitive."""
 
     name: str
     fields: tuple[Field, ...]
@@ -97,7 +97,7 @@ class MessageType:
         """Decodes bytes with header into named values; arrays become tuples.
 
         Raises:
-            MalformedMessage: the bytes are too short, or encoded in another way.
+            MalformedMessage: the bytes are too short, or not little-endian CDR.
         """
         if data[:2] != HEADER[:2]:
             raise MalformedMessage(f"encoding {data[:2].hex() or 'missing'} is not little-endian CDR")
@@ -113,7 +113,7 @@ class MessageType:
 
 
 def parse(text: str) -> dict[str, MessageType]:
-    """The types in a text like `px4_msgs.txt`, by name."""
+    """Message types by name, from a text in the format of `px4_msgs.txt`."""
     types: dict[str, MessageType] = {}
     for section in text.split("\n[")[1:]:
         name, _, body = section.partition("]\n")
@@ -131,4 +131,4 @@ _FOLDER = Path(__file__).parent
 MESSAGES: Final = parse((_FOLDER / "px4_msgs.txt").read_text(encoding="utf-8"))
 """Types that the server uses, by name."""
 SHOWN: Final = parse((_FOLDER / "shown_msgs.txt").read_text(encoding="utf-8")) | MESSAGES
-"""All known types by name: also those that the server only shows."""
+"""All known types by name, including those that the server only shows in the inspector."""

@@ -1,11 +1,11 @@
 """The executor of one external mode: the commands that it sends to PX4 while it is in charge.
 
-PX4 v1.16 puts an executor in charge when its mode is selected. It remains in charge through the modes that
-it commands itself, until another party or a failsafe changes the mode; PX4 then rejects its commands.
-While an executor is in charge, PX4's take-off does not continue in Hold, and after a landing its own mode is
-selected again. As in PX4's interface library, an executor commands only an armed vehicle. The numbers follow
-from recordings of PX4 and from that library. No I/O and no clock: the caller passes the time and sends the
-messages.
+PX4 v1.16 puts an executor in charge when its mode is selected. The executor remains in charge in the
+modes that it commands, until another program or a failsafe changes the mode; PX4 then rejects its commands.
+While an executor is in charge, PX4's take-off does not continue in Hold, and after a landing PX4 selects the
+executor's own mode again. As in PX4's interface library, an executor commands only an armed vehicle. The
+numbers come from recordings of PX4 and from that library. No I/O and no clock: the caller passes the time and
+sends the messages.
 """
 
 from __future__ import annotations
@@ -45,27 +45,27 @@ class ExecutorState:
     """State of an executor."""
 
     in_charge: bool = False
-    """Whether PX4 has put it in charge."""
+    """Whether PX4 has put the executor in charge."""
     completed_nav_state: int | None = None
     """The current mode, if PX4 has reported that it is complete."""
     command: int = 0
-    """Number of the newest command; 0: there was none."""
+    """Number of the newest command; 0: no command yet."""
     outcome: Outcome = "pending"
-    """What became of that command."""
+    """Outcome of that command."""
 
 
 class ModeExecutor:
     """One registered executor.
 
     Args:
-        executor_id: its id in PX4, from 1.
+        executor_id: the executor's id in PX4, from 1.
     """
 
     def __init__(self, executor_id: int) -> None:
         self.id = executor_id
         self._in_charge = self._armed = False
         self._nav_state: int | None = None
-        self._completed: int | None = None
+        self._completed_nav_state: int | None = None
         self._command: ExecutorCommand | None = None
         self._outcome: Outcome = "pending"
         self._attempts, self.due_s = 0, float("inf")
@@ -74,10 +74,11 @@ class ModeExecutor:
     def state(self) -> ExecutorState:
         """The executor's state."""
         number = 0 if self._command is None else self._command.number
-        return ExecutorState(self._in_charge, self._completed, number, self._outcome)
+        return ExecutorState(self._in_charge, self._completed_nav_state, number, self._outcome)
 
     def execute(self, command: ExecutorCommand, now_s: float) -> list[Message]:
-        """Sends a command instead of one that is still pending; rejects it if the executor may not act."""
+        """Sends a command, which replaces a pending one; rejects the command if PX4 has not put the executor
+        in charge or the vehicle is disarmed."""
         self._command, self._outcome = command, "pending"
         self._attempts, self.due_s = 0, now_s
         return self.step(now_s)
@@ -102,7 +103,7 @@ class ModeExecutor:
         return [(COMMAND, MESSAGES["VehicleCommand"].encode(fields))]
 
     def on_ack(self, values: Values) -> None:
-        """Handles a VehicleCommandAck; ignores the answer to another program or to another command."""
+        """Handles a VehicleCommandAck; ignores acknowledgements to other programs and of other commands."""
         command = self._command
         if (
             command is None
@@ -119,14 +120,14 @@ class ModeExecutor:
         self._in_charge = values["executor_in_charge"] == self.id
         self._armed = values["arming_state"] == ARMED
         if values["nav_state"] != self._nav_state:
-            self._nav_state, self._completed = values["nav_state"], None
+            self._nav_state, self._completed_nav_state = values["nav_state"], None
         if not (self._in_charge and self._armed) and self._outcome == "pending" and self._command is not None:
             self._finish("rejected")
 
     def on_completed(self, values: Values) -> None:
-        """Handles a ModeCompleted of PX4's own modes."""
+        """Handles a ModeCompleted of one of PX4's own modes."""
         if values["result"] == 0 and values["nav_state"] == self._nav_state:
-            self._completed = self._nav_state
+            self._completed_nav_state = self._nav_state
 
     def _finish(self, outcome: Outcome) -> None:
         self._outcome, self.due_s = outcome, float("inf")

@@ -1,8 +1,8 @@
-"""Converts a vehicle's ROS 2 messages to the MAVLink messages that PX4 makes of the same data.
+"""Converts a vehicle's ROS 2 messages to the MAVLink messages that PX4 creates from the same data.
 
 PX4 fills its MAVLink messages from the topics that it bridges to ROS 2 (`src/modules/mavlink/streams` of PX4
-v1.16). This module does the same, so that state, page, recordings and replays of a vehicle do not depend on
-the link. A message is made only of valid values; values that ROS 2 does not carry are marked as unknown.
+v1.16). This module does the same, so that a vehicle's state, page, recordings and replays do not depend on
+the link. A message contains only valid values; values that ROS 2 does not carry are marked as unknown.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class MavlinkConverter:
         self._home: Values | None = None
         self._assumed_home = False
         self._latched: dict[int, MAVLink_message] = {}
-        self._estimator = (-math.inf, 0)
-        """When ESTIMATOR_STATUS was last made, and its flags."""
+        self._last_estimator_status = (-math.inf, 0)
+        """Time of the last ESTIMATOR_STATUS, and its flags."""
         self._by_topic: dict[str, Callable[[Values, float], Messages]] = {
             "/fmu/out/timesync_status": self._timesync,
             "/fmu/out/vehicle_status_v1": self._vehicle_status,
@@ -75,11 +75,12 @@ class MavlinkConverter:
         Raises:
             MalformedMessage: values that no vehicle can have.
         """
-        made = list(self._by_topic[topic](values, now_s))
-        return made if self._status is not None else []
+        messages = list(self._by_topic[topic](values, now_s))
+        return messages if self._status is not None else []
 
     def latched(self, msg_id: int) -> MAVLink_message | None:
-        """The answer to a request for a message whose topic is published only when it changes."""
+        """The last message of a topic that PX4 publishes only at a change; the response to a request for
+        it."""
         return self._latched.get(msg_id)
 
     @property
@@ -164,16 +165,24 @@ class MavlinkConverter:
 
     def _home_message(self, values: Values) -> Messages:
         message = d.MAVLink_home_position_message(
-            *_global(values), values["x"], values["y"], values["z"], (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+            *_scaled_global(values),
+            values["x"],
+            values["y"],
+            values["z"],
+            (1.0, 0.0, 0.0, 0.0),
+            0.0,
+            0.0,
+            0.0,
         )
         self._latched[message.get_msgId()] = message
         yield message
 
     def _assume_home(self, values: Values) -> Messages:
-        """Uses the position of a vehicle that is disarmed on the ground as its home until PX4 sends it.
+        """Uses the position of a vehicle that is disarmed on the ground as its home until PX4 sends the home
+        position.
 
-        PX4 sends its home only when it changes, so a server that connects later does not receive it. PX4 sets
-        home to the vehicle's position when it arms, and sends it then.
+        PX4 sends its home only when it changes, so a server that connects later does not receive it. When
+        PX4 arms, it sets home to the vehicle's position and sends it.
         """
         unknown = self._home is None or self._assumed_home
         status, local = self._status, self._local
@@ -183,17 +192,17 @@ class MavlinkConverter:
             return
         first = self._home is None
         self._home, self._assumed_home = {**values, **{axis: local[axis] for axis in "xyz"}}, True
-        made = list(self._home_message(self._home))
-        yield from made if first else ()
+        messages = list(self._home_message(self._home))
+        yield from messages if first else ()
 
     def _triplet(self, values: Values, now_s: float) -> Messages:
-        boot_ms = self.boot_time.ms(values["timestamp"], now_s)
+        boot_ms = self.boot_time.boot_ms(values["timestamp"], now_s)
         if not values["current.valid"] or boot_ms is None:
             return
         position = {axis: values[f"current.{axis}"] for axis in ("lat", "lon", "alt")}
         if not all(map(math.isfinite, position.values())):
             return
-        lat, lon, _ = _global(position)
+        lat, lon, _ = _scaled_global(position)
         message = d.MAVLink_position_target_global_int_message(
             boot_ms, d.MAV_FRAME_GLOBAL, 0xFF8, lat, lon, position["alt"], *(0.0,) * 8
         )
@@ -207,13 +216,13 @@ class MavlinkConverter:
         yield from ()
 
     def _attitude(self, values: Values, now_s: float) -> Messages:
-        boot_ms = self.boot_time.ms(values["timestamp"], now_s)
+        boot_ms = self.boot_time.boot_ms(values["timestamp"], now_s)
         if boot_ms is not None:
             yield d.MAVLink_attitude_quaternion_message(boot_ms, *values["q"], *self._rates_frd_rad_s)
 
     def _local_position(self, values: Values, now_s: float) -> Messages:
         self._local = values
-        boot_ms = self.boot_time.ms(values["timestamp"], now_s)
+        boot_ms = self.boot_time.boot_ms(values["timestamp"], now_s)
         if boot_ms is None:
             return
         position_valid = values["xy_valid"] and values["z_valid"]
@@ -229,16 +238,19 @@ class MavlinkConverter:
         flags |= d.ESTIMATOR_POS_HORIZ_REL if local["xy_valid"] else 0
         flags |= d.ESTIMATOR_POS_HORIZ_ABS if local["xy_valid"] and local["xy_global"] else 0
         flags |= d.ESTIMATOR_POS_VERT_ABS if local["z_valid"] else 0
-        if self._estimator[1] == flags and now_s - self._estimator[0] < ESTIMATOR_STATUS_PERIOD_S:
+        if (
+            self._last_estimator_status[1] == flags
+            and now_s - self._last_estimator_status[0] < ESTIMATOR_STATUS_PERIOD_S
+        ):
             return
-        self._estimator = now_s, flags
+        self._last_estimator_status = now_s, flags
         unknown, eph_m, epv_m = math.nan, local["eph"], local["epv"]
         yield d.MAVLink_estimator_status_message(
             boot_ms * 1000, flags, unknown, unknown, unknown, unknown, unknown, unknown, eph_m, epv_m
         )
 
     def _global_position(self, values: Values, now_s: float) -> Messages:
-        boot_ms, local = self.boot_time.ms(values["timestamp"], now_s), self._local
+        boot_ms, local = self.boot_time.boot_ms(values["timestamp"], now_s), self._local
         if boot_ms is None or local is None or not (values["lat_lon_valid"] and values["alt_valid"]):
             return
         yield from self._assume_home(values)
@@ -247,7 +259,7 @@ class MavlinkConverter:
         heading = math.degrees(local["heading"]) % 360 if math.isfinite(local["heading"]) else math.nan
         yield d.MAVLink_global_position_int_message(
             boot_ms,
-            *_global(values),
+            *_scaled_global(values),
             _bounded(home_alt_m * 1e3, -(2**31), 2**31 - 1, 0),
             north,
             east,
@@ -259,7 +271,7 @@ class MavlinkConverter:
 
     def _gps(self, values: Values, _now_s: float) -> Messages:
         lat, lon = values["latitude_deg"], values["longitude_deg"]
-        position = _global({"lat": lat, "lon": lon, "alt": values["altitude_msl_m"]})
+        position = _scaled_global({"lat": lat, "lon": lon, "alt": values["altitude_msl_m"]})
         yield d.MAVLink_gps_raw_int_message(
             values["timestamp"],
             values["fix_type"],
@@ -295,12 +307,12 @@ class MavlinkConverter:
 
 
 def _custom_mode(nav_state: int) -> int:
-    """MAVLink's number of a mode; 0 for unknown modes. Descend has none, and PX4 reports it as Land."""
+    """`custom_mode` of a mode in MAVLink; 0 for unknown modes. PX4 reports Descend as Land."""
     mode = BY_NAME["land"] if nav_state == NAV_DESCEND else BY_NAV_STATE.get(nav_state)
     return 0 if mode is None else mode.custom_mode
 
 
-def _global(values: Values) -> tuple[int, int, int]:
+def _scaled_global(values: Values) -> tuple[int, int, int]:
     """Latitude and longitude [1e-7 °] and altitude [mm].
 
     Raises:
@@ -313,5 +325,5 @@ def _global(values: Values) -> tuple[int, int, int]:
 
 
 def _bounded(value: float, low: int, high: int, unknown: int) -> int:
-    """A value as a whole number within these limits; `unknown` if it is not finite."""
+    """The value rounded and limited to `low` … `high`; `unknown` if it is not finite."""
     return min(max(round(value), low), high) if math.isfinite(value) else unknown

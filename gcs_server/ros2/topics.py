@@ -20,8 +20,7 @@ STATUS_VERSION: Final = "1"
 class Subscription:
     """A topic that the server reads.
 
-    `every_s` is the minimum time between two readings. `depth` is the maximum number of samples that are kept
-    until the next reading: the newest ones.
+    `every_s` is the minimum time between two readings. Between readings DDS keeps the newest `depth` samples.
     """
 
     name: str
@@ -53,7 +52,7 @@ SUBSCRIPTIONS: Final = (
     Subscription("/fmu/out/vehicle_gps_position", "SensorGps", 0.2),
     Subscription("/fmu/out/battery_status", "BatteryStatus", 0.5),
 )
-"""In the order in which they are read: a message comes after those that its conversion needs."""
+"""In the order of reading: a message comes after the messages that its conversion needs."""
 _BY_NAME: Final = {each.name: each for each in SUBSCRIPTIONS}
 COMMAND: Final = "/fmu/in/vehicle_command"
 
@@ -76,7 +75,7 @@ def is_namespace(text: str) -> bool:
 def vehicle_of(topic: str) -> tuple[str, str] | None:
     """Namespace and version of a `vehicle_status` topic, given its name in DDS; None for other topics.
 
-    A topic without a version has an empty one. Names that ROS 2 does not allow are ignored.
+    The version of a topic without a suffix is empty. Names that ROS 2 does not allow are ignored.
     """
     found = _STATUS.fullmatch(topic)
     if found is None:
@@ -86,7 +85,8 @@ def vehicle_of(topic: str) -> tuple[str, str] | None:
 
 
 def read_topic(topic: str) -> tuple[str, Subscription] | None:
-    """Namespace and subscription of a topic that the server reads, given its name in DDS; None for others."""
+    """Namespace and subscription of a topic that the server reads, given its name in DDS; None for other
+    topics."""
     start, output, name = topic.partition("/fmu/out/")
     subscription = _BY_NAME.get(output + name)
     namespace = start.removeprefix("rt").removeprefix("/")

@@ -30,7 +30,7 @@ def ros2_link(
         url: the whole URL.
         name: name of the link; None: derived from the URL.
         parts: the URL's parts.
-        options: its options.
+        options: the URL's options.
         own_system_id: the server's system id.
 
     Raises:

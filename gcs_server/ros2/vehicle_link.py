@@ -13,7 +13,7 @@ from typing import Final, Protocol
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame, encode_payload
 from gcs_server.mavlink.dialect import MAVLink_message
-from gcs_server.ros2.commands import command_ack, command_fields, mode_to_explain, requested_message
+from gcs_server.ros2.commands import command_ack, command_fields, mode_of_refusal, requested_message
 from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, Values
 from gcs_server.ros2.to_mavlink import MavlinkConverter
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, SUBSCRIPTIONS
@@ -37,8 +37,8 @@ class VehicleLink:
     """One vehicle.
 
     Args:
-        namespace: its namespace; may be empty.
-        sender: sends to its topics.
+        namespace: the vehicle's namespace; may be empty.
+        sender: sends to the vehicle's topics.
         own_system_id: the server's system id.
     """
 
@@ -48,37 +48,37 @@ class VehicleLink:
         self._seq = 0
         self._requested: set[int] = set()
         """Messages that the server has requested; written by any thread."""
-        self._modes_to_explain: dict[int, int | None] = {}
+        self._refusal_modes: dict[int, int | None] = {}
         """For each sent command: the mode whose requirements may explain a refusal."""
         self._problems: dict[str, tuple[str, float]] = {}
-        """Problem by topic, and when it last happened [s, monotonic]."""
+        """By topic: the problem, and the time of its last occurrence [s, monotonic]."""
 
     def to_frames(self, samples: Iterable[tuple[str, bytes]], now_s: float) -> bytes:
-        """MAVLink frames of received samples; a malformed sample affects only itself.
+        """MAVLink frames of received samples; a malformed sample is skipped.
 
         Args:
             samples: topics with their bytes.
             now_s: time of reception [s, monotonic].
         """
-        made: list[MAVLink_message] = []
+        messages: list[MAVLink_message] = []
         for topic, data in samples:
             try:
                 values = _TYPES[topic].decode(data)
-                made += self._convert_ack(values) if topic == COMMAND_ACK else self._converter.convert(
+                messages += self._convert_ack(values) if topic == COMMAND_ACK else self._converter.convert(
                     topic, values, now_s
                 )  # fmt: skip
             except (MalformedMessage, ValueError, OverflowError) as problem:
                 self._problems[topic] = str(problem), now_s
         while self._requested:
-            answer = self._converter.latched(self._requested.pop())
-            made += [] if answer is None else [answer]
-        return b"".join(self._frames(made, now_s))
+            latched = self._converter.latched(self._requested.pop())
+            messages += [] if latched is None else [latched]
+        return b"".join(self._frames(messages, now_s))
 
     def send(self, data: bytes, unix_us: int) -> None:
         """Sends a frame of the server to the vehicle, if ROS 2 has a message for it.
 
         Raises:
-            OSError: ROS 2 has none, or DDS cannot send it.
+            OSError: ROS 2 has no such message, or DDS cannot send it.
         """
         for frame in FrameParser().feed(data, 0.0):
             self._send_frame(frame, unix_us)
@@ -99,7 +99,7 @@ class VehicleLink:
         ack = command_ack(values, self._own_system_id)
         if ack is None:
             return []
-        mode = self._modes_to_explain.get(values["command"])
+        mode = self._refusal_modes.get(values["command"])
         texts = [] if mode is None or values["result"] not in REFUSALS else self._converter.problems(mode)
         return [*(_text(text) for text in texts), ack]
 
@@ -127,10 +127,10 @@ class VehicleLink:
             return
         command = command_fields(frame)
         if command is None:
-            raise OSError(f"ROS 2 carries no message {frame.msg_id} of MAVLink")
-        if len(self._modes_to_explain) < MAX_REQUESTED or command["command"] in self._modes_to_explain:
-            mode = mode_to_explain(command, self._converter.nav_state)
-            self._modes_to_explain[command["command"]] = mode
+            raise OSError(f"PX4 has no ROS 2 message for MAVLink message {frame.msg_id}")
+        if len(self._refusal_modes) < MAX_REQUESTED or command["command"] in self._refusal_modes:
+            mode = mode_of_refusal(command, self._converter.nav_state)
+            self._refusal_modes[command["command"]] = mode
         self._sender.send(COMMAND, MESSAGES["VehicleCommand"].encode({**command, "timestamp": unix_us}))
 
 

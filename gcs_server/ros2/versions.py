@@ -1,8 +1,9 @@
-"""Versions of a vehicle's topics: which topics the server uses, and which of them a vehicle has in a version
-that the server does not know.
+"""Versions of a vehicle's topics: which topics the server uses, and which of these topics a vehicle has only
+in versions that the server does not know.
 
 PX4 appends the version of a message to the topic's name (`vehicle_status_v1`; version 0 has no suffix). A
-topic of another version never connects in DDS, so its messages would be missing without any report. No I/O.
+topic of another version never connects in DDS, so without this check its messages would be missing without a
+report. No I/O.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, STATUS, TIMESYNC, is_na
 
 _MODES: Final = "flight modes of missions"
 _SETPOINTS: Final = "setpoints"
-MISSING: Final = {
+USE_OF_TOPIC: Final = {
     STATUS: "the whole vehicle",
     TIMESYNC: "the time since boot",
-    COMMAND_ACK: "answers to commands",
+    COMMAND_ACK: "acknowledgements of commands",
     COMMAND: "commands",
     "/fmu/out/vehicle_land_detected": "whether the vehicle is on the ground",
     "/fmu/out/failsafe_flags": "reasons for refusals",
@@ -60,24 +61,24 @@ MISSING: Final = {
     "/fmu/in/actuator_motors": f"{_SETPOINTS} of motors",
     "/fmu/in/actuator_servos": f"{_SETPOINTS} of servos",
 }
-"""What is missing without a topic, for every topic that the server uses."""
+"""What the server cannot do or show without a topic, for every topic that it uses."""
 MAX_TOPICS: Final = 512
 """Maximum number of topics whose versions are stored."""
 MAX_NAMED: Final = 3
-"""Maximum number of topics of a vehicle that are named."""
+"""Maximum number of topics that a vehicle's problem text names."""
 REMEDY: Final = (
     "Use PX4 v1.16, whose message versions this server knows, or connect the vehicle over MAVLink as well."
 )
-_TOPIC: Final = re.compile(r"rt(?:/(?P<namespace>.+?))?(?P<name>/fmu/(?P<way>in|out)/[a-z0-9_]+)")
+_TOPIC: Final = re.compile(r"rt(?:/(?P<namespace>.+?))?(?P<name>/fmu/(?P<direction>in|out)/[a-z0-9_]+)")
 
 
-def _split(name: str) -> tuple[str, int]:
+def _split_version(name: str) -> tuple[str, int]:
     """A topic's name without its version, and the version."""
     base, separator, version = name.rpartition("_v")
     return (base, int(version)) if separator and re.fullmatch(r"\d{1,4}", version) else (name, 0)
 
 
-_KNOWN: Final = {_split(name)[0]: name for name in MISSING}
+_KNOWN: Final = {_split_version(name)[0]: name for name in USE_OF_TOPIC}
 
 
 class TopicVersions:
@@ -88,13 +89,13 @@ class TopicVersions:
         """Versions by namespace and by name without version."""
         self._topics = 0
 
-    def announced(self, topic: str, *, publishes: bool) -> None:
-        """A program of another participant writes or reads this topic, given its name in DDS. Topics that
-        the server does not use are ignored."""
+    def add_topic(self, topic: str, *, publishes: bool) -> None:
+        """Stores the version of a topic that another participant writes or reads; `topic` is its name in DDS.
+        Topics that the server does not use are ignored."""
         found = _TOPIC.fullmatch(topic)
-        if found is None or publishes != (found["way"] == "out"):
+        if found is None or publishes != (found["direction"] == "out"):
             return
-        namespace, (base, version) = found["namespace"] or "", _split(found["name"])
+        namespace, (base, version) = found["namespace"] or "", _split_version(found["name"])
         if base not in _KNOWN or (namespace and not is_namespace(namespace)):
             return
         seen = self._seen.get(namespace, {}).get(base, set[int]())
@@ -103,10 +104,10 @@ class TopicVersions:
             self._seen.setdefault(namespace, {})[base] = seen | {version}
 
     def problems(self, only: str | None = None) -> list[str]:
-        """For each vehicle a text about the topics that it has only in unknown versions.
+        """For each vehicle with topics only in unknown versions, a text about them.
 
         Args:
-            only: the only namespace; None: all.
+            only: the only namespace to report; None: all.
         """
         found = {namespace: list(self.unusable(namespace).values()) for namespace in self._seen}
         return [_problem(texts) for namespace, texts in found.items() if texts and only in (None, namespace)]
@@ -116,7 +117,7 @@ class TopicVersions:
         return {
             _KNOWN[base]: _text(namespace, base, max(versions), known)
             for base, versions in self._seen.get(namespace, {}).items()
-            if (known := _split(_KNOWN[base])[1]) not in versions
+            if (known := _split_version(_KNOWN[base])[1]) not in versions
         }
 
 
@@ -125,7 +126,7 @@ def _text(namespace: str, base: str, version: int, known: int) -> str:
     seen = f"{base}_v{version}" if version else base
     return (
         f"{prefix}{seen} is of another version of PX4: version {version} instead of {known}, so that "
-        f"{MISSING[_KNOWN[base]]} cannot be used"
+        f"{USE_OF_TOPIC[_KNOWN[base]]} cannot be used"
     )
 
 

@@ -141,7 +141,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         page.evaluate(HIDE, "hidden")
         wait_until(lambda: modes(drones) == {"hold"}, "the expiry")
         page.evaluate(HIDE, "visible")
-        expect(card).to_contain_text("Its setpoints expired.")
+        expect(card).to_contain_text("The setpoints expired.")
 
         # Another client's group is also shown, identified by key and not by name, and can be held.
         for drone in drones:

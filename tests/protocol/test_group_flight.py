@@ -53,7 +53,7 @@ def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump)
         await seconds(8.5)
         assert set(modes(at).values()) == {HOLD}
         ended = view(await group_routes.show("1", at.station))
-        assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
+        assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changed, at.station, ANNA)
 
@@ -70,7 +70,7 @@ def test_an_empty_list_renews_the_setpoints_of_all(jump):
         assert view(await group_routes.show("1", at.station))["state"] == "flying"
         await seconds(12.0)
         ended = view(await group_routes.show("1", at.station))
-        assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
+        assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
 
     with_routes(jump, scenario)
 
@@ -193,7 +193,7 @@ def test_a_killed_client_leaves_all_in_hold(jump):
         await begin(at, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
         assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
-        assert view(await group_routes.show("1", at.station))["ended"] == "Its setpoints expired."
+        assert view(await group_routes.show("1", at.station))["ended"] == "The setpoints expired."
 
     with_routes(jump, scenario)
 

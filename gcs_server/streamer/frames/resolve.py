@@ -27,11 +27,12 @@ from missions.setpoints import (
     VelocityBody,
 )
 
-LEADER_FRESH_S = 1.0
+LEADER_TIMEOUT_S = 1.0
+"""Maximum age of the followed vehicle's position [s]."""
 RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
 """Kinds that this module converts into a kind that can be sent."""
 LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
-"""Kinds that this module converts to the local frame, for links that carry only that frame (ROS 2)."""
+"""Kinds that this module converts to the local frame for links that carry only the local frame (ROS 2)."""
 
 
 class ResolvedSetpoint:
@@ -44,8 +45,8 @@ class ResolvedSetpoint:
         yaw_kept_rad: the heading to keep if the setpoint has none.
 
     Raises:
-        ValueError: the setpoint cannot be flown by the vehicle or sent over the link. The client already got
-            this error when it sent the setpoint.
+        ValueError: the setpoint cannot be flown by the vehicle or sent over the link. The client already
+            received this error when it sent the setpoint.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class ResolvedSetpoint:
         """The player of an offboard mission's path; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
         self._local: DirectSetpoint | None = None
-        """`_fixed` in the local frame, for links that carry only that frame."""
+        """`_fixed` in the local frame, for links that carry only the local frame."""
         if isinstance(setpoint, Script):
             self.player = Player(setpoint, now_s)
         elif isinstance(setpoint, Path):
@@ -82,7 +83,7 @@ class ResolvedSetpoint:
 
     @property
     def moves(self) -> bool:
-        """Whether the resolved setpoint changes with time."""
+        """Whether the setpoint to send changes with time."""
         return self._fixed is None
 
     def restart_path(self, now_s: float) -> None:
@@ -97,7 +98,7 @@ class ResolvedSetpoint:
         Args:
             now_s: monotonic time.
             snapshot: the newest snapshot of the vehicle.
-            waiting: whether Offboard is not confirmed yet, so that paths wait at their first point.
+            waiting: whether the vehicle has not confirmed Offboard yet; a path then stays at its first point.
         """
         if self.player is not None:
             position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
@@ -112,7 +113,8 @@ class ResolvedSetpoint:
         return self._fixed
 
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
-        """The setpoint to send at a future time, as known now. Has no side effects."""
+        """The setpoint that will be sent at `at_s`, as far as known now; None if it does not change. Has no
+        side effects."""
         if self.player is not None:
             return self.player.ahead(at_s - now_s)
         if self._curve is not None:
@@ -177,7 +179,7 @@ def _with_offset(
     follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint | None:
     leader = snapshot.leader
-    if leader is None or now_s - leader.received_s > LEADER_FRESH_S:
+    if leader is None or now_s - leader.received_s > LEADER_TIMEOUT_S:
         return None
     offset = follow.offset_ned_m
     if offset is None:

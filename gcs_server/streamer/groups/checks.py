@@ -1,5 +1,4 @@
-"""Checks whether several vehicles can fly as a group: each vehicle, the common start, and their
-separation."""
+"""Checks whether several vehicles can fly as a group: each vehicle, the common start, and the separation."""
 
 from __future__ import annotations
 
@@ -49,7 +48,7 @@ class GroupRequest:
 
 
 class GroupChecks:
-    """The checks of a group, before its start and before new setpoints.
+    """The checks of a group before its start, and before each change of its setpoints.
 
     Args:
         clock: the server's clock.
@@ -78,7 +77,7 @@ class GroupChecks:
             )
 
     def check_member(self, member: Member, index: int, request: GroupRequest) -> None:
-        """Raises NotTogether (or the error of the single vehicle) if the vehicle cannot join now."""
+        """Raises NotTogether, or the error of `require_commandable`, if the vehicle cannot join now."""
         vehicle = member.vehicle
         vehicle.require_commandable()
         if self._streams.state(vehicle.id).phase != "idle":
@@ -97,15 +96,15 @@ class GroupChecks:
         self.check_setpoint(member, index, self.requests(request, request.setpoints)[vehicle.id])
 
     @staticmethod
-    def check_setpoint(member: Member, index: int, request: StreamRequest, where: str = "members") -> None:
+    def check_setpoint(member: Member, index: int, request: StreamRequest, field: str = "members") -> None:
         """Raises NotTogether if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         vehicle_id = member.vehicle.id
         try:
             member.check(request)
         except InvalidRequest as error:
-            field_ = f"{where}.{index}.setpoint"
+            field_name = f"{field}.{index}.setpoint"
             raise InvalidRequest(
-                field_, f"Vehicle {vehicle_id}: {error.message}", remedy=error.remedy
+                field_name, f"Vehicle {vehicle_id}: {error.message}", remedy=error.remedy
             ) from error
         except Refused as error:
             message = f"Vehicle {vehicle_id}: {error.message}"
@@ -127,23 +126,24 @@ class GroupChecks:
     ) -> None:
         """Predicts the flights from positions and setpoints, and checks that all vehicles stay apart.
 
-        Meanwhile the event loop does other work and the vehicles continue to fly. Therefore repeat the
-        earlier checks afterwards, and call `check_separation_now`.
+        During the prediction the event loop does other work and the vehicles continue to fly. Therefore the
+        caller repeats the earlier checks afterwards, and calls `check_separation_now`.
 
         Args:
             minimum_m: the minimum separation.
             members: all members of the group.
             requests: the new requests; the other members keep their setpoints.
             held: members that no longer follow the group and may be anywhere.
-            duration_s: time until all setpoints expire; None: each expires after its own validity.
+            duration_s: time until all setpoints expire [s]; None: each setpoint expires after its own
+                validity.
 
         Raises:
             NotTogether: two vehicles would come too close, or a position is unknown; the error names the
                 vehicles.
         """
         now_s = self._clock.monotonic_s()
-        planned = self._planned(now_s, members, requests, held, duration_s)
-        _raise_conflict(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
+        predicted = self._predicted_members(now_s, members, requests, held, duration_s)
+        _raise_conflict(await self._in_pieces(first_conflict(predicted, now_s, minimum_m)), minimum_m)
 
     def check_separation_now(
         self,
@@ -161,11 +161,11 @@ class GroupChecks:
             held: members that no longer follow the group and may be anywhere.
 
         Raises:
-            NotTogether: as for `check_separation`.
+            NotTogether: two vehicles are too close, or a position is unknown.
         """
         now_s = self._clock.monotonic_s()
         _raise_conflict(
-            too_near_now(self._planned(now_s, members, requests, held), now_s, minimum_m), minimum_m
+            too_near_now(self._predicted_members(now_s, members, requests, held), now_s, minimum_m), minimum_m
         )
 
     async def _in_pieces(self, search: Generator[None, None, Conflict | None]) -> Conflict | None:
@@ -174,11 +174,11 @@ class GroupChecks:
             async with self._computing:
                 try:
                     next(search)
-                except StopIteration as done:
-                    return done.value
+                except StopIteration as end:
+                    return end.value
                 await asyncio.sleep(0)
 
-    def _planned(
+    def _predicted_members(
         self,
         now_s: float,
         members: Mapping[str, Member],
@@ -186,7 +186,7 @@ class GroupChecks:
         held: Container[str],
         duration_s: float | None = None,
     ) -> list[PredictedMember]:
-        planned: list[PredictedMember] = []
+        predicted: list[PredictedMember] = []
         for vehicle_id, member in members.items():
             request, elapsed_s = requests.get(vehicle_id), 0.0
             setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
@@ -208,11 +208,11 @@ class GroupChecks:
                     requested = request.setpoint  # offsets were resolved when the request was accepted
                     setpoint = state.sent if isinstance(requested, PositionBody | Script) else requested
             expires_s = duration_s if duration_s is not None or request is None else request.duration_s
-            planned.append(PredictedMember(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
-        return planned
+            predicted.append(PredictedMember(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
+        return predicted
 
     def requests(self, request: GroupRequest, setpoints: Mapping[str, Setpoint]) -> dict[str, StreamRequest]:
-        """The requests of all members, whose setpoints expire at the same time."""
+        """The requests with these setpoints; the setpoints of all members expire at the same time."""
         longest_s = max((_duration_s(s) for s in request.setpoints.values()), default=0.0)
         if longest_s > MAX_PREDICTION_S:
             raise InvalidRequest(

@@ -27,7 +27,7 @@ from missions.setpoints import Position, Setpoint
 LEAD_S = 0.5
 """Time from the last confirmation to the common start, if the request gives no start."""
 MAX_WAIT_S = 600.0
-"""Maximum time for which a member holds its position for the others before the start [s]."""
+"""Maximum time for which a member keeps its position before the start, until all members are ready [s]."""
 FINDINGS_KEPT, GROUPS_KEPT = 50, 20
 HOLD_TIMEOUT_S = 10.0
 
@@ -55,13 +55,13 @@ class Groups:
     # --- commands ---------------------------------------------------------------------------------
 
     async def start(self, request: GroupRequest) -> GroupStatus:
-        """Brings all members into Offboard at their positions and starts them at the same time. Returns once
-        all have confirmed and the start time is set, possibly before the start.
+        """Brings all members into Offboard at their positions and starts them at the same time. Returns
+        once all have confirmed Offboard and the start time is set, possibly before the start.
 
         Raises:
-            NotTogether: one vehicle cannot join, or two would come too close. No vehicle has moved, and all
-                are in Hold.
-            InvalidRequest: a setpoint or the start time is not possible.
+            NotTogether: a vehicle cannot join, or two vehicles would come too close. No vehicle has moved,
+                and all are in Hold.
+            InvalidRequest: a setpoint or the start time is not valid.
         """
         self._checks.check_start_time(request, MIN_LEAD_S)
         members = self._joinable(request)
@@ -72,7 +72,7 @@ class Groups:
         self._count += 1
         group = Group(str(self._count), request, dict(request.setpoints), members, self._clock.unix_s())
         self._groups[group.id] = group
-        self._forget_old()
+        self._forget_ended_groups()
         self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
         standby: dict[str, StreamRequest] = {}
         try:
@@ -89,7 +89,7 @@ class Groups:
         except BaseException:
             for vehicle_id in members:
                 self._streams.force_hold(vehicle_id, f"The start of group {group.id} was cancelled")
-            self._end(group, "Its start was cancelled.")
+            self._end(group, "The start was cancelled.")
             raise
         self._start_together(group, standby, requests)
         return self._status(group)
@@ -107,9 +107,9 @@ class Groups:
 
         Raises:
             Refused: the group is no longer flying, or a member is held.
-            NotTogether: two would come too close; all continue with their previous setpoints.
+            NotTogether: two vehicles would come too close; all continue with their previous setpoints.
         """
-        group = self._get(group_id)
+        group = self._find_group(group_id)
         async with group.changing:  # each change is checked against the result of the previous change
             template = replace(
                 group.request,
@@ -131,7 +131,7 @@ class Groups:
         self._checks.check_setpoints(group.members, requests)
         paths_s = self._checks.remaining_path_s(group.setpoints, changed)
         await self._checks.check_separation(minimum_m, group.members, requests, held, paths_s + valid_for_s)
-        # the vehicles have moved meanwhile
+        # the vehicles have moved during the prediction
         held = group.require_changeable(changed, self._guard(group)).held
         self._checks.check_setpoints(group.members, requests)
         self._checks.check_separation_now(minimum_m, group.members, requests, held)
@@ -153,7 +153,7 @@ class Groups:
         Raises:
             NoReply: a member did not confirm; the error names it, and its stream keeps requesting Hold.
         """
-        group = self._get(group_id)
+        group = self._find_group(group_id)
         if group.state == "ended":
             return self._status(group)
         group.ending = f"{client} commanded Hold."
@@ -172,18 +172,18 @@ class Groups:
 
     def get(self, group_id: str) -> GroupStatus:
         """Status of one group. Raises UnknownGroup."""
-        return self._status(self._get(group_id))
+        return self._status(self._find_group(group_id))
 
     def members(self, group_id: str) -> tuple[str, ...]:
         """Vehicle ids of one group. Raises UnknownGroup."""
-        return tuple(self._get(group_id).members)
+        return tuple(self._find_group(group_id).members)
 
     def all(self) -> list[GroupStatus]:
         """All groups, including those that ended recently; oldest first."""
         return [self._status(group) for group in self._groups.values()]
 
     def update(self) -> None:
-        """Called periodically: publishes the guards' findings, and ends groups that no vehicle follows."""
+        """Publishes the guards' findings, and ends groups that no vehicle follows; called periodically."""
         self.collect()
         for group in self._groups.values():
             guard = self._guard(group)
@@ -211,7 +211,7 @@ class Groups:
     # --- starting ---------------------------------------------------------------------------------
 
     def _joinable(self, request: GroupRequest) -> dict[str, Member]:
-        """Returns all members; raises an error if one cannot join now."""
+        """All members; raises an error if a member cannot join now."""
         members = {vehicle_id: self._find(vehicle_id) for vehicle_id in request.setpoints}
         for index, (vehicle_id, member) in enumerate(members.items()):
             other = self._group_of(vehicle_id)
@@ -225,8 +225,8 @@ class Groups:
         return members
 
     async def _start_streams(self, group: Group) -> dict[str, StreamRequest]:
-        """Streams the positions of all members and switches them to Offboard; if one fails, all hold. Returns
-        the streamed requests."""
+        """Streams the positions of all members and switches them to Offboard; if one fails, all
+        vehicles hold. Returns the streamed requests."""
         request = group.request
         standby: dict[str, StreamRequest] = {}
         failed: dict[str, GcsError] = {}
@@ -252,7 +252,7 @@ class Groups:
             except GcsError as error:
                 group.stream_numbers.pop(vehicle_id)  # the stream has ended, or is in the phase `undoing`
                 first = not failed
-                if first or not isinstance(error, Refused):  # Refused: stopped after the first failure
+                if first or not isinstance(error, Refused):  # Refused: cancelled after the first failure
                     failed[vehicle_id] = error
                 if first:
                     await self._hold(group, list(group.stream_numbers))
@@ -350,7 +350,7 @@ class Groups:
         if why is None and guard is not None:
             expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
             why = (
-                "Its setpoints expired."
+                "The setpoints expired."
                 if expired and not guard.held
                 else "All vehicles have left the group."
             )
@@ -380,7 +380,7 @@ class Groups:
         """Phase of the group's own stream to a member."""
         return group.phase(vehicle_id, self._streams.state(vehicle_id))
 
-    def _get(self, group_id: str) -> Group:
+    def _find_group(self, group_id: str) -> Group:
         group = self._groups.get(group_id)
         if group is None:
             known = ", ".join(self._groups)
@@ -394,7 +394,7 @@ class Groups:
         groups = self._groups.values()
         return next((g for g in groups if vehicle_id in g.members and g.state != "ended"), None)
 
-    def _forget_old(self) -> None:
+    def _forget_ended_groups(self) -> None:
         ended = [group.id for group in self._groups.values() if group.state == "ended"]
         for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
             del self._groups[group_id]

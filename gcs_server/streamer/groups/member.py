@@ -22,11 +22,12 @@ class Member(Protocol):
         ...
 
     def snapshot(self, request: StreamRequest | None = None) -> Snapshot:
-        """Snapshot of the vehicle for its stream, or for a request that is not accepted yet."""
+        """Snapshot of the vehicle for its stream, or for a new request that is not accepted yet."""
         ...
 
     async def start(self, request: StreamRequest, rate_hz: float) -> object:
-        """Returns once the vehicle is in Offboard; raises GcsError if it is not."""
+        """Starts the stream; returns once the vehicle is in Offboard. Raises GcsError if it does not
+        switch."""
         ...
 
     async def stop(self) -> object:

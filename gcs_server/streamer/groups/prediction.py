@@ -1,9 +1,10 @@
 """Predicts the positions of a group's vehicles from their setpoints, and whether they stay apart. No I/O.
 
-A path is followed exactly. A position is approached like PX4's position controller does: the speed is
-proportional to the distance, within the limits of speed and acceleration. A velocity moves the vehicle until
-it expires. Acceleration, attitude and rate setpoints have no position: such a vehicle is assumed to stay at
-its position, and only the guard protects it in flight. Wind and pilot actions are not predicted.
+A vehicle follows a path exactly. It approaches a position as PX4's position controller does: the speed is
+proportional to the distance, within the limits of speed and acceleration. A velocity setpoint moves the
+vehicle until the setpoint expires. Acceleration, attitude and rate setpoints have no position: the vehicle is
+assumed to stay at its position, and only the guard protects it in flight. Wind and pilot actions are not
+predicted.
 
 Ten long paths take a second to compute. Therefore the search is a generator that yields after each small
 piece, so that the event loop can do other work.
@@ -47,7 +48,7 @@ MAX_PREDICTION_S = 600.0
 MAX_VELOCITY_PREDICTION_S = 120.0
 """Maximum time for which a velocity setpoint is predicted [s]."""
 SPEED_M_S, CLIMB_M_S = 12.0, 3.0
-"""Values for unknown limits of the vehicle."""
+"""Assumed speed and climb rate if the vehicle's limits are unknown [m/s]."""
 ACCELERATION_M_S2 = 3.0
 """Acceleration towards a position or velocity (default of MPC_ACC_HOR)."""
 STOPPED_M_S = 0.05
@@ -55,7 +56,7 @@ STOPPED_M_S = 0.05
 LOCAL_ORIGIN_NED_M: Vector3 = (0.0, 0.0, 0.0)
 """The origin of a local frame."""
 UNCONTROLLED: Partial3 = (None, None, None)
-"""A target that controls no axis."""
+"""A target position or velocity that controls no axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +68,14 @@ class PredictedMember:
     """The setpoint; None: the vehicle stays at its position."""
     snapshot: Snapshot
     duration_s: float
-    """Time until its setpoint expires."""
+    """Time until the setpoint expires [s]."""
     elapsed_s: float = 0.0
     """Time for which the setpoint has already been flown; a path continues from there [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """Two vehicles that come too close, in the local frame of the first."""
+    """Two vehicles that come too close; positions are in the local frame of the first vehicle."""
 
     vehicles: tuple[str, str]
     after_s: float
@@ -82,7 +83,7 @@ class Conflict:
     position_ned_m: Vector3
     """Position of the first vehicle at that time."""
     while_stopping: bool
-    """Whether the vehicles would pass farther apart than the minimum, but could not be stopped in time."""
+    """Whether the vehicles would keep the minimum if both continue, but not if both are stopped."""
     margin_m: float = 0.0
     """Margin added to the minimum, for the uncertainty of both positions [m]."""
 
@@ -90,22 +91,22 @@ class Conflict:
         """The conflict as a sentence."""
         a, b = self.vehicles
         n, e, d = self.position_ned_m
-        where = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
+        position_text = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
         required = f"the minimum is {minimum_m:g} m, plus {self.margin_m:.1f} m of margin"
         if self.after_s == 0.0 and not self.while_stopping:
             return (
                 f"Vehicles {a} and {b} are {self.distance_m:.1f} m apart now ({required}), "
-                f"vehicle {a} {where}."
+                f"vehicle {a} {position_text}."
             )
         if self.while_stopping:
             return (
                 f"After {self.after_s:.1f} s vehicles {a} and {b} would be so close and so fast that "
                 f"stopping both leaves {self.distance_m:.1f} m between them ({required}), "
-                f"vehicle {a} {where}."
+                f"vehicle {a} {position_text}."
             )
         return (
             f"After {self.after_s:.1f} s vehicles {a} and {b} would come within {self.distance_m:.1f} m of "
-            f"each other ({required}), vehicle {a} {where}."
+            f"each other ({required}), vehicle {a} {position_text}."
         )
 
 
@@ -117,8 +118,8 @@ def first_conflict(
     Yields after every few milliseconds of work; counts steps instead of measuring the time.
 
     Args:
-        members: each with a position and an origin in its snapshot.
-        now_s: monotonic.
+        members: members with a position and an origin in their snapshots.
+        now_s: current time [s, monotonic].
         minimum_m: the minimum separation, braking distance included.
     """
     predictions: list[_PredictedTrack] = []
@@ -152,37 +153,41 @@ def first_conflict(
 
 def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: float) -> Conflict | None:
     """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation;
-    None if there are none. Fast enough to run without yielding.
+    None if all are far enough apart. Fast enough to run without yielding.
 
     Args:
-        members: each with a position and an origin in its snapshot.
-        now_s: monotonic.
+        members: members with a position and an origin in their snapshots.
+        now_s: current time [s, monotonic].
         minimum_m: the minimum separation, braking distance included.
     """
     positions = [(member, *_position_and_origin(member, now_s)) for member in members]
     for (a, position_a, common), (b, position_b, origin) in itertools.combinations(positions, 2):
-        one = motion_of(a.snapshot, now_s, position_a, a.setpoint)
-        other = motion_of(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
-        margin = margin_m(one, other)
-        least_m = minimum_m + margin
-        apart_m = closest_apart_m = math.dist(one.position_ned_m, other.position_ned_m)
-        reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
-        if apart_m >= least_m and apart_m - reach_m < least_m:
+        motion_a = motion_of(a.snapshot, now_s, position_a, a.setpoint)
+        motion_b = motion_of(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
+        margin = margin_m(motion_a, motion_b)
+        required_m = minimum_m + margin
+        distance_m = closest_distance_m = math.dist(motion_a.position_ned_m, motion_b.position_ned_m)
+        reach_m = sum(
+            stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (motion_a, motion_b)
+        )
+        if distance_m >= required_m and distance_m - reach_m < required_m:
             position, velocity, other_position, velocity_b = (
                 np.array(v)
                 for v in (
-                    one.position_ned_m,
-                    one.velocity_ned_m_s,
-                    other.position_ned_m,
-                    other.velocity_ned_m_s,
+                    motion_a.position_ned_m,
+                    motion_a.velocity_ned_m_s,
+                    motion_b.position_ned_m,
+                    motion_b.velocity_ned_m_s,
                 )
             )
-            closest_apart_m = float(
-                closest_m(position, velocity, other_position, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
+            closest_distance_m = float(
+                closest_m(
+                    position, velocity, other_position, velocity_b, motion_a.brakes_m_s2, motion_b.brakes_m_s2
+                )
             )
-        if closest_apart_m < least_m:
+        if closest_distance_m < required_m:
             return Conflict(
-                (a.vehicle, b.vehicle), 0.0, closest_apart_m, position_a, apart_m >= least_m, margin
+                (a.vehicle, b.vehicle), 0.0, closest_distance_m, position_a, distance_m >= required_m, margin
             )
     return None
 
@@ -202,11 +207,11 @@ def _conflict_between(
     minimum_m: float,
     now_s: float,
 ) -> Generator[None, None, Conflict | None]:
-    one, other = (
+    motion_a, motion_b = (
         motion_of(prediction.member.snapshot, now_s, LOCAL_ORIGIN_NED_M, prediction.member.setpoint)
         for prediction in (a, b)
     )
-    margin = margin_m(one, other)
+    margin = margin_m(motion_a, motion_b)
     minimum_m += margin
     positions_a, velocity_a = track_a
     positions_b, velocity_b = (
@@ -216,25 +221,27 @@ def _conflict_between(
     distances: Vectors = np.sqrt(np.sum((positions_a - positions_b) ** 2, axis=-1))
     closest = distances.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
-    reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
+    reach_m = stopping_m(speed_a, motion_a.brakes_m_s2) + stopping_m(speed_b, motion_b.brakes_m_s2)
     # at all other steps the vehicles are far enough apart
     candidates = np.nonzero(distances - reach_m < minimum_m)[0]
-    longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
+    longest_s = max(
+        float(np.max(speed_a)) / motion_a.brakes_m_s2, float(np.max(speed_b)) / motion_b.brakes_m_s2
+    )
     batch_size = max(1, SAMPLES_PER_YIELD // samples(longest_s))
     for begin in range(0, len(candidates), batch_size):
         yield
         batch = candidates[begin : begin + batch_size]
         closest[batch] = closest_m(
             positions_a[batch], velocity_a[batch], positions_b[batch], velocity_b[batch],
-            one.brakes_m_s2, other.brakes_m_s2,
+            motion_a.brakes_m_s2, motion_b.brakes_m_s2,
         )  # fmt: skip
         if np.any(closest[batch] < minimum_m):
             break  # only the first conflict is reported
-    near = np.nonzero(closest < minimum_m)[0]
-    if not len(near):
+    conflicting = np.nonzero(closest < minimum_m)[0]
+    if not len(conflicting):
         return None
     too_near = np.nonzero(distances < minimum_m)[0]
-    index = int(near[0])
+    index = int(conflicting[0])
     while_stopping = not len(too_near)
     if not while_stopping:
         begin = int(too_near[0])
@@ -271,7 +278,7 @@ class _PredictedTrack:
         self._follow = setpoint if isinstance(setpoint, Follow) else None
         self._target, self._feed_forward = UNCONTROLLED, UNCONTROLLED
         self.minimum_s = 0.0
-        """Time for which the track must be predicted at least."""
+        """Minimum time for which the track is predicted [s]."""
         if isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, None)
             self.minimum_s = self._curve.duration_s - member.elapsed_s
@@ -317,7 +324,7 @@ class _PredictedTrack:
         self.moves = math.hypot(*self._velocity) > STOPPED_M_S and t_s < MAX_PREDICTION_S
 
     def take_track(self) -> tuple[Vectors, Vectors]:
-        """Returns the predicted positions and velocities, and frees its own copies. Called for one track per
+        """Returns the predicted positions and velocities, and frees the lists. Called for one track per
         yield, because freeing all tracks at once takes long."""
         track = np.array(self.positions), np.array(self.velocities)
         self.positions, self.velocities = [], []
@@ -344,7 +351,7 @@ class _PredictedTrack:
         self._position, self._velocity = (n, e, d), velocity
         self.positions.append(self._position)
         self.velocities.append(velocity)
-        self.moves = False  # `minimum_s` is the time that the path takes
+        self.moves = False  # the path ends after `minimum_s`
 
     def _target_of(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
         """Target position and velocity of the setpoint, in the local frame."""

@@ -28,20 +28,20 @@ class Group:
     created_unix_s: float
     state: str = "starting"
     guard: GuardState | None = None
-    """State of the guard as last read; None before all members have confirmed."""
+    """The guard's state at the last reading; None before all members have confirmed."""
     start_unix_s: float | None = None
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
     stream_numbers: dict[str, int] = field(default_factory=dict[str, int])
     """Numbers of this group's streams, because a member that left may later have a stream of its own."""
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
-    """Held while new setpoints are checked and applied."""
+    """Locked while new setpoints are checked and applied."""
     ending: str | None = None
     """Reason for the end, set before the group has ended; None: the guard's state contains the reason."""
     ended: str | None = None
     """Reason for the end; None while the group exists."""
 
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
-        """Phase of the group's stream to a member; idle if another stream flies the vehicle."""
+        """Phase of the group's stream to a member; idle if the vehicle has another stream."""
         return stream.phase if stream.number == self.stream_numbers.get(vehicle_id) else "idle"
 
     def require_following(self, streams: Mapping[str, StreamState]) -> None:

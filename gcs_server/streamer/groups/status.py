@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class GroupMember:
-    """One vehicle of a group; the state of its stream is in its own topic `offboard`."""
+    """One vehicle of a group; the vehicle's topic `offboard` has more about its stream."""
 
     vehicle: str
     """Id of the vehicle."""
     ordered_type: str
-    """Type of its setpoint in the group."""
+    """Type of the vehicle's setpoint in the group."""
     stream: str
     """State of the stream, as in the topic `offboard`. Before the start, the vehicle's current position is
     streamed."""
@@ -29,7 +29,7 @@ class Nearest:
     vehicles: tuple[str, str]
     """Ids of the vehicles."""
     distance_m: float
-    """Distance from both vehicles' own global positions [m]."""
+    """Distance between the vehicles' estimated global positions [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class GroupFinding:
     vehicles: tuple[str, ...]
     """Vehicles concerned."""
     held: tuple[str, ...]
-    """Vehicles that were stopped because of it."""
+    """Vehicles that were stopped because of the problem."""
     text: str
     """Message for the operator."""
     distance_m: float | None
@@ -53,7 +53,8 @@ class GroupFinding:
 
 @dataclass(frozen=True, slots=True)
 class GroupStatus:
-    """Status of a group: the answer of the routes below `/groups`, and the content of each `group` event."""
+    """Status of a group: the response of the routes below `/groups`, and the content of each `group`
+    event."""
 
     id: str
     """Id of the group in the API."""
@@ -69,7 +70,7 @@ class GroupStatus:
     """Largest current margin of the guard, for the accuracy and age of the positions and for wind [m]. The
     guard stops two vehicles that would come closer than minimum plus margin. Null before the first check."""
     others_go_on: bool
-    """Whether members without a problem continue if one has a problem; otherwise all hold."""
+    """Whether members without a problem continue if one has a problem; false: all hold."""
     created_unix_s: float
     """Time of the request [s since 1970 UTC]."""
     start_unix_s: float | None
@@ -83,4 +84,4 @@ class GroupStatus:
     findings: tuple[GroupFinding, ...]
     """Problems, oldest first."""
     ended: str | None
-    """Reason for the group's end; null while it exists."""
+    """Reason for the group's end; null while the group exists."""

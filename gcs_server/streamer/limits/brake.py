@@ -3,7 +3,7 @@
 The brake acts on horizontal motion, and on a climb towards an obstacle that an upward sensor measures. It
 never acts on a descent, so that a downward sensor does not stop a landing. It uses the measurements of the
 last two seconds, and acts only in directions that a sensor covers. If an obstacle is nearer than the margin,
-the vehicle is moved back, because the integrator of PX4's controller still moves it forward.
+the brake moves the vehicle back, because the integrator of PX4's controller still moves it forward.
 
 A braked target position stays on the straight track that the vehicle flew when braking began. Otherwise wind
 and the noise of the position estimate would move the vehicle sideways, past the edge of the obstacle.
@@ -39,19 +39,20 @@ from missions.fence import NorthEast
 from missions.frames import Vector3
 
 SCAN_VALID_S = 2.0
-"""Older measurements are dropped; by default PX4 sends DISTANCE_SENSOR every two seconds."""
+"""Maximum age of a measurement [s]; by default PX4 sends DISTANCE_SENSOR every two seconds."""
 SAME_ALTITUDE_M = 1.0
-"""A measurement is dropped if the vehicle's altitude has changed by more than this since then [m]."""
+"""A measurement is ignored if the vehicle's altitude has changed by more than this since the measurement
+[m]."""
 MAX_SCANS = 100
 HALF_WIDTH_M, MIN_HALF_WIDTH_M = 0.8, 0.35
-"""An obstacle nearer than HALF_WIDTH_M to the line of flight blocks it [m]. If an obstacle is already nearer
-to the vehicle, the half width is smaller, down to MIN_HALF_WIDTH_M."""
+"""An obstacle nearer than HALF_WIDTH_M to the line of flight blocks the line [m]. Beside an obstacle that is
+nearer to the vehicle, the half width is smaller, but at least MIN_HALF_WIDTH_M."""
 BACK_M_S = 0.5
-"""Largest speed at which the vehicle is moved back."""
+"""Maximum speed at which the vehicle is moved back [m/s]."""
 GUARD_MARGIN_M = 0.3
 TRACK_WIDTH_M = 2.0
-"""A vehicle farther than this from its track gets a new one [m]: its position estimate was reset, or it was
-pushed away."""
+"""A vehicle farther than this from its track gets a new track [m], because its position estimate was reset or
+the vehicle was pushed away."""
 SLOW_M_S = 0.5
 """Speed below which the brake does not take over a vehicle flown by attitude or rates [m/s]."""
 
@@ -65,12 +66,12 @@ class Surroundings:
     """The measured surroundings of the vehicle, and its velocity."""
 
     points_ne_m: Points
-    """Relative to the vehicle's current position."""
+    """Measured points relative to the vehicle's current position, north and east [m]."""
     scans: tuple[Scan, ...]
     """Newest scan of each sensor."""
     velocity_ned_m_s: Vector3
     track_ne: NorthEast | None = None
-    """Point of the track of a braked vehicle, in its local frame [m]; None: it is not braked."""
+    """Point of the track of a braked vehicle, in its local frame [m]; None: the vehicle is not braked."""
 
 
 class BrakeMemory:
@@ -78,7 +79,7 @@ class BrakeMemory:
 
     def __init__(self) -> None:
         self.track_ne: NorthEast | None = None
-        """Point of the track that the brake keeps, from the last setpoint; None: it did not act."""
+        """Point of the track that the brake keeps, from the last setpoint; None: the brake did not act."""
         self._recent_scans: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
         """Scan, down coordinate of the vehicle [m], points in the local frame."""
 
@@ -89,13 +90,15 @@ class BrakeMemory:
         newest = fresh(scans, now_s, SCAN_VALID_S)
         if position_ned_m is None:
             self._recent_scans.clear()
-            moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.measured_s) for scan in newest]
+            moved = [
+                _level_points(scan) - _shift(velocity_ned_m_s, now_s - scan.measured_s) for scan in newest
+            ]
             return Surroundings(np.vstack([NO_POINTS, *moved]), newest, velocity_ned_m_s)
         position = np.array(position_ned_m[:2])
         for scan in newest:
-            if all(scan != kept for kept, _, _ in self._recent_scans):
+            if all(scan != stored for stored, _, _ in self._recent_scans):
                 at = position - _shift(velocity_ned_m_s, now_s - scan.measured_s)
-                self._recent_scans.append((scan, position_ned_m[2], _level(scan) + at))
+                self._recent_scans.append((scan, position_ned_m[2], _level_points(scan) + at))
         while self._recent_scans and now_s - self._recent_scans[0][0].measured_s > SCAN_VALID_S:
             self._recent_scans.popleft()
         points = [
@@ -105,7 +108,7 @@ class BrakeMemory:
         return Surroundings(around_m, newest, velocity_ned_m_s, self.track_ne)
 
 
-def _level(scan: Scan) -> Points:
+def _level_points(scan: Scan) -> Points:
     """Horizontal points of a scan, without rays that point up or down."""
     points = [
         (n * distance_m, e * distance_m)
@@ -132,7 +135,8 @@ class ObstacleBrake:
         self.acted = False
         """Whether the brake has reduced the setpoint."""
         self.track_ne: NorthEast | None = None
-        """Point of the track on which the braked position is, next to the vehicle; None: none is braked."""
+        """Point of the track next to the vehicle, if the brake limits a position; None: the brake limits no
+        position."""
         self._last_track = None if surroundings is None else surroundings.track_ne
         self._scans = () if surroundings is None else surroundings.scans
         self._points = NO_POINTS if surroundings is None else surroundings.points_ne_m
@@ -143,11 +147,11 @@ class ObstacleBrake:
         speed = math.hypot(*velocity)
         if not self._scans or speed == 0.0:
             return velocity
-        free_m, reason = self._free(velocity[0] / speed, velocity[1] / speed)
+        free_m, reason = self._free_m(velocity[0] / speed, velocity[1] / speed)
         max_m_s = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
         if speed <= max_m_s:
             return velocity
-        self._note(f"speed reduced {reason}")
+        self._add_note(f"speed reduced {reason}")
         if free_m < MARGIN_M:
             max_m_s = -min(
                 BACK_M_S, BACK_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m)
@@ -167,10 +171,11 @@ class ObstacleBrake:
 
         Args:
             target: target position in the local frame [m].
-            feed_forward: velocity of the target [m/s]; None: it has none.
-            position: the vehicle's position; None: it is unknown, and nothing is limited.
+            feed_forward: velocity of the target [m/s]; None: the setpoint has none.
+            position: the vehicle's position; None: unknown, so the target is not limited.
             gain: gain of PX4's position controller [1/s].
-            goal: where the track leads, if a limit has moved the target closer to the vehicle [m].
+            goal: end of the track [m], if a limit has moved the target closer to the vehicle; None: the
+                target.
         """
         if not self._scans or position is None:
             return target, feed_forward
@@ -178,20 +183,20 @@ class ObstacleBrake:
         feed_m_s = math.hypot(*feed_forward) if feed_forward is not None else 0.0
         if to_target_m < 1e-3:
             return target, None if feed_forward is None else self.limit_velocity_ne(feed_forward)
-        (un, ue), to_track = self._track(position, target if goal is None else goal)
-        free_m, reason = min(self._free(un, ue), self._free(un, ue, to_track))
+        (dir_n, dir_e), to_track = self._track(position, target if goal is None else goal)
+        free_m, reason = min(self._free_m(dir_n, dir_e), self._free_m(dir_n, dir_e, to_track))
         if free_m < MARGIN_M:
-            self._note(f"position limited {reason}")
-            back_m = self._back_m(un, ue, free_m)
+            self._add_note(f"position limited {reason}")
+            back_m = self._back_m(dir_n, dir_e, free_m)
             no_feed = None if feed_forward is None else (0.0, 0.0)
-            return self._on_track(position, (un, ue), -back_m, to_track, to_target_m, gain), no_feed
+            return self._on_track(position, (dir_n, dir_e), -back_m, to_track, to_target_m, gain), no_feed
         stop_m = free_m - MARGIN_M
         max_m_s = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
         near_m = min(to_target_m, stop_m)
         commanded_m_s = gain * near_m + feed_m_s
         if near_m == to_target_m and commanded_m_s <= max_m_s:
             return target, feed_forward
-        self._note(f"speed reduced {reason}" if near_m == to_target_m else f"position limited {reason}")
+        self._add_note(f"speed reduced {reason}" if near_m == to_target_m else f"position limited {reason}")
         scale = min(1.0, max_m_s / commanded_m_s) if commanded_m_s > 0.0 else 1.0
         near_m *= scale
         slowed = (
@@ -199,7 +204,7 @@ class ObstacleBrake:
             if feed_forward is None
             else self.limit_velocity_ne((feed_forward[0] * scale, feed_forward[1] * scale))
         )
-        return self._on_track(position, (un, ue), near_m, to_track, to_target_m, gain), slowed
+        return self._on_track(position, (dir_n, dir_e), near_m, to_track, to_target_m, gain), slowed
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
@@ -207,7 +212,7 @@ class ObstacleBrake:
         max_m_s = braking_speed(above_m - MARGIN_VERTICAL_M, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
         if -velocity_down_m_s <= max_m_s:
             return velocity_down_m_s
-        self._note("climb reduced to stop below an obstacle")
+        self._add_note("climb reduced to stop below an obstacle")
         return -max_m_s
 
     def limit_down(self, down_m: float, position: Vector3 | None) -> float:
@@ -217,24 +222,24 @@ class ObstacleBrake:
         highest = position[2] - max(0.0, self._clearance_above_m() - MARGIN_VERTICAL_M)
         if down_m >= highest:
             return down_m
-        self._note("altitude limited to stay below an obstacle")
+        self._add_note("altitude limited to stay below an obstacle")
         return highest
 
     def must_stop(self) -> str | None:
-        """Reason to take over a flight without position control; None: it may continue."""
+        """Why the stream must take over a flight without position control; None: the flight may continue."""
         if not self._scans:
             return None
         n, e, _ = self._velocity
         speed = math.hypot(n, e)
         if speed < SLOW_M_S:
             return None
-        free_m, _ = self._free(n / speed, e / speed, within_range=False)
+        free_m, _ = self._free_m(n / speed, e / speed, within_range=False)
         max_m_s = braking_speed(free_m - GUARD_MARGIN_M, GUARD_M_S2, GUARD_DELAY_S)
         return "The vehicle would hit an obstacle" if speed > max_m_s else None
 
     # --- inside -------------------------------------------------------------------------------------
 
-    def _note(self, note: str) -> None:
+    def _add_note(self, note: str) -> None:
         self._notes.append(note)
         self.acted = True
 
@@ -248,10 +253,10 @@ class ObstacleBrake:
         length_m = math.dist(start, goal)
         if length_m < 1e-3:
             return (1.0, 0.0), (0.0, 0.0)
-        un, ue = (goal[0] - start[0]) / length_m, (goal[1] - start[1]) / length_m
-        across_m = (start[1] - position[1]) * un - (start[0] - position[0]) * ue
+        dir_n, dir_e = (goal[0] - start[0]) / length_m, (goal[1] - start[1]) / length_m
+        across_m = (start[1] - position[1]) * dir_n - (start[0] - position[0]) * dir_e
         if abs(across_m) <= TRACK_WIDTH_M:
-            return (un, ue), (-ue * across_m, un * across_m)
+            return (dir_n, dir_e), (-dir_e * across_m, dir_n * across_m)
         away_m = math.dist(goal, position[:2])
         return ((goal[0] - position[0]) / away_m, (goal[1] - position[1]) / away_m), (0.0, 0.0)
 
@@ -272,45 +277,49 @@ class ObstacleBrake:
         to_track_m = math.hypot(*to_track)
         if to_track_m == 0.0:
             return north, east
-        free_m, _ = self._free(to_track[0] / to_track_m, to_track[1] / to_track_m, within_range=False)
+        free_m, _ = self._free_m(to_track[0] / to_track_m, to_track[1] / to_track_m, within_range=False)
         max_m_s = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
-        room_m = math.sqrt(max(0.0, max_m**2 - ahead_m**2))
-        part = min(
-            1.0, max(0.0, free_m - MARGIN_M) / to_track_m, max_m_s / (gain * to_track_m), room_m / to_track_m
+        max_side_m = math.sqrt(max(0.0, max_m**2 - ahead_m**2))
+        fraction = min(
+            1.0,
+            max(0.0, free_m - MARGIN_M) / to_track_m,
+            max_m_s / (gain * to_track_m),
+            max_side_m / to_track_m,
         )
-        return north + to_track[0] * part, east + to_track[1] * part
+        return north + to_track[0] * fraction, east + to_track[1] * fraction
 
-    def _back_m(self, un: float, ue: float, free_m: float) -> float:
-        """Distance by which the vehicle is moved back to the margin [m]; less if an obstacle is behind it."""
-        behind_m, _ = self._free(-un, -ue, within_range=False)
+    def _back_m(self, dir_n: float, dir_e: float, free_m: float) -> float:
+        """Distance by which the vehicle is moved back to the margin [m]; less if an obstacle is behind the
+        vehicle."""
+        behind_m, _ = self._free_m(-dir_n, -dir_e, within_range=False)
         return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
 
-    def _free(
-        self, un: float, ue: float, start_ne: NorthEast = (0.0, 0.0), *, within_range: bool = True
+    def _free_m(
+        self, dir_n: float, dir_e: float, start_ne: NorthEast = (0.0, 0.0), *, within_range: bool = True
     ) -> tuple[float, str]:
         """Free distance in a direction, from a point relative to the vehicle [m], and the reason as text.
-        With `within_range`, it is at most the range of the sensor.
+        With `within_range`, the distance is at most the range of the sensor.
         """
         obstacle_m = math.inf
         if len(self._points):
             north, east = self._points[:, 0], self._points[:, 1]
             half_width_m = max(MIN_HALF_WIDTH_M, min(HALF_WIDTH_M, float(np.hypot(north, east).min()) - 0.1))
             north, east = north - start_ne[0], east - start_ne[1]
-            along = north * un + east * ue
-            ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < half_width_m)]
+            along = north * dir_n + east * dir_e
+            ahead = along[(along > 0.0) & (np.abs(east * dir_n - north * dir_e) < half_width_m)]
             obstacle_m = float(ahead.min()) if len(ahead) else math.inf
-        range_m = self._range_m(un, ue) if within_range else math.inf
+        range_m = self._range_m(dir_n, dir_e) if within_range else math.inf
         if obstacle_m <= range_m:
             return obstacle_m, "to stop before an obstacle"
         return range_m, "to the range of the obstacle sensor"
 
-    def _range_m(self, un: float, ue: float) -> float:
-        """Range of the sensor that covers this direction; infinite if none does."""
+    def _range_m(self, dir_n: float, dir_e: float) -> float:
+        """Range of the sensor that covers this direction; infinite if no sensor covers it."""
         best: float | None = None
         for scan in self._scans:
             least = math.cos(max(scan.half_angle_rad, DEFAULT_HALF_ANGLE_RAD))
             for n, e, d in scan.directions_ned:
-                if abs(d) <= LEVEL_MAX_SINE and n * un + e * ue >= least * math.hypot(n, e):
+                if abs(d) <= LEVEL_MAX_SINE and n * dir_n + e * dir_e >= least * math.hypot(n, e):
                     best = scan.range_m if best is None else max(best, scan.range_m)
                     break
         return math.inf if best is None else best

@@ -1,9 +1,9 @@
 """Keeps a sent setpoint finite, within the vehicle's and the operator's limits, and inside the fence.
 
 `apply_limits` does no I/O: it converts the requested setpoint to one that may be sent, with a note on each
-reduction. A speed from which the vehicle could not stop before the edge is reduced. Kinds that control no
-position or velocity (acceleration, attitude, rates) cannot be reduced in this way; for them `stop` is the
-reason why the stream must take over.
+reduction. A speed from which the vehicle could not stop before the edge is reduced. For
+kinds that control neither position nor velocity (acceleration, attitude, rates), which cannot be reduced in
+this way, `stop` is the reason why the stream must take over.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ class LimitResult:
     notes: tuple[str, ...] = ()
     """One text for each reduction."""
     stop: str | None = None
-    """Why the setpoint must no longer be flown; None if it may be flown."""
+    """Why the stream must take over instead of sending the setpoint; None: the setpoint may be sent."""
     braked: bool = False
     """Whether the obstacle brake reduced the setpoint."""
     track_ne: NorthEast | None = None
-    """Point of the track on which the brake keeps the target position [m]; None: it limits no position."""
+    """Point of the track on which the brake keeps the target position [m]; None: the brake limits no
+    position."""
 
 
 def apply_limits(
@@ -75,7 +76,7 @@ def apply_limits(
     if not is_finite(requested):
         return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
     limiter = _Limiter(bounds, motion, last_sent, dt_s, surroundings)
-    setpoint = limiter.limited(requested)
+    setpoint = limiter.limit(requested)
     stop = (
         limiter.stop
         if limiter.stop or is_finite(setpoint)
@@ -117,23 +118,23 @@ class _Limiter:
     def stop(self) -> str | None:
         return self._region.stop or self._must_stop
 
-    def limited(self, s: DirectSetpoint) -> DirectSetpoint:
+    def limit(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):
-            return self._rates(s)
+            return self._limit_rates(s)
         if isinstance(s, ThrustTorque | Actuators):
-            return self._unlimited(s)
+            return self._require_stoppable(s)
         if isinstance(s, Attitude):
-            return self._attitude(s)
+            return self._limit_attitude(s)
         if isinstance(s, PositionGlobal):
-            return self._global(s)
+            return self._limit_global(s)
         if isinstance(s, VelocityBody):
-            return self._velocity_body(s)
-        s = self._yaw_rate(s)
+            return self._limit_velocity_body(s)
+        s = self._limit_yaw_rate(s)
         if isinstance(s, Position):
             position, _, _ = self._limit_motion(s.position_ned_m, _NONE, _NONE)
             return s if position == s.position_ned_m else replace(s, position_ned_m=position)
         if isinstance(s, Velocity):
-            velocity = self._slewed(s.velocity_ned_m_s)
+            velocity = self._limit_slew(s.velocity_ned_m_s)
             _, velocity, _ = self._limit_motion(_NONE, velocity, _NONE)
             return s if velocity == s.velocity_ned_m_s else replace(s, velocity_ned_m_s=velocity)
         if isinstance(s, Acceleration):
@@ -148,9 +149,9 @@ class _Limiter:
 
     # --- the kinds ----------------------------------------------------------------------------------
 
-    def _global(self, s: PositionGlobal) -> DirectSetpoint:
-        """Limits a global position; it is sent unchanged, or as a local position if a limit changes it."""
-        s = self._yaw_rate(s)
+    def _limit_global(self, s: PositionGlobal) -> DirectSetpoint:
+        """Limits a global position; a changed position becomes a local position."""
+        s = self._limit_yaw_rate(s)
         origin = self._bounds.origin
         if origin is None or s.alt_amsl_m is None:
             return s
@@ -158,8 +159,8 @@ class _Limiter:
         position, _, _ = self._limit_motion(unlimited, _NONE, _NONE)
         return s if position == unlimited else Position(position, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
 
-    def _velocity_body(self, s: VelocityBody) -> VelocityBody:
-        s = self._yaw_rate(s)
+    def _limit_velocity_body(self, s: VelocityBody) -> VelocityBody:
+        s = self._limit_yaw_rate(s)
         yaw = None if self._motion is None else self._motion.yaw_ned_rad
         if yaw is None:  # only the speed can be limited
             n, e, d = self._limit_speed(s.velocity_frd_m_s)
@@ -170,14 +171,14 @@ class _Limiter:
                 n = e = d = 0.0
             return replace(s, velocity_frd_m_s=(n, e, d))
         ned: Partial3 = ned_from_heading(s.velocity_frd_m_s, yaw)
-        slewed = self._slewed(ned)
+        slewed = self._limit_slew(ned)
         _, velocity, _ = self._limit_motion(_NONE, slewed, _NONE)
         if velocity == ned:
             return s
         n, e, d = velocity
         return replace(s, velocity_frd_m_s=ned_from_heading((n or 0.0, e or 0.0, d or 0.0), -yaw))
 
-    def _attitude(self, s: Attitude) -> Attitude:
+    def _limit_attitude(self, s: Attitude) -> Attitude:
         self._region.require_stoppable()
         self._must_stop = self.brake.must_stop()
         q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
@@ -191,9 +192,9 @@ class _Limiter:
             if slewed:
                 q, _ = limit_tilt(q, self._bounds.tilt_rad)
                 self.notes.append("attitude change limited by the slew rate")
-        return replace(self._yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
+        return replace(self._limit_yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
 
-    def _rates(self, s: Rates) -> Rates:
+    def _limit_rates(self, s: Rates) -> Rates:
         self._region.require_stoppable()
         self._must_stop = self.brake.must_stop()
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
@@ -202,13 +203,14 @@ class _Limiter:
             self.notes.append("body rates limited to the vehicle's limits")
         return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
 
-    def _unlimited(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
-        """These setpoints bypass all controllers, so only the fence and the brake can stop the vehicle."""
+    def _require_stoppable(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
+        """Thrust, torque and actuator setpoints bypass all controllers; only `stop` can protect the
+        vehicle."""
         self._region.require_stoppable()
         self._must_stop = self.brake.must_stop()
         return s
 
-    def _yaw_rate(self, s: S) -> S:
+    def _limit_yaw_rate(self, s: S) -> S:
         rate, limit = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]
         if rate is None or abs(rate) <= limit:
             return s
@@ -224,19 +226,21 @@ class _Limiter:
         here = None if self._motion is None else self._motion.position_ned_m
         if position_ne is not None:
             goal = self._region.limit_position_ne(position_ne)
-            position_ne, velocity_ne = self._approach(goal, velocity_ne)
+            position_ne, velocity_ne = self._limit_approach(goal, velocity_ne)
             position_ne, velocity_ne = self.brake.limit_position_ne(
                 position_ne, velocity_ne, here, self._bounds.position_gain, goal
             )
         if velocity_ne is not None:
             velocity_ne = self._region.limit_velocity_ne(
-                self._scaled(velocity_ne, self._bounds.speed_m_s, "speed")
+                self._limit_size(velocity_ne, self._bounds.speed_m_s, "speed")
             )
             if position_ne is None:
                 velocity_ne = self.brake.limit_velocity_ne(self._region.keep_margin(velocity_ne))
         down, velocity_down_m_s = position[2], velocity[2]
         if down is not None:
-            down, velocity_down_m_s = self._approach_down(self._region.limit_down(down), velocity_down_m_s)
+            down, velocity_down_m_s = self._limit_approach_down(
+                self._region.limit_down(down), velocity_down_m_s
+            )
             down = self.brake.limit_down(down, here)
         if velocity_down_m_s is not None:
             velocity_down_m_s = self._region.limit_velocity_down(
@@ -258,15 +262,15 @@ class _Limiter:
                 self.notes.append(f"acceleration limited to {abs(limited):.1f} m/s²")
             acceleration_down = limited
         return (
-            _joined(position_ne, down),
-            _joined(velocity_ne, velocity_down_m_s),
-            _joined(acceleration_ne, acceleration_down),
+            _partial(position_ne, down),
+            _partial(velocity_ne, velocity_down_m_s),
+            _partial(acceleration_ne, acceleration_down),
         )
 
-    def _approach(
+    def _limit_approach(
         self, position_ne: NorthEast, velocity_ne: NorthEast | None
     ) -> tuple[NorthEast, NorthEast | None]:
-        """Moves the target closer to the vehicle, so that the position controller commands at most the
+        """Moves the target closer to the vehicle, so that PX4's position controller commands at most the
         operator's speed limit."""
         limit = self._bounds.approach_m_s
         if self._motion is None or not math.isfinite(limit):
@@ -282,7 +286,9 @@ class _Limiter:
         near = (here[0] + offset[0] * scale, here[1] + offset[1] * scale)
         return near, None if velocity_ne is None else (feed[0] * scale, feed[1] * scale)
 
-    def _approach_down(self, down_m: float, velocity_down_m_s: float | None) -> tuple[float, float | None]:
+    def _limit_approach_down(
+        self, down_m: float, velocity_down_m_s: float | None
+    ) -> tuple[float, float | None]:
         if self._motion is None:
             return down_m, velocity_down_m_s
         offset = down_m - self._motion.position_ned_m[2]
@@ -296,7 +302,7 @@ class _Limiter:
         return self._motion.position_ned_m[2] + offset * scale, feed
 
     def _limit_speed(self, velocity: Vector3) -> Vector3:
-        n, e = self._scaled((velocity[0], velocity[1]), self._bounds.speed_m_s, "speed")
+        n, e = self._limit_size((velocity[0], velocity[1]), self._bounds.speed_m_s, "speed")
         return (n, e, self._limit_climb(velocity[2]))
 
     def _limit_climb(self, velocity_down_m_s: float) -> float:
@@ -305,7 +311,7 @@ class _Limiter:
             self.notes.append(f"climb and descent limited to {abs(limited):g} m/s")
         return limited
 
-    def _scaled(self, vector: NorthEast, limit: float, quantity: str) -> NorthEast:
+    def _limit_size(self, vector: NorthEast, limit: float, quantity: str) -> NorthEast:
         size = math.hypot(*vector)
         if size <= limit:
             return vector
@@ -324,7 +330,7 @@ class _Limiter:
             acceleration_ne = (acceleration_ne[0] * limit / size, acceleration_ne[1] * limit / size)
         return acceleration_ne
 
-    def _slewed(self, velocity: Partial3) -> Partial3:
+    def _limit_slew(self, velocity: Partial3) -> Partial3:
         limit = self._bounds.slew_velocity_m_s2 * self._dt_s
         if not math.isfinite(limit) or any(axis is None for axis in velocity):
             return velocity
@@ -360,5 +366,5 @@ def _horizontal(vector: Partial3) -> NorthEast | None:
     return None if vector[0] is None or vector[1] is None else (vector[0], vector[1])
 
 
-def _joined(horizontal: NorthEast | None, down: float | None) -> Partial3:
+def _partial(horizontal: NorthEast | None, down: float | None) -> Partial3:
     return (None, None, down) if horizontal is None else (*horizontal, down)

@@ -1,6 +1,6 @@
-"""Limits positions to the allowed region, and velocities so that the vehicle stops before its edge. Setpoints
-without position control cannot be limited in this way; for them `require_stoppable` decides when the stream
-must take over.
+"""Limits positions to the allowed region, and velocities so that the vehicle stops before its edge. For
+setpoints without position or velocity, which cannot be limited in this way, `require_stoppable` decides when
+the stream must take over.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class RegionLimiter:
         self._motion = motion
         self._notes = notes
         self.stop: str | None = None
-        """Why the setpoint must no longer be flown; None if it may be flown."""
+        """Why the stream must take over instead of sending the setpoint; None: the setpoint may be sent."""
 
     def limit_position_ne(self, target: NorthEast) -> NorthEast:
         """Moves the target to the last allowed position on the way to the requested one."""
@@ -60,8 +60,8 @@ class RegionLimiter:
         if self._motion is None:
             inside = region.nearest_inside(target)
         else:
-            here = self._motion.position_ned_m
-            inside = region.last_inside((here[0], here[1]), target)
+            position_ned = self._motion.position_ned_m
+            inside = region.last_inside((position_ned[0], position_ned[1]), target)
         if inside is None:
             self.stop = "No way back inside the fence was found"
             return target
@@ -78,7 +78,7 @@ class RegionLimiter:
         return inside
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
-        """Reduces the velocity so that the vehicle can stop inside."""
+        """Reduces the velocity so that the vehicle can stop inside the region."""
         n, e = velocity
         region, speed = self._bounds.region, math.hypot(n, e)
         if not region.is_limited_horizontally or speed == 0.0:
@@ -86,17 +86,17 @@ class RegionLimiter:
         if self._motion is None:
             self._notes.append("velocity set to zero: no valid position estimate, and a fence is set")
             return (0.0, 0.0)
-        here = (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
-        breach = region.breach(here)
+        position_ne = (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
+        breach = region.breach(position_ne)
         if breach is not None:
-            back = region.nearest_inside(here)
-            if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
+            inside = region.nearest_inside(position_ne)
+            if inside is not None and n * (inside[0] - position_ne[0]) + e * (inside[1] - position_ne[1]) > 0:
                 return (n, e)
             self._notes.append(f"outside {breach}: only a velocity back inside is flown")
             return (0.0, 0.0)
-        to_edge_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
+        to_edge_m = region.distance_to_edge_m(position_ne, (n / speed, e / speed)) - MARGIN_M
         max_m_s = braking_speed(to_edge_m, BRAKE_M_S2, BRAKE_DELAY_S)
-        if self._cannot_stop_inside(here):
+        if self._cannot_stop_inside(position_ne):
             max_m_s = 0.0
         if speed <= max_m_s:
             return (n, e)
@@ -124,8 +124,8 @@ class RegionLimiter:
         return (n, e)
 
     def limit_velocity_down(self, velocity_down_m_s: float, *, keep_margin: bool) -> float:
-        """Reduces the vertical velocity so that the vehicle can stop inside; with `keep_margin`, moves it
-        back from an altitude limit nearer than the margin."""
+        """Reduces the vertical velocity so that the vehicle can stop inside the altitude limits; with
+        `keep_margin`, moves the vehicle back from an altitude limit nearer than the margin."""
         region = self._bounds.region
         if not region.is_limited_vertically:
             return velocity_down_m_s
@@ -135,17 +135,17 @@ class RegionLimiter:
             )
             return 0.0
         down_m = self._motion.position_ned_m[2]
-        left_down_m = region.down_max_m - down_m - MARGIN_VERTICAL_M
-        left_up_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
-        max_down_m_s = _max_vertical_speed(left_down_m, self._bounds.climb_m_s if keep_margin else 0.0)
-        max_up_m_s = _max_vertical_speed(left_up_m, self._bounds.descent_m_s if keep_margin else 0.0)
+        below_m = region.down_max_m - down_m - MARGIN_VERTICAL_M
+        above_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
+        max_down_m_s = _max_vertical_speed(below_m, self._bounds.climb_m_s if keep_margin else 0.0)
+        max_up_m_s = _max_vertical_speed(above_m, self._bounds.descent_m_s if keep_margin else 0.0)
         limited = max(min(velocity_down_m_s, max_down_m_s), -max_up_m_s)
         if limited != velocity_down_m_s:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
         return limited
 
     def require_stoppable(self, *, horizontal: bool = True, vertical: bool = True) -> None:
-        """Sets `stop` if the vehicle is outside, or must be stopped now to stay inside."""
+        """Sets `stop` if the vehicle is outside the region, or must be stopped now to stay inside."""
         region = self._bounds.region
         if not (horizontal and region.is_limited_horizontally) and not (
             vertical and region.is_limited_vertically
@@ -170,20 +170,20 @@ class RegionLimiter:
         ):
             self.stop = "The vehicle would leave the altitude limits"
 
-    def _cannot_stop_inside(self, here: NorthEast) -> bool:
-        """Whether the current speed is above the one from which the vehicle stops inside (`GUARD_M_S2`)."""
+    def _cannot_stop_inside(self, position_ne: NorthEast) -> bool:
+        """Whether the vehicle is too fast to stop inside the region with the deceleration `GUARD_M_S2`."""
         assert self._motion is not None
         n, e, _ = self._motion.velocity_ned_m_s
         speed = math.hypot(n, e)
         if speed < 0.5:
             return False
-        to_edge_m = self._bounds.region.distance_to_edge_m(here, (n / speed, e / speed))
+        to_edge_m = self._bounds.region.distance_to_edge_m(position_ne, (n / speed, e / speed))
         return speed > braking_speed(to_edge_m, GUARD_M_S2, GUARD_DELAY_S)
 
 
 def _max_vertical_speed(left_m: float, max_back_m_s: float) -> float:
-    """Largest speed towards an altitude limit from which the vehicle stops in time; negative: away from the
-    limit."""
+    """Maximum speed towards an altitude limit from which the vehicle stops in time; negative: the minimum
+    speed away from the limit."""
     if left_m >= 0.0:
         return braking_speed(left_m, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
     return max(BACK_PER_S * left_m, -MAX_BACK_M_S, -max_back_m_s)

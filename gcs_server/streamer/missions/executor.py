@@ -1,7 +1,7 @@
 """Commands of a mission through the executor of its mode.
 
-PX4 accepts them only while the executor is in charge. So a command that is sent at the moment of a takeover
-never overrides the pilot, another station or a failsafe: PX4 itself rejects it.
+PX4 accepts these commands only while the executor is in charge. So if a pilot, another station or a failsafe
+takes over while a command is sent, PX4 rejects the command.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ REJECTED_AFTER_S: Final = 0.7
 """Time to wait after PX4 has rejected a command: up to 0.5 s later it reports that the executor is no
 longer in charge."""
 PX4_MODES: Final = ("takeoff", "land")
-"""Modes of PX4 itself that the executor selects."""
+"""PX4's own modes that the executor selects."""
 IF_SILENT_IN_PX4_MODE: Final = (
     "PX4 removes the mission's mode, completes its take-off or landing by itself, and holds after a take-off."
 )
-"""The vehicle's action in PX4's own take-off or landing when the component of the mode ends, as text."""
+"""Text: what happens during PX4's own take-off or landing when the component of the mode ends."""
 NAN: Final = math.nan
 _numbers = itertools.count(1)
 
@@ -54,13 +54,13 @@ class MissionExecutor:
 
     @property
     def state(self) -> ExecutorState | None:
-        """State of the executor; None: the mode has none, or is not registered."""
+        """State of the executor; None: the mode has no executor, or is not registered."""
         modes = self._streams.modes().get(self._vehicle.id, ())
         return next((each.executor for each in modes if each.mode == self._mode), None)
 
     @property
     def in_charge(self) -> bool:
-        """Whether PX4 accepts its commands."""
+        """Whether PX4 accepts the executor's commands."""
         state = self.state
         return state is not None and state.in_charge
 
@@ -74,13 +74,13 @@ class MissionExecutor:
         """Takes off; returns once the vehicle reports the mode Takeoff.
 
         Args:
-            height_m: height above the current position.
+            height_m: height above the current position [m].
             by: the mission, for messages.
 
         Raises:
             Refused: the executor is not in charge, or the altitude is unknown.
-            Rejected: PX4 refused.
-            NoReply: PX4 did not answer.
+            Rejected: PX4 refused the command.
+            NoReply: the vehicle did not report the mode in time.
         """
         sample = self._vehicle.topic("global_position")
         if sample is None or not isinstance(sample.value, GlobalPosition):
@@ -94,7 +94,8 @@ class MissionExecutor:
         )
 
     async def set_mode(self, mode: str, by: str) -> None:
-        """Changes the mode; returns once the vehicle reports it. Raises what `take_off` raises."""
+        """Changes the mode; returns once the vehicle reports the mode. Raises the same errors as
+        `take_off`."""
         label = self._vehicle.mode_names.label(BY_NAME[mode])
         params = (float(BY_NAME[mode].nav_state), NAN, NAN, NAN, NAN, NAN, NAN)
         await self._run(SET_NAV_STATE, params, f"mode {label}", mode, by)
@@ -103,33 +104,34 @@ class MissionExecutor:
         self,
         command: int,
         params: tuple[float, float, float, float, float, float, float],
-        what: str,
+        action: str,
         mode: str,
         by: str,
     ) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
-        self._require_in_charge(what)
-        vehicle.command.record_executor_request(what, mode, by)
+        self._require_in_charge(action)
+        vehicle.command.record_executor_request(action, mode, by)
         number = next(_numbers)
         self._streams.execute_command(vehicle.id, self._mode, ExecutorCommand(number, command, params))
         until_s = self._clock.monotonic_s() + DEADLINE_S
         rejected = False
         while vehicle.status.mode != mode:
-            self._require_in_charge(what)
+            self._require_in_charge(action)
             now_s, state = self._clock.monotonic_s(), self.state
             if state is not None and state.command == number and state.outcome == "rejected" and not rejected:
                 rejected, until_s = True, now_s + REJECTED_AFTER_S
             if now_s >= until_s:
-                text = f"Vehicle {vehicle.id}: PX4 {{}} {what!r} of the mission's mode."
+                text = f"Vehicle {vehicle.id}: PX4 {{}} {action!r} of the mission's mode."
                 if rejected:
                     raise Rejected(text.format("refused"))
                 raise NoReply(text.format("did not execute"), deadline_s=DEADLINE_S)
             await self._clock.sleep(POLL_S)
 
-    def _require_in_charge(self, what: str) -> None:
+    def _require_in_charge(self, action: str) -> None:
         if not self.in_charge:
             raise Refused(
-                f"PX4 does not accept {what!r} of the mission's mode, because its executor is not in charge.",
+                f"PX4 does not accept {action!r} of the mission's mode, because the executor is not "
+                "in charge.",
                 remedy="Select the mode again, then arm.",
             )

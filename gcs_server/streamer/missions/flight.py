@@ -79,8 +79,8 @@ class MissionFlight:
             start.mode,
         )
         self.joint: JointMission | None = None
-        """The mission of several vehicles to which this flight belongs; None before its start, and for a
-        single vehicle.
+        """The mission of several vehicles to which this flight belongs; None before the start, and for a
+        mission of one vehicle.
         """
         self.updated_s = self._now_s
         """Time of the runner's last update."""
@@ -113,14 +113,14 @@ class MissionFlight:
             )
 
     def pause(self, by: str) -> None:
-        """Pauses the mission of all its vehicles. Raises Refused if this is not possible now."""
+        """Pauses the mission for all its vehicles. Raises Refused if this is not possible now."""
         if self.joint is not None:
             self.joint.pause(by)
         else:
             self._execute(call_runner(self.runner.pause, self._now_s, self.reading(), by))
 
     def resume(self, by: str) -> None:
-        """Resumes the mission of all its vehicles. Raises Refused if this is not possible now."""
+        """Resumes the mission for all its vehicles. Raises Refused if this is not possible now."""
         if self.joint is not None:
             self.joint.resume(by)
         else:
@@ -143,7 +143,7 @@ class MissionFlight:
         self._execute(call_runner(self.runner.go_on, by))
 
     def abort(self, by: str, then: str) -> None:
-        """Ends the mission of all its vehicles. Raises Refused if the mission has ended."""
+        """Ends the mission for all its vehicles. Raises Refused if the mission has ended."""
         if self.joint is not None:
             self.joint.abort(by, then)
             return
@@ -286,14 +286,14 @@ class MissionFlight:
             self._streams.end(self._vehicle.id, "mission", f"{self._by} was interrupted.", state.number)
 
     def _complete_mode(self) -> None:
-        """Reports to PX4 that its mode has ended, before the vehicle leaves it."""
+        """Reports to PX4 that the mission's mode has ended, before the vehicle leaves the mode."""
         success = self.runner.in_charge or self.runner.status(self.reading()).state == "done"
         self._streams.complete_mode(self._vehicle.id, self.mode, success)
 
     def _command(self, request: TakeOff | Play | SetMode) -> None:
         if self._task is not None:
             self._task.cancel()
-        # decided now: a command of this server would override a party that takes over from here on
+        # decided now: a later command of this server would override a pilot or station that takes over
         by_executor = self._executor.in_charge
         self._task = self._spawn(
             "mission command", self._report_failure(request, lambda: self._run_command(request, by_executor))
@@ -351,10 +351,10 @@ class MissionFlight:
             or (avoidance.mission_way and approach.avoidance)
         ):
             return
-        first_m = first_on_line(VehicleEstimates(self._vehicle).scans(), here, approach.end_ned_m)
-        if first_m is not None:
+        obstacle_m = first_on_line(VehicleEstimates(self._vehicle).scans(), here, approach.end_ned_m)
+        if obstacle_m is not None:
             raise Refused(
-                f"An obstacle is measured {first_m:.0f} m ahead on the straight line to the path.",
+                f"An obstacle is measured {obstacle_m:.0f} m ahead on the straight line to the path.",
                 remedy="Fly around it by hand, or switch obstacle avoidance on, then resume.",
             )
 
@@ -389,9 +389,9 @@ def _centimetres(value: float | None) -> float | None:
     return None if value is None else round(value, 2)
 
 
-def call_runner(what: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+def call_runner(method: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T:
     """Calls the runner for a client. Raises Refused if the runner cannot do this now."""
     try:
-        return what(*arguments, **named)
+        return method(*arguments, **keywords)
     except CannotDo as error:
         raise Refused(f"The mission cannot do that: {error}.", remedy=error.remedy) from error

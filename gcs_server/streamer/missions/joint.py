@@ -1,5 +1,5 @@
-"""One mission of several vehicles. They start and end together, and the separation guard of groups keeps them
-apart."""
+"""One mission of several vehicles. The vehicles start and end together, and the separation guard of groups
+keeps them apart."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ class JointMission:
             self._streams.unwatch(self.name)
 
     def stop_on_finding(self, finding: Finding) -> None:
-        """Called when the guard has stopped the vehicles that fly by setpoints: puts the others into Hold as
-        well, and ends the mission.
+        """Puts the other vehicles into Hold as well and ends the mission; called when the guard has stopped
+        the vehicles that fly by setpoints.
         """
         self.stop(f"{finding.text.rstrip('.')}: all hold")
 
@@ -99,12 +99,12 @@ class JointMission:
         self._execute(call_runner(self._runner.pause, self._now_s, self._readings(), by))
 
     def resume(self, by: str) -> None:
-        """Resumes all vehicles. Raises Refused if one cannot resume; no vehicle is resumed then."""
+        """Resumes all vehicles, or none: raises Refused if one cannot resume."""
         self._execute(call_runner(self._runner.resume, self._now_s, self._readings(), by))
 
     def abort(self, by: str, then: str) -> None:
-        """Ends the mission. Raises Refused if it has ended, or for "return", because the vehicles' paths home
-        may cross.
+        """Ends the mission. Raises Refused if the mission has ended, or for "return", because the vehicles'
+        paths home may cross.
         """
         if then == "return":
             raise Refused(
@@ -131,5 +131,7 @@ class JointMission:
         """Executes each vehicle's requests separately, so that a fault of one vehicle does not stop the
         others from holding.
         """
-        for role, own in requests.items():
-            self.flights[role].run_isolated(lambda f=self.flights[role], r=own: f.execute_requests(r))
+        for role, vehicle_requests in requests.items():
+            self.flights[role].run_isolated(
+                lambda f=self.flights[role], r=vehicle_requests: f.execute_requests(r)
+            )

@@ -26,8 +26,8 @@ class OffboardMissions:
 
     Args:
         clock: the server's clock.
-        streamer: the setpoint streams of all vehicles.
-        streams: the streams of all vehicles.
+        streamer: the setpoint control of all vehicles.
+        streams: the streams in the stream process.
         supervisor: runs background tasks.
     """
 
@@ -93,10 +93,10 @@ class OffboardMissions:
         control = self._streamer.offboard(vehicle_id)
         vehicle = control.vehicle
         vehicle.require_commandable()
-        flown = self._flights.get(vehicle_id)
-        if flown is not None and not flown.over:
+        previous = self._flights.get(vehicle_id)
+        if previous is not None and not previous.over:
             raise Refused(
-                f"Vehicle {vehicle_id} has the mission {flown.status().name!r}.",
+                f"Vehicle {vehicle_id} has the mission {previous.status().name!r}.",
                 remedy="Abort it first (offboard_mission/abort).",
             )
         if self._streams.state(vehicle_id).phase != "idle":
@@ -115,7 +115,7 @@ class OffboardMissions:
         """The newest mission of a known vehicle.
 
         Raises:
-            Refused: there is none.
+            Refused: the vehicle has had no mission.
         """
         flight = self._flights.get(vehicle_id)
         if flight is None:
@@ -126,11 +126,11 @@ class OffboardMissions:
         return flight
 
     def newest(self, vehicle_id: str) -> MissionFlight | None:
-        """The newest mission of a vehicle; None if there was none."""
+        """The newest mission of a vehicle; None: the vehicle has had no mission."""
         return self._flights.get(vehicle_id)
 
     def flown_in(self, vehicle_id: str, mode: str) -> MissionFlight | None:
-        """The vehicle's mission that is flown in this mode and has not ended; None if there is none."""
+        """The vehicle's mission that is flown in this mode and has not ended; None: no such mission."""
         flight = self._flights.get(vehicle_id)
         return flight if flight is not None and flight.mode == mode and not flight.over else None
 
@@ -141,13 +141,13 @@ class OffboardMissions:
         return () if flight is None or joint is None or joint.over else joint.others(flight)
 
     def status(self, vehicle_id: str) -> OffboardMissionStatus | None:
-        """Status of a vehicle's newest mission; None if there was none."""
+        """Status of a vehicle's newest mission; None: the vehicle has had no mission."""
         flight = self._flights.get(vehicle_id)
         return None if flight is None else flight.status()
 
     def update(self) -> None:
-        """Updates each mission. A fault in one mission affects only that mission, whose stream is then no
-        longer renewed."""
+        """Updates each mission. A fault in one mission affects only that mission: its stream is no longer
+        renewed."""
         # before the missions, so that a stop by the guard is not handled as a failure of the mission
         self._streamer.groups.collect()
         for vehicle_id, flight in list(self._flights.items()):

@@ -21,7 +21,7 @@ class MissionAsMode:
     """Codes of the mission's error findings that the client accepts."""
     client: str
     defer_failsafes_s: int = 0
-    """See `ModeDeclaration`."""
+    """How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never."""
     takes_off: bool = False
     """Whether the mission begins with a take-off; then the mode has an executor."""
 
@@ -33,14 +33,14 @@ class MissionModeStatus:
     name: str
     """The mode's name, as all ground stations show it."""
     state: RegistrationState
-    """registering: PX4 has not answered yet. registered: the mode can be selected; if the mission begins with
-    a take-off, on the ground, otherwise in the air. refused, lost: the mode cannot be selected."""
+    """registering: PX4 has not answered yet. registered: the mode can be selected: on the ground if the
+    mission begins with a take-off, otherwise in the air. refused, lost: the mode cannot be selected."""
     mode: str | None
-    """The mode as in `status.mode`: external_1 to external_8; null while it is not registered."""
+    """The mode as in `status.mode`: external_1 to external_8; null while the mode is not registered."""
     ready: bool
     """Whether the mission can begin now. A mission with a take-off begins when the vehicle is armed in the
-    mode, any other one when the mode is selected in the air. While `ready` is false, PX4 does not arm in the
-    mode."""
+    mode, any other mission when the mode is selected in the air. While `ready` is false, PX4 does not arm in
+    the mode."""
     reason: str
     """Why the registration was refused or lost, or why the mode is registered but not ready; otherwise
     empty."""
@@ -48,9 +48,9 @@ class MissionModeStatus:
     """Name of the mission."""
     plan_id: str | None
     version: int | None
-    """Version of the stored plan that is flown, also if newer versions were saved since."""
+    """Version of the stored plan that the mode flies, even if newer versions were saved later."""
     client: str
-    """Client that registered it."""
+    """Client that registered the mode."""
     defer_failsafes_s: int
     """How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never."""
     failsafe_deferred: bool

@@ -5,7 +5,7 @@ is active; this module only reacts: it starts the mission when the vehicle is in
 the vehicle is in the mode again. It never requests the mode by itself.
 
 A mission that begins with a take-off has a mode with an executor: the vehicle is armed in the mode, and the
-mission then begins on the ground. It is compiled before arming (`preparation.py`).
+mission then begins on the ground. The mission is compiled before arming (`preparation.py`).
 """
 
 from __future__ import annotations
@@ -62,17 +62,18 @@ class _ModeEntry:
     state: RegistrationState = "registering"
     failsafe_deferred: bool = False
     preparation: Preparation | None = None
-    """The mission, compiled before arming; None: it begins in the air, and is compiled when it begins."""
+    """The mission, compiled before arming; None: the mission begins in the air, and is compiled when it
+    begins."""
 
 
 @dataclass(slots=True)
 class _VehicleModes:
     modes: dict[str, _ModeEntry] = field(default_factory=dict[str, _ModeEntry])
     last_mode: tuple[str, float] | None = None
-    """Last read mode of the armed vehicle, and when it was entered [s since 1970]: a mode may be left and
-    selected again between two readings."""
+    """Mode of the armed vehicle at the last update, and when the vehicle entered it [s since 1970]. The
+    vehicle may leave a mode and enter it again between two updates."""
     disarmed_s: float = float("-inf")
-    """When the vehicle was disarmed, if the server has not selected Hold since then."""
+    """When the vehicle was disarmed [s, monotonic]; -inf once the server has selected Hold."""
 
 
 class MissionModes:
@@ -80,7 +81,7 @@ class MissionModes:
 
     Args:
         clock: the server's clock.
-        streamer: the setpoint streams of all vehicles.
+        streamer: the setpoint control of all vehicles.
         streams: registers the modes.
         missions: flies the missions.
         supervisor: runs background tasks.
@@ -120,7 +121,7 @@ class MissionModes:
 
         Raises:
             PlanFindings: the mission has error findings that the client does not accept.
-            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode or does not answer, the
+            Refused: the vehicle has no ROS 2 connection, PX4 refuses the mode or does not answer, the
                 vehicle has a mode of this name, or the mission cannot be compiled.
         """
         vehicle = self._vehicle(vehicle_id)
@@ -129,7 +130,7 @@ class MissionModes:
         if address is None:
             raise Refused(
                 f"No ROS 2 connection to vehicle {vehicle_id}. PX4 registers flight modes only over ROS 2.",
-                remedy="Add a ros2:// link to it (see Links).",
+                remedy="Add a ros2:// link to the vehicle (see Links).",
             )
         conditions = self._preparer.conditions(vehicle_id)
         start = await self._prepare(vehicle_id, mode)
@@ -176,8 +177,8 @@ class MissionModes:
             )
         mode = self._registration(vehicle_id, name).mode
         flight = None if mode is None else self._missions.flown_in(vehicle_id, mode)
-        flies = vehicle.status.mode == mode or (flight is not None and flight.runner.in_charge)
-        if mode is not None and vehicle.status.armed and flies:
+        is_flown = vehicle.status.mode == mode or (flight is not None and flight.runner.in_charge)
+        if mode is not None and vehicle.status.armed and is_flown:
             raise Refused(
                 f"Vehicle {vehicle_id} flies in the mode {name!r}; without this mode, PX4 would return (RTL) "
                 "at once.",
@@ -220,13 +221,15 @@ class MissionModes:
             return
         if not status.armed:
             prepared = [(each.mode, each.preparation) for each in by_mode.values()]
-            self._preparer.update(vehicle, [(mode, kept) for mode, kept in prepared if kept is not None])
+            self._preparer.update(
+                vehicle, [(mode, preparation) for mode, preparation in prepared if preparation is not None]
+            )
         since_s = 0.0 if vehicle.mode_cause is None else vehicle.mode_cause.since_unix_s
-        before, state.last_mode = state.last_mode, (status.mode, since_s) if status.armed else None
-        if before is not None and not status.armed:
+        last_mode, state.last_mode = state.last_mode, (status.mode, since_s) if status.armed else None
+        if last_mode is not None and not status.armed:
             state.disarmed_s = self._clock.monotonic_s()
         self._hold_after_disarming(vehicle, state, by_mode)
-        entered = by_mode.get(status.mode) if state.last_mode != before and status.armed else None
+        entered = by_mode.get(status.mode) if state.last_mode != last_mode and status.armed else None
         if entered is not None:
             work = self._begin(vehicle, status.mode, entered)
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
@@ -269,8 +272,8 @@ class MissionModes:
     def _report(self, vehicle: Vehicle, name: str, registration: Registration) -> None:
         if registration.state == "registered":
             takes_off = self._vehicles[vehicle.id].modes[name].mode.takes_off
-            where = "on the ground, and starts when the vehicle is armed" if takes_off else "in the air"
-            text = f"PX4 shows the mission as the mode {name!r}; it can be selected {where}."
+            when = "on the ground, and starts when the vehicle is armed" if takes_off else "in the air"
+            text = f"PX4 shows the mission as the mode {name!r}; it can be selected {when}."
             add_event(vehicle, self._clock, name, "registered", text, NOTICE)
         elif registration.state == "lost":
             text = f"The mode {name!r} is no longer registered: {registration.why}."
@@ -293,7 +296,7 @@ class MissionModes:
             add_event(vehicle, self._clock, name, "failsafe_not_deferred", text, NOTICE)
 
     async def _begin(self, vehicle: Vehicle, mode: str, entry: _ModeEntry) -> None:
-        """Starts or resumes the mission; if that is not possible, the vehicle holds."""
+        """Starts or resumes the mission; if this is not possible, the vehicle holds."""
         mission_mode = entry.mode
         by = f"The mode {mission_mode.name!r}"
         try:
@@ -340,7 +343,8 @@ class MissionModes:
         return start
 
     async def _wait_until_in_charge(self, vehicle_id: str, name: str) -> None:
-        """Returns once PX4 reports that the mode's executor is in charge; raises Refused if it does not."""
+        """Returns once PX4 reports that the mode's executor is in charge; raises Refused after the
+        timeout."""
         until_s = self._clock.monotonic_s() + IN_CHARGE_TIMEOUT_S
         while (executor := self._registration(vehicle_id, name).executor) is None or not executor.in_charge:
             if self._clock.monotonic_s() >= until_s:

@@ -1,9 +1,9 @@
-"""Missions that begin when the vehicle is armed in their mode are compiled before that.
+"""Compiles missions that begin when the vehicle is armed in their mode: before the vehicle is armed.
 
-PX4 disarms a vehicle that has not taken off 10 s after arming (COM_DISARM_PRFLT), so nothing slow may stand
-between arming and take-off. While the vehicle is disarmed, its mission is compiled again when the vehicle was
-moved or a setting has changed. Until it is compiled, the answers to PX4's arming checks say that the mode
-cannot run, so that PX4 does not arm in it.
+PX4 disarms a vehicle that has not taken off 10 s after arming (COM_DISARM_PRFLT), so nothing slow may happen
+between arming and take-off. While the vehicle is disarmed, the server compiles the mission again when the
+vehicle was moved or a setting has changed. Until the mission is compiled, the replies to PX4's arming checks
+report that the mode cannot run, so that PX4 does not arm in the mode.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from missions.frames import Vector3
 COMPILE_AFTER: Final = (0.3, math.radians(5))
 """Change of position [m] and of yaw [rad] after which the mission is compiled again."""
 READY_WITHIN: Final = (1.0, math.radians(20))
-"""Change of position [m] and of yaw [rad] up to which the compiled mission can begin. It is larger, so that
-the drift of the estimate on the ground does not interrupt readiness."""
+"""Change of position [m] and of yaw [rad] up to which the compiled mission can begin. This change is larger
+than `COMPILE_AFTER`, so that the drift of the estimate on the ground does not interrupt readiness."""
 MIN_INTERVAL_S: Final = 1.0
 """Minimum time between two compilations of a mission [s]."""
 RETRY_S: Final = 5.0
-"""Time after which a failed compilation is repeated."""
+"""Time after which a failed compilation is repeated [s]."""
 COMPILING: Final = "The mission is being compiled for the vehicle's present position and settings."
 
 
@@ -48,7 +48,7 @@ class Preparation:
 
     Args:
         start: the mission, compiled at the registration.
-        conditions: with which it was compiled; None: unknown.
+        conditions: the conditions of that compilation; None: unknown.
     """
 
     def __init__(self, start: Start, conditions: Conditions | None) -> None:
@@ -56,22 +56,23 @@ class Preparation:
         self._conditions = conditions
         self._compiling, self._next_s = False, 0.0
         self.ready = self.reported = True
-        """Whether the mission can begin when the vehicle is armed, and what the stream process was told."""
+        """Whether the mission can begin when the vehicle is armed, and the value last sent to the stream
+        process."""
         self.problem = ""
-        """Why the last compilation failed; empty: it did not."""
+        """Why the last compilation failed; empty: it did not fail."""
 
     @property
     def reason(self) -> str:
-        """Why the mission is not ready; empty if it is."""
+        """Why the mission is not ready; empty if the mission is ready."""
         return "" if self.ready else self.problem or COMPILING
 
     def update(self, now_s: float, conditions: Conditions | None) -> bool:
-        """Called while the vehicle is disarmed; returns True if the mission must be compiled now. The caller
-        then calls `succeeded` or `failed`.
+        """Updates `ready`; returns True if the mission must be compiled now. The caller then compiles the
+        mission and calls `succeeded` or `failed`. Call while the vehicle is disarmed.
 
         Args:
-            now_s: monotonic.
-            conditions: the present ones; None: the vehicle has no valid position.
+            now_s: current time [s, monotonic].
+            conditions: the current conditions; None: the vehicle has no valid position.
         """
         self.ready = self._is_compiled_for(conditions, READY_WITHIN)
         current = self._is_compiled_for(conditions, COMPILE_AFTER)
@@ -86,16 +87,16 @@ class Preparation:
         return conditions.within(self._conditions, change)
 
     def succeeded(self, start: Start, conditions: Conditions | None, now_s: float) -> None:
-        """The mission was compiled for these conditions."""
+        """Stores the mission that was compiled for these conditions."""
         self._start, self._conditions, self.problem = start, conditions, ""
         self._compiling, self._next_s = False, now_s + MIN_INTERVAL_S
 
     def failed(self, problem: str, now_s: float) -> None:
-        """The mission cannot be flown from the vehicle's present position, or was not compiled."""
+        """Stores why the compilation failed, or why the mission cannot begin at the vehicle's position."""
         self._start, self.problem, self.ready = None, problem, False
         self._compiling, self._next_s = False, now_s + RETRY_S
 
     @property
     def start(self) -> Start | None:
-        """The mission to begin when the vehicle is armed; None: it is not ready."""
+        """The mission to begin when the vehicle is armed; None: the mission is not ready."""
         return self._start if self.ready else None

@@ -16,12 +16,12 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 
 class Preparer:
-    """Compiles missions before arming, and tells the stream process whether PX4 may arm.
+    """Compiles missions before arming, and reports to the stream process whether PX4 may arm.
 
     Args:
         clock: the server's clock.
         supervisor: runs the compilations.
-        streams: answers PX4's arming checks.
+        streams: replies to PX4's arming checks.
         prepare: compiles a mode's mission from the vehicle's current position, and checks it.
         conditions: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
             position.
@@ -39,8 +39,8 @@ class Preparer:
         self._prepare, self.conditions = prepare, conditions
 
     def update(self, vehicle: Vehicle, missions: Iterable[tuple[MissionAsMode, Preparation]]) -> None:
-        """Called periodically while the vehicle is disarmed: compiles the missions that are not compiled for
-        its present position and settings."""
+        """Compiles the missions that are not compiled for the vehicle's present position and settings; called
+        periodically while the vehicle is disarmed."""
         missions = list(missions)
         conditions = self.conditions(vehicle.id) if missions else None
         for mode, preparation in missions:
@@ -62,7 +62,7 @@ class Preparer:
             if preparation.problem != problem:
                 text = (
                     f"The mission of the mode {mode.name!r} cannot begin here: {preparation.problem} "
-                    "PX4 does not arm in this mode until it can."
+                    "PX4 does not arm in this mode until the mission can begin."
                 )
                 add_event(vehicle, self._clock, mode.name, "not_ready", text, WARNING)
         else:

@@ -1,4 +1,4 @@
-"""The state of a vehicle for the mission runner, from its newest samples and its stream."""
+"""The state of a vehicle for the mission runner, from the vehicle's newest samples and setpoint stream."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from missions.avoidance.scans import LEVEL_MAX_SINE
 from missions.runner.reading import Reading, StreamPhase
 from missions.setpoints import Estimate
 
-DISTANCE_FRESH_S, WIND_FRESH_S = 3.0, 10.0
+MAX_DISTANCE_AGE_S, MAX_WIND_AGE_S = 3.0, 10.0
 """Maximum age of these messages [s]; by default PX4 sends DISTANCE_SENSOR and WIND_COV every two seconds."""
 PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
 
@@ -30,12 +30,12 @@ def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
 
 
 def distance_m(vehicle: Vehicle) -> float | None:
-    """Distance measured by the downward sensor; without one, the shortest distance of all sensors. None:
-    nothing is in range."""
+    """Distance measured by the downward sensor [m]; without such a sensor, the shortest distance of all
+    sensors. None: nothing is in range."""
     sample = vehicle.topic("distance_sensors")
     if sample is None or not isinstance(sample.value, DistanceSensors):
         return None
-    if vehicle.clock.monotonic_s() - sample.received_monotonic_s > DISTANCE_FRESH_S:
+    if vehicle.clock.monotonic_s() - sample.received_monotonic_s > MAX_DISTANCE_AGE_S:
         return None
     down = [each for each in sample.value.sensors if each.direction_frd[2] > LEVEL_MAX_SINE]
     measured = (
@@ -47,10 +47,10 @@ def distance_m(vehicle: Vehicle) -> float | None:
 
 
 def above_home_m(vehicle: Vehicle) -> float:
-    """The vehicle's altitude above home.
+    """The vehicle's altitude above home [m].
 
     Raises:
-        Refused: it is not known.
+        Refused: the vehicle does not report it.
     """
     sample = vehicle.topic("global_position")
     if sample is None or not isinstance(sample.value, GlobalPosition):
@@ -62,18 +62,18 @@ def above_home_m(vehicle: Vehicle) -> float:
 
 
 def wind_speed_m_s(vehicle: Vehicle) -> float | None:
-    """Estimated wind speed; None if the vehicle does not estimate it."""
+    """Estimated wind speed; None if the vehicle sends no fresh estimate."""
     sample = vehicle.topic("wind")
     if sample is None or not isinstance(sample.value, Wind):
         return None
-    fresh = vehicle.clock.monotonic_s() - sample.received_monotonic_s <= WIND_FRESH_S
+    fresh = vehicle.clock.monotonic_s() - sample.received_monotonic_s <= MAX_WIND_AGE_S
     return sample.value.speed_m_s if fresh else None
 
 
 def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
     """Names of the condition values that the vehicle sends. A condition on any other value stays false."""
     battery, gps, sensors = (vehicle.topic(name) for name in ("battery", "gps", "distance_sensors"))
-    known = {
+    is_reported = {
         "battery_share": battery is not None
         and isinstance(battery.value, Battery)
         and battery.value.remaining_percent is not None,
@@ -83,7 +83,7 @@ def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
         "satellites": gps is not None and isinstance(gps.value, Gps) and gps.value.satellites is not None,
         "horizontal_error_m": vehicle.topic("estimator") is not None,
     }
-    return tuple(name for name, reported in known.items() if reported)
+    return tuple(name for name, reported in is_reported.items() if reported)
 
 
 def vehicle_reading(vehicle: Vehicle) -> Reading:

@@ -21,7 +21,7 @@ class Task(Protocol):
         ...
 
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the task has ended."""
         ...
 
 
@@ -43,6 +43,6 @@ class Start:
     role: str | None = None
     """Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle."""
     dry_run: str | None = None
-    """Id of the dry run with this `corridor`."""
+    """Id of the dry run that computed `corridor`."""
     mode: str = OFFBOARD
     """Mode in which the mission is flown: Offboard, or the mode that is registered with PX4 for it."""

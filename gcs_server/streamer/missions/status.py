@@ -23,7 +23,7 @@ class MissionName:
 
 @dataclass(frozen=True, slots=True)
 class OffboardMissionStatus:
-    """Status of an offboard mission: the topic `offboard_mission`, and the answer of the routes below
+    """Status of an offboard mission: the topic `offboard_mission`, and the response of the routes below
     `…/offboard_mission`."""
 
     state: MissionState
@@ -50,13 +50,13 @@ class OffboardMissionStatus:
     remaining_s: float | None
     """Planned time left, with the longest branch; None when the mission has ended."""
     deviation_m: float | None
-    """Distance from the streamed position."""
+    """Distance of the vehicle from the streamed position [m]."""
     outside_corridor_m: float | None
-    """Distance outside the dry run's corridor, 0 inside; None: no corridor is monitored."""
+    """Distance of the vehicle from the dry run's corridor [m], 0 inside; None: no corridor is monitored."""
     dry_run: str | None
     """Id of the dry run whose corridor is monitored."""
     mode: str
-    """Mode in which it is flown: offboard, or the mode as which it is registered (`external_1` …)."""
+    """Mode in which the mission is flown: offboard, or the mission's own mode (`external_1` …)."""
     executor_in_charge: bool | None
     """Whether PX4 has put the executor of this mode in charge of the vehicle. While it is false, PX4 rejects
     the mission's take-off, landing and mode changes, because another party commands the vehicle. null: the
@@ -66,4 +66,4 @@ class OffboardMissionStatus:
     reason: str | None
     """Why the mission is suspended or has ended."""
     if_stream_stops: str | None
-    """Text about the vehicle's own action if the server or its link fails."""
+    """Text: what the vehicle does if the server or its link fails."""

@@ -11,14 +11,14 @@ from gcs_server.links.send_queue import (
     FIRST,
     LAST,
     LAST_LIMIT_BYTES,
-    PASSED_OVER,
+    MAX_PASSED_OVER,
     Packet,
     SendCounts,
     SendQueue,
 )
 
 PEER, OTHER = Peer("a"), Peer("b")
-LONGEST_WAIT_PACKETS = PASSED_OVER + 2 * (CLASSES - 2)
+LONGEST_WAIT_PACKETS = MAX_PASSED_OVER + 2 * (CLASSES - 2)
 """The most packets of other classes (except class 0) that may be sent before a waiting one."""
 
 
