@@ -68,7 +68,7 @@ from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet, Notice
-from gcs_server.vehicle.services.held_cache import HeldCache
+from gcs_server.vehicle.services.held_cache import ItemsCache
 
 log = logging.getLogger(__name__)
 
@@ -131,7 +131,7 @@ class Server:
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.set_cache(cache))
-        held_plans = HeldCache(cache)
+        held_plans = ItemsCache(cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(held_plans))
         dry_runs = DryRuns()
         self.scene = (

@@ -25,8 +25,8 @@ def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> 
     if dry_run_id is None:
         return None
     result = station.dry_runs.get(dry_run_id)
-    held = vehicle.mission.held
-    if result["kind"] != "waypoint_plan" or held is None or vehicle.mission.holds() != "plan":
+    held = vehicle.mission.items_on_vehicle
+    if result["kind"] != "waypoint_plan" or held is None or vehicle.mission.plan_on_vehicle() != "plan":
         raise _another_plan(vehicle, dry_run_id)
     plan = plan_document.read(station.dry_runs.plan(dry_run_id))
     items = mavlink_items.mission_items(plan)

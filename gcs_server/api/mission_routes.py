@@ -23,10 +23,10 @@ from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.streamer.waypoints.flight import Announcement
-from gcs_server.vehicle.services.held_plan import plan_of
+from gcs_server.vehicle.services.held_plan import plan_from_items
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
-from gcs_server.vehicle.services.mission_held import HeldItems, Items, PlanReference
+from gcs_server.vehicle.services.mission_held import Items, ItemsOnVehicle, PlanReference
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError
@@ -45,7 +45,11 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     If the server knows the plan, it reads the parameters for `if_link_lost` in the background, and sends
     nothing else.
     """
-    held, holds, flights = vehicle.mission.held, vehicle.mission.holds(), station.waypoint_flights
+    held, holds, flights = (
+        vehicle.mission.items_on_vehicle,
+        vehicle.mission.plan_on_vehicle(),
+        station.waypoint_flights,
+    )
     sample = vehicle.topic("mission")
     resume_at = flights.resume(vehicle.id)
     return answer(
@@ -57,7 +61,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
                 "plan": None if held is None else held.plan,
                 "known_unix_s": None if held is None else held.at_unix_s,
             },
-            "transfer": vehicle.mission.doing,
+            "transfer": vehicle.mission.running_transfer,
             "flight": flights.status(vehicle.id),
             "resume": None if isinstance(resume_at, str) else resume_at,
             "no_resume": resume_at if isinstance(resume_at, str) else None,
@@ -133,7 +137,7 @@ async def download(
 async def downloaded_plan(vehicle: VehicleDep) -> Response:
     """The plan that was last downloaded from the vehicle, or uploaded and verified."""
     held = _held(vehicle)
-    plan, notes = plan_of(held)
+    plan, notes = plan_from_items(held)
     return answer(
         {
             "vehicle": vehicle.id,
@@ -160,7 +164,7 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     equal = not any(each.essential for each in all_differences)
     same_ids = still_held(vehicle, held)
     if equal and same_ids and name.id is not None:
-        await vehicle.mission.set_known(replace(held, plan=name))
+        await vehicle.mission.set_items_on_vehicle(replace(held, plan=name))
     return answer(
         {
             "vehicle": vehicle.id,
@@ -214,9 +218,9 @@ async def start(
 
     async def work(vehicle: Vehicle) -> None:
         vehicle.require_commandable()
-        if vehicle.mission.doing is not None:
+        if vehicle.mission.running_transfer is not None:
             raise Refused(
-                f"Vehicle {vehicle.id} is busy with {vehicle.mission.doing}.",
+                f"Vehicle {vehicle.id} is busy with {vehicle.mission.running_transfer}.",
                 remedy="Wait until it is done.",
             )
         path = await check_start(station, vehicle, request)
@@ -254,7 +258,7 @@ def _begin(
 ) -> Operation:
     """Starts a transfer; refused if the vehicle already has one."""
     vehicle.require("mission_transfer")
-    if vehicle.mission.doing is not None or any(
+    if vehicle.mission.running_transfer is not None or any(
         each.state == "running" and each.vehicle == vehicle.id and each.kind.startswith("mission/")
         for each in station.operations.all()
     ):
@@ -321,8 +325,8 @@ def _items(plan: Plan) -> Items:
     return items
 
 
-def _held(vehicle: Vehicle) -> HeldItems:
-    held = vehicle.mission.held
+def _held(vehicle: Vehicle) -> ItemsOnVehicle:
+    held = vehicle.mission.items_on_vehicle
     if held is None:
         raise Refused(
             f"The plan on vehicle {vehicle.id} has not been downloaded.",

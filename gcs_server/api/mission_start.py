@@ -15,8 +15,8 @@ from gcs_server.errors import PlanFindings, Refused, UnknownPlan
 from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.flight import DryRunPath
-from gcs_server.vehicle.services.held_plan import plan_of
-from gcs_server.vehicle.services.mission_held import HeldItems
+from gcs_server.vehicle.services.held_plan import plan_from_items
+from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError
@@ -58,7 +58,7 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
         Refused: the vehicle has no mission, another one than `request` names, or cannot start at the item.
     """
     _require_mission(vehicle, request.mission_id)
-    held = vehicle.mission.held
+    held = vehicle.mission.items_on_vehicle
     same_ids = None if held is None else still_held(vehicle, held)
     if held is not None and not held.items["mission"] and same_ids is not False:
         raise Refused(f"Vehicle {vehicle.id} has no mission.", remedy="Upload a plan first.")
@@ -72,7 +72,7 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
             )
         return dry_run_path(station, vehicle, request.dry_run)
     path = dry_run_path(station, vehicle, request.dry_run)
-    plan, _ = plan_of(held)
+    plan, _ = plan_from_items(held)
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, held)})
     found = await _errors(station, vehicle, plan, request)
     async with station.waypoint_flights.comparing:
@@ -146,7 +146,7 @@ def _too_near(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
     )
 
 
-def still_held(vehicle: Vehicle, held: HeldItems) -> bool | None:
+def still_held(vehicle: Vehicle, held: ItemsOnVehicle) -> bool | None:
     """Whether the vehicle still reports the ids of this transfer; None: it reports no ids."""
     ids = vehicle.mission.ids()
     if ids is None or not any((*ids.values(), *held.ids.values())):
@@ -179,7 +179,7 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
     return [each["text"] for each in check["findings"] if each["code"] in PLACE_CODES]
 
 
-async def _stored_obstacles(station: Station, held: HeldItems) -> tuple[Obstacle, ...]:
+async def _stored_obstacles(station: Station, held: ItemsOnVehicle) -> tuple[Obstacle, ...]:
     """The obstacles of the stored plan that is on the vehicle; the vehicle itself stores no obstacles. Empty
     if the plan was not stored or is deleted."""
     if held.plan is None or held.plan.id is None:

@@ -2,14 +2,14 @@
 client.
 
 A sample is encoded once, when the first client needs it, and the same bytes are sent to all clients. A slow
-client skips frames and then gets the newest values. Events are queued per client. If the queue is full, the
-client is disconnected, so that no client misses events unnoticed. A topic that cannot be decoded or encoded
-is left out; all others are sent.
+client receives fewer frames, always with the newest values. Events are queued per client. If the queue is
+full, the client is disconnected, so that no client misses events unnoticed. A topic that cannot be decoded or
+encoded is omitted; all other topics are sent.
 
 A vehicle's topic is sent after each of its messages, even if it has not changed, because the time of the
 newest message shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a
 subscription and when it changes; it is valid until the next change. The topics of `ON_REQUEST` are
-expensive, so only a subscription that names them gets them.
+expensive, so only subscriptions that name them contain them.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ EVENT_QUEUE_LENGTH = 500
 EVENT_QUEUE_CHARACTERS = 1 << 20
 """Maximum size of the events that wait for one client [characters]."""
 MAX_WAITING_ERRORS = 10
-"""Maximum number of answers to invalid requests that wait for one client; more are dropped."""
+"""Maximum number of error frames that wait for one client; further error frames are dropped."""
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
@@ -86,12 +86,12 @@ class EncodedSamples:
         self._checked: dict[tuple[str, str], tuple[float, object]] = {}
         """Time of the last check and value of the server's topics."""
         self.replays: Callable[[], Sequence[object]] = tuple
-        """Returns the open replays; set by the replay service."""
+        """Returns the open replays; the replay service sets this function."""
         self.inspect: Callable[[Vehicle], object | None] = lambda _vehicle: None
-        """Returns the ROS 2 topics of a vehicle; set by the inspector."""
+        """Returns the ROS 2 topics of a vehicle; the inspector sets this function."""
 
     def replays_text(self) -> str | None:
-        """A frame with the open replays; None if there are none."""
+        """A frame with the open replays; None: no replay is open."""
         replays = self.replays()
         return replays_frame(replays) if replays else None
 
@@ -109,58 +109,59 @@ class EncodedSamples:
         """JSON of the newest samples that a client does not have yet.
 
         Args:
-            seen: number of the client's sample of each topic; updated by this call.
+            seen: by topic, the number of the sample that the client has; updated by this call.
         """
-        held = self._bytes.setdefault(vehicle.id, {})
+        samples = self._bytes.setdefault(vehicle.id, {})
         for topic in topics:
-            newest = held.get(topic)
-            # Most topics are usually unchanged or never sent, so this check is most of the cost of a client.
+            newest = samples.get(topic)
+            # Most topics have not changed or are never sent, so this check is most of the work for a client.
             received_s = None if topic in SERVER_TOPICS else vehicle.topic_received_s(topic)
             if received_s is None and topic not in SERVER_TOPICS:
                 continue
             if newest is None or newest[0] != received_s:
-                what = f"telemetry of {topic}"
-                newest = vehicle.isolation.run(what, self._newest, vehicle, topic, held)
+                task_name = f"telemetry of {topic}"
+                newest = vehicle.isolation.run(task_name, self._newest, vehicle, topic, samples)
             if newest is not None and seen.get(topic) != newest[0]:
                 seen[topic] = newest[0]
                 yield newest[1]
 
     def _newest(
-        self, vehicle: Vehicle, topic: str, all_held: dict[str, tuple[float, bytes]]
+        self, vehicle: Vehicle, topic: str, stored_samples: dict[str, tuple[float, bytes]]
     ) -> tuple[float, bytes] | None:
-        """(number, which increases with each new sample; JSON); None before the first sample."""
+        """The newest sample as (number, JSON); the number increases with each sample. None before the first
+        sample."""
         key = (vehicle.id, topic)
-        held = all_held.get(topic)
+        stored = stored_samples.get(topic)
         if topic == "readiness":
             health = vehicle.health
-            if health.changed_s is None or (held is not None and held[0] == health.changed_s):
-                return held
+            if health.changed_s is None or (stored is not None and stored[0] == health.changed_s):
+                return stored
             wire = WireSample(vehicle.id, topic, None, self._clock.unix_s(), health.readiness)
-            fresh = (health.changed_s, encode(wire))
+            new_sample = (health.changed_s, encode(wire))
         elif topic in PERIODS_S:
             now_s = self._clock.monotonic_s()
             checked = self._checked.get(key)
-            if held is not None and checked is not None and now_s - checked[0] < PERIODS_S[topic]:
-                return held
+            if stored is not None and checked is not None and now_s - checked[0] < PERIODS_S[topic]:
+                return stored
             value = self._server_value(vehicle, topic)
             if value is None:
                 return None
-            if held is None or checked is None or checked[1] != value:
-                held = (now_s, encode(WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)))
+            if stored is None or checked is None or checked[1] != value:
+                stored = (now_s, encode(WireSample(vehicle.id, topic, None, self._clock.unix_s(), value)))
             self._checked[key] = (now_s, value)
-            fresh = held
+            new_sample = stored
         else:
             sample = vehicle.topic(topic)
             if sample is None:
                 return None
-            if held is not None and held[0] == sample.received_monotonic_s:
-                return held
+            if stored is not None and stored[0] == sample.received_monotonic_s:
+                return stored
             wire = WireSample(
                 vehicle.id, topic, sample.vehicle_time_boot_s, sample.received_unix_s, sample.value
             )
-            fresh = (sample.received_monotonic_s, encode(wire))
-        all_held[topic] = fresh
-        return fresh
+            new_sample = (sample.received_monotonic_s, encode(wire))
+        stored_samples[topic] = new_sample
+        return new_sample
 
     def _server_value(self, vehicle: Vehicle, topic: str) -> object | None:
         """The current value of a topic of the server; None if the vehicle does not have it."""
@@ -182,13 +183,13 @@ class EncodedSamples:
 
 
 class Subscriber:
-    """One telemetry client: its subscription, what it has received, and its waiting events."""
+    """One telemetry client: its subscription, the samples it has received, and its waiting events."""
 
     def __init__(self, clock: Clock, socket: Socket, samples: EncodedSamples) -> None:
         self._clock = clock
         self._socket = socket
         self._samples = samples
-        self._wants: Subscribe | None = None
+        self._subscription: Subscribe | None = None
         self._topics: tuple[str, ...] = ()
         self._seen: dict[str, dict[str, float]] = {}
         """By vehicle and topic, the number of the newest sample that was sent."""
@@ -201,8 +202,12 @@ class Subscriber:
 
     def offer_event(self, event: Event, text: str) -> None:
         """Queues an event; if the queue is full, the client is disconnected."""
-        wants = self._wants
-        chosen = wants.vehicles if wants is not None and isinstance(wants.vehicles, list) else None
+        subscription = self._subscription
+        chosen = (
+            subscription.vehicles
+            if subscription is not None and isinstance(subscription.vehicles, list)
+            else None
+        )
         if chosen is None or event.vehicle is None or event.vehicle in chosen:
             self.offer_text(text)
 
@@ -216,16 +221,16 @@ class Subscriber:
         self._wake.set()
 
     def offer_error(self, detail: str) -> None:
-        """Answers an invalid request, unless too many such answers are unread."""
+        """Queues an error frame for an invalid request, unless too many error frames wait."""
         if self._errors < MAX_WAITING_ERRORS:
             self._errors += 1
             self.offer_text(error_frame(detail))
 
     def subscribe(self, request: Subscribe) -> None:
-        """Applies a subscription immediately; all its values are sent again."""
-        self._wants = request
-        every = ALL_TOPICS - ON_REQUEST
-        self._topics = tuple(sorted(every if isinstance(request.topics, str) else set(request.topics)))
+        """Applies a subscription immediately, and sends all its values again."""
+        self._subscription = request
+        all_topics = ALL_TOPICS - ON_REQUEST
+        self._topics = tuple(sorted(all_topics if isinstance(request.topics, str) else set(request.topics)))
         self._seen.clear()
         self._seen_replays = None
         self._wake.set()
@@ -241,8 +246,8 @@ class Subscriber:
                 await self._socket.send_text(text)
             self._errors = 0
             now_s = self._clock.monotonic_s()
-            wants = self._wants
-            if wants is not None and now_s >= next_s:
+            subscription = self._subscription
+            if subscription is not None and now_s >= next_s:
                 replays = self._samples.replays_text()
                 if replays != self._seen_replays:
                     self._seen_replays = replays
@@ -250,12 +255,12 @@ class Subscriber:
                     # events are sent first, so that a replaced vehicle is announced before its samples
                     if self._events:
                         continue
-                new_samples = self._new_samples(wants)
+                new_samples = self._new_samples(subscription)
                 if new_samples:
                     await self._socket.send_text(samples_frame(new_samples))
-                period_s = 1.0 / wants.rate_hz
+                period_s = 1.0 / subscription.rate_hz
                 next_s = max(next_s + period_s, self._clock.monotonic_s())
-            await self._wait(None if wants is None else next_s - self._clock.monotonic_s())
+            await self._wait(None if subscription is None else next_s - self._clock.monotonic_s())
         await self._socket.close(CLOSE_TOO_SLOW, "too slow: events were lost; connect again")
 
     async def _wait(self, seconds: float | None) -> None:
@@ -269,10 +274,10 @@ class Subscriber:
             return
         self._wake.clear()
 
-    def _new_samples(self, wants: Subscribe) -> list[bytes]:
+    def _new_samples(self, subscription: Subscribe) -> list[bytes]:
         new_samples: list[bytes] = []
         for vehicle in self._samples.vehicles():
-            if isinstance(wants.vehicles, list) and vehicle.id not in wants.vehicles:
+            if isinstance(subscription.vehicles, list) and vehicle.id not in subscription.vehicles:
                 continue
             seen = self._seen.setdefault(vehicle.id, {})
             new_samples.extend(self._samples.new_samples(vehicle, self._topics, seen))

@@ -44,7 +44,7 @@ def encode(value: object) -> bytes:
 
 
 def plain(value: object) -> Any:
-    """Like `encode`, but returns dicts and lists for another encoder, with None instead of NaN."""
+    """The value as dicts and lists for another encoder, with None instead of NaN."""
     return msgspec.json.decode(_encoder.encode(value))
 
 
@@ -59,7 +59,7 @@ def samples_frame(encoded: list[bytes]) -> str:
 
 
 def event_frame(event: Event) -> str:
-    """A frame with one event; its data are merged with the common fields."""
+    """A frame with one event: the event's data and the common fields in one object."""
     body = {
         **event.data,
         "kind": event.kind,
@@ -87,7 +87,7 @@ def parse_subscribe(text: str | bytes, known_topics: frozenset[str]) -> Subscrib
     """Checks a client's request.
 
     Raises:
-        ValueError: a field is invalid; the error names it.
+        ValueError: a field is invalid; the error names the field.
     """
     if len(text) > MAX_REQUEST_LENGTH:
         raise ValueError(f"Not a subscription: longer than {MAX_REQUEST_LENGTH} characters.")

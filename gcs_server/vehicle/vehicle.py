@@ -96,7 +96,7 @@ class Vehicle:
             d.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda f, _: self.mode_list.take(full_payload(f)),
             d.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: lambda f, _: self.mode_list.changed(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
-            d.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _f, _e: self.mission.reported(),
+            d.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _f, _e: self.mission.on_ids_reported(),
             d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._external_control.gimbal(
                 f.component_id, full_payload(f)
             ),

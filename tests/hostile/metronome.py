@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from gcs_server.streamer.process.worker import take_priority
+from gcs_server.streamer.process.worker import request_priority
 
 PERIOD_S = 0.02
 
@@ -29,7 +29,7 @@ class Metronome:
 
 def main() -> None:
     """Prints the longest time [s] between two wake-ups when its input ends."""
-    take_priority()
+    request_priority()
     longest_s, next_s, last_s = 0.0, time.monotonic(), time.monotonic()
     while not select.select([sys.stdin], [], [], max(0.0, next_s - time.monotonic()))[0]:
         now_s = time.monotonic()

@@ -276,6 +276,6 @@ def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump
         assert set(modes(at).values()) == {HOLD}
         assert_nobody_moved(at)
         finding = view(await group_routes.show("1", at.station))["findings"][0]
-        assert "Vehicle 1 was given another setpoint before the common start" in finding["text"]
+        assert "Vehicle 1 received another setpoint before the common start" in finding["text"]
 
     with_routes(jump, scenario)

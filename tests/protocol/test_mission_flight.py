@@ -16,7 +16,7 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
             plan = plan_about(home.lat_deg, home.lon_deg)
             parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
             uploaded = await vehicle.mission.upload(parts, PlanReference("a", 1, "Out and back"))
-            assert (vehicle.mission.holds(), uploaded.not_kept) == ("plan", [])
+            assert (vehicle.mission.plan_on_vehicle(), uploaded.not_kept) == ("plan", [])
             await vehicle.command.start_mission()
             assert (vehicle.status.armed, vehicle.status.mode) == (True, "mission")
 
@@ -33,7 +33,7 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
             assert vehicle.topic("mission").value.reached == 1
             await until(lambda: not vehicle.status.armed, 90)
             assert vehicle.topic("global_position").value.alt_home_m < 1.0
-            assert vehicle.mission.holds() == "plan"
+            assert vehicle.mission.plan_on_vehicle() == "plan"
             await vehicle.mission.set_current(2)
             assert current() == 2
         finally:

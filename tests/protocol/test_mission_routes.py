@@ -246,7 +246,7 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_pat
         for plan, held in ((other, None), (stored, stored.id)):
             await mission_routes.compare(at.vehicle, which({"plan_id": plan.id}), at.station)
             assert (await shown(at))["holds"]["plan"]["id"] == held
-        theirs = at.vehicle.mission.held.items["mission"][1]
+        theirs = at.vehicle.mission.items_on_vehicle.items["mission"][1]
         await OtherStation(at.autopilot).upload([replace(theirs, seq=0, z=9.0)])
         await seconds(2)
         await mission_routes.compare(at.vehicle, which({"plan_id": stored.id}), at.station)
@@ -260,7 +260,7 @@ def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
         with pytest.raises(Refused, match="has not been downloaded"):
             await mission_routes.downloaded_plan(at.vehicle)
         await upload(at)
-        item = at.vehicle.mission.held.items["mission"][1]
+        item = at.vehicle.mission.items_on_vehicle.items["mission"][1]
         theirs = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
         await OtherStation(at.autopilot).upload([theirs])
         await seconds(2)
@@ -287,7 +287,7 @@ def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
         at.autopilot.alive = False
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert "lost" in str(result)
-        assert at.vehicle.mission.doing is None
+        assert at.vehicle.mission.running_transfer is None
 
     scenario(jump, tmp_path, work)
 

@@ -91,12 +91,12 @@ def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(jump, loss
     async def work(at):
         shares = []
         uploaded = await at.mission.upload(sent, PLAN, progress=lambda _, share: shares.append(share))
-        assert at.mission.holds() == "plan"
+        assert at.mission.plan_on_vehicle() == "plan"
         assert uploaded.not_kept == []
         assert shares == sorted(shares)
         assert shares[-1] > 0.99
         for part in PARTS:
-            assert bytes_of(uploaded.held.items[part]) == bytes_of(sent[part])
+            assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(sent[part])
 
     scenario(jump, work, loss=loss, seed=seed)
 
@@ -107,14 +107,14 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, 
         await at.mission.upload(plan(4), PLAN)
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
         await at.mission.upload(other, PlanReference("def", 1, "Barn"))
-        assert (at.mission.holds(), at.mission.held.plan.id) == ("plan", "def")
+        assert (at.mission.plan_on_vehicle(), at.mission.items_on_vehicle.plan.id) == ("plan", "def")
         read = await at.mission.download()
         assert [len(read.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
         assert read.plan.id == "def", "the downloaded plan is the uploaded one"
         await at.mission.clear()
         await seconds(3)
         assert at.vehicle.topic("mission").value.count == 0
-        assert at.mission.held.plan is None
+        assert at.mission.items_on_vehicle.plan is None
 
     scenario(jump, work, loss=loss, seed=seed)
 
@@ -129,7 +129,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump
                 await at.mission.upload({**plan(), "mission": tuple(items)}, PlanReference("bad", 1, "Bad"))
             assert "not supported in a mission" in str(raised.value)
             assert "still has its previous items" in str(raised.value)
-            assert (at.mission.holds(), at.mission.held.plan) == ("plan", PLAN)
+            assert (at.mission.plan_on_vehicle(), at.mission.items_on_vehicle.plan) == ("plan", PLAN)
         read = await at.mission.download()
         assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
 
@@ -143,7 +143,7 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
         with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
             await at.mission.upload(bad, PlanReference("bad", 1, "Bad"))
         await seconds(1.5)
-        assert at.mission.holds() == "another"
+        assert at.mission.plan_on_vehicle() == "another"
 
     scenario(jump, work)
 
@@ -158,7 +158,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         await seconds(after_s)
         uploading.cancel()  # at 3 s without loss it is already finished
         await asyncio.wait([uploading])
-        assert at.mission.doing is None
+        assert at.mission.running_transfer is None
         done = not uploading.cancelled()
         at.autopilot.loss = 0.0
         read = await at.mission.download()
@@ -166,7 +166,10 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         is_old = all(bytes_of(read.items[part]) == bytes_of(old[part]) for part in PARTS)
         assert not (done and is_old)
         holds = "plan" if is_old or done else "not_known"
-        assert (at.mission.holds(), at.mission.held.plan is not None) == (holds, holds == "plan")
+        assert (at.mission.plan_on_vehicle(), at.mission.items_on_vehicle.plan is not None) == (
+            holds,
+            holds == "plan",
+        )
 
     scenario(jump, work, loss=loss, seed=int(after_s * 100) + 1)
 
@@ -176,11 +179,11 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
         await at.mission.upload(plan(4), PLAN)
         await OtherStation(at.autopilot).upload([waypoint(n) for n in range(3)])
         await seconds(2)
-        assert at.mission.holds() == "another"
+        assert at.mission.plan_on_vehicle() == "another"
         read = await at.mission.download()
-        assert (len(read.items["mission"]), read.plan, at.mission.holds()) == (3, None, "not_known")
+        assert (len(read.items["mission"]), read.plan, at.mission.plan_on_vehicle()) == (3, None, "not_known")
         await at.mission.upload(plan(4), PLAN)
-        assert at.mission.holds() == "plan"
+        assert at.mission.plan_on_vehicle() == "plan"
 
     scenario(jump, work)
 
@@ -195,9 +198,9 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
         await seconds(after_s)
         await OtherStation(at.autopilot).upload(theirs)
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
-        assert isinstance(result, GcsError) or result.held.plan == PLAN
+        assert isinstance(result, GcsError) or result.items_on_vehicle.plan == PLAN
         await seconds(2)
-        claimed = at.mission.holds() == "plan"
+        claimed = at.mission.plan_on_vehicle() == "plan"
         read = await at.mission.download()
         is_ours = bytes_of(read.items["mission"]) == bytes_of(ours["mission"])
         assert claimed == is_ours
@@ -211,7 +214,7 @@ def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
         await seconds(0.3)
         await at.mission.upload(plan(3), PLAN)
         await short
-        assert at.mission.holds() == "plan"
+        assert at.mission.plan_on_vehicle() == "plan"
         long = asyncio.ensure_future(OtherStation(at.autopilot).upload([waypoint(n) for n in range(60)], 0.5))
         await seconds(1.1)
         with pytest.raises(Rejected, match="busy with another transfer"):

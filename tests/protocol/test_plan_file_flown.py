@@ -60,7 +60,7 @@ async def export_file(at, stored):
 
 def items_on(at):
     """Items, ids and name of the plan on the vehicle, as last read; NaN as text, so that it equals itself."""
-    held = at.vehicle.mission.held
+    held = at.vehicle.mission.items_on_vehicle
     return {part: [repr(item) for item in held.items[part]] for part in PARTS}, held.ids, held.plan
 
 
@@ -107,7 +107,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         assert (answer["flight"]["state"], answer["flight"]["plan_id"]) == ("done", stored.id)
         assert (answer["mission"]["reached"], answer["holds"]["state"]) == (18, "plan")
 
-        at.vehicle.mission.held = None  # as after a restart of the server
+        at.vehicle.mission.items_on_vehicle = None  # as after a restart of the server
         await mission_routes.download(at.vehicle, at.station, ANNA, mission_models.DownloadRequest(wait=True))
         assert await compare_with_vehicle(at, {"plan_id": stored.id}) == (True, [], True)
         assert items_on(at) == before

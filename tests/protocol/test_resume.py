@@ -153,7 +153,7 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
     async def work(at):
         await interrupt_at_item_4(at)
         at.progress.close()
-        at.vehicle.mission.held = None
+        at.vehicle.mission.items_on_vehicle = None
         await start_server(at)
         now = await shown(at)
         assert now["resume"] is None

@@ -10,7 +10,7 @@ from gcs_server.errors import Refused, Rejected, UnknownDryRun
 from gcs_server.plans import dry_runs
 from gcs_server.storage.cache import Cache
 from gcs_server.streamer.waypoints.link_loss import PARAMETERS
-from gcs_server.vehicle.services.held_cache import HeldCache
+from gcs_server.vehicle.services.held_cache import ItemsCache
 from missions.dry_run import task
 from tests.protocol.api_calls import ANNA, MISSION, station_of, view
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
@@ -182,7 +182,7 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         await seconds(2.5)
         assert (await flight(at))["state"] == "flying"
         assert codes(at) == ["monitoring_paused", "monitoring_resumed"]
-        items = at.vehicle.mission.held.items["mission"]
+        items = at.vehicle.mission.items_on_vehicle.items["mission"]
         await OtherStation(at.autopilot).upload(items[:2])
         await seconds(2.5)
         ended = await flight(at)
@@ -218,7 +218,7 @@ async def inline(work):
 
 @pytest.mark.parametrize("damage", [None, "cut", "of another plan"])
 def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(jump, tmp_path, damage):
-    cache = HeldCache(Cache(tmp_path), inline)
+    cache = ItemsCache(Cache(tmp_path), inline)
 
     async def restart(at):
         await at.world.close()
@@ -235,7 +235,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
     async def work(at):
         at.vehicle.mission.set_cache(cache)
         await upload(at)
-        before = at.vehicle.mission.held
+        before = at.vehicle.mission.items_on_vehicle
         select(at, MISSION)
         at.autopilot.flight.current = 1
         await seconds(2.5)
@@ -253,10 +253,14 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
             not {each.command for each in at.autopilot.received if hasattr(each, "command")} & FLIGHT_COMMANDS
         )
         if damage is not None:
-            assert (flown, at.vehicle.mission.holds(), cached.exists()) == (None, "not_known", False)
+            assert (flown, at.vehicle.mission.plan_on_vehicle(), cached.exists()) == (
+                None,
+                "not_known",
+                False,
+            )
             return
-        held = at.vehicle.mission.held
-        assert at.vehicle.mission.holds() == "plan"
+        held = at.vehicle.mission.items_on_vehicle
+        assert at.vehicle.mission.plan_on_vehicle() == "plan"
         assert (held.ids, held.plan, held.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
         assert repr(held.items) == repr(before.items)
         assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)

@@ -20,7 +20,7 @@ from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.record import Group, listed
 from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
 from gcs_server.streamer.schedule.streams import Streams
-from gcs_server.streamer.separation.guard import EXPIRY_WITHIN_S, Finding, GroupGuard, GuardState
+from gcs_server.streamer.separation.guard import EXPIRY_TOLERANCE_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Setpoint
 
@@ -74,9 +74,9 @@ class Groups:
         self._groups[group.id] = group
         self._forget_ended_groups()
         self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
-        standby: dict[str, StreamRequest] = {}
+        waiting_requests: dict[str, StreamRequest] = {}
         try:
-            standby = await self._start_streams(group)
+            waiting_requests = await self._start_streams(group)
             await self._checks.check_separation(request.minimum_separation_m, members, requests)
             group.require_following({v: self._streams.state(v) for v in members})
             for index, member in enumerate(members.values()):  # some seconds have passed
@@ -91,7 +91,7 @@ class Groups:
                 self._streams.force_hold(vehicle_id, f"The start of group {group.id} was cancelled")
             self._end(group, "The start was cancelled.")
             raise
-        self._start_together(group, standby, requests)
+        self._start_together(group, waiting_requests, requests)
         return self._status(group)
 
     async def setpoints(
@@ -225,10 +225,10 @@ class Groups:
         return members
 
     async def _start_streams(self, group: Group) -> dict[str, StreamRequest]:
-        """Streams the positions of all members and switches them to Offboard; if one fails, all
-        vehicles hold. Returns the streamed requests."""
+        """Streams the positions of all members and switches them to Offboard; if one fails, all hold. Returns
+        the streamed requests."""
         request = group.request
-        standby: dict[str, StreamRequest] = {}
+        waiting_requests: dict[str, StreamRequest] = {}
         failed: dict[str, GcsError] = {}
         for vehicle_id, member in group.members.items():
             position_now = member.snapshot().position_at(self._clock.monotonic_s())
@@ -236,7 +236,7 @@ class Groups:
                 raise NotTogether(
                     f"Vehicle {vehicle_id} has no valid position estimate.", vehicles=(vehicle_id,)
                 )
-            standby[vehicle_id] = StreamRequest(
+            waiting_requests[vehicle_id] = StreamRequest(
                 Position(position_now),
                 MAX_WAIT_S,
                 OnExpiry("hold", 1.0),
@@ -248,7 +248,7 @@ class Groups:
 
         async def join(vehicle_id: str, member: Member) -> None:
             try:
-                await member.start(standby[vehicle_id], group.request.rate_hz)
+                await member.start(waiting_requests[vehicle_id], group.request.rate_hz)
             except GcsError as error:
                 group.stream_numbers.pop(vehicle_id)  # the stream has ended, or is in the phase `undoing`
                 first = not failed
@@ -270,10 +270,10 @@ class Groups:
                 vehicles=tuple(failed),
                 reasons=reasons,
             )
-        return standby
+        return waiting_requests
 
     def _start_together(
-        self, group: Group, standby: Mapping[str, StreamRequest], requests: Mapping[str, StreamRequest]
+        self, group: Group, waiting: Mapping[str, StreamRequest], requests: Mapping[str, StreamRequest]
     ) -> None:
         request = group.request
         lead_s = LEAD_S
@@ -283,7 +283,7 @@ class Groups:
         group.start_unix_s = self._clock.unix_s() + lead_s
         guard = GroupGuard(
             group.id,
-            standby,
+            waiting,
             requests,
             minimum_m=request.minimum_separation_m,
             start_s=start_s,
@@ -348,7 +348,7 @@ class Groups:
         self.collect()
         guard = self._guard(group)
         if why is None and guard is not None:
-            expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
+            expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_TOLERANCE_S
             why = (
                 "The setpoints expired."
                 if expired and not guard.held

@@ -1,5 +1,5 @@
-"""Switches obstacle avoidance of one vehicle's stream on and off, and requests a sufficient rate of its
-sensors' messages."""
+"""Switches obstacle avoidance of one vehicle's stream on and off, and requests a sufficient rate of the
+messages of the vehicle's sensors."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ TOPICS = {
     "obstacle_distance": d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
 }
 RATE_HZ = 5.0
-"""Requested rate of the sensors' messages. By default PX4 sends them only every one or two seconds, which is
-too rare for braking."""
-SLOW_S = 0.5
-"""Age of the newest message above which a higher rate is requested [s]."""
+"""Requested rate of the sensors' messages [Hz]. PX4's default of one message every one or two seconds is too
+slow for braking."""
+MAX_MESSAGE_AGE_S = 0.5
+"""Maximum age of the newest message; if it is older, a higher rate is requested [s]."""
 REQUEST_PERIOD_S = 2.0
 """Minimum time between two requests of a higher rate [s]."""
-HAS_SENSOR_S = 10.0
+SENSOR_PRESENT_S = 10.0
 """Time for which a sensor counts as present after a message [s]."""
 SENSOR_TIMEOUT_S, CHECK_PERIOD_S = 3.0, 0.1
 
@@ -46,10 +46,10 @@ class AvoidanceControl:
         self._estimates = estimates
         self._requested_s = float("-inf")
         self.way: AvoidanceWay | None = None
-        """What to try first (over or around); None: avoidance is off."""
+        """What avoidance tries first (over or around); None: avoidance is off."""
         self.mission_way: AvoidanceWay | None = None
-        """What the mission's first step with avoidance tries first; None: off in all steps of the mission.
-        The value is reset at the end of the mission.
+        """What the mission's first step with avoidance tries first; None: avoidance is off in all
+        steps. Reset at the end of the mission.
         """
 
     async def switch_on(self, way: AvoidanceWay) -> None:
@@ -93,14 +93,14 @@ class AvoidanceControl:
             )
 
     def request_rates(self) -> None:
-        """Called periodically while a stream runs: requests a higher rate of messages that are received too
-        rarely."""
+        """Requests a higher rate of messages that arrive too rarely; called periodically while a stream
+        runs."""
         now_s = self._clock.monotonic_s()
         if now_s - self._requested_s < REQUEST_PERIOD_S or not self.has_sensor():
             return
         for topic, msg_id in TOPICS.items():
             sample = self._vehicle.topic(topic)
-            if sample is None or now_s - sample.received_monotonic_s < SLOW_S:
+            if sample is None or now_s - sample.received_monotonic_s < MAX_MESSAGE_AGE_S:
                 continue
             self._requested_s = now_s
             identity = self._vehicle.identity
@@ -116,7 +116,7 @@ class AvoidanceControl:
         now_s = self._clock.monotonic_s()
         for topic in TOPICS:
             sample = self._vehicle.topic(topic)
-            if sample is None or now_s - sample.received_monotonic_s > HAS_SENSOR_S:
+            if sample is None or now_s - sample.received_monotonic_s > SENSOR_PRESENT_S:
                 continue
             value = sample.value
             if isinstance(value, ObstacleDistance):
@@ -128,11 +128,11 @@ class AvoidanceControl:
         return False
 
     def view(self, state: StreamState) -> AvoidanceView:
-        """Avoidance for the status."""
+        """Avoidance as shown in the status."""
         current = state.avoiding
         text = "" if current is None else current.text
         if self.way is not None and state.phase == "idle":
-            text = "On: it acts once setpoints are streamed."
+            text = "On: acts once setpoints are streamed."
         elif self.way is None and self.mission_way is not None and current is None:
             text = "On in the mission's steps with avoidance."
         way = self.way or self.mission_way

@@ -1,4 +1,4 @@
-"""The vehicle's parameters that a stream needs: its limits, and its action when setpoints stop."""
+"""Reads the parameters that a stream needs: the vehicle's limits, and its action when setpoints stop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
 PARAMETERS_TIMEOUT_S = 3.0
-"""Maximum wait for the parameters [s]; those that have not arrived by then stay unknown."""
+"""Maximum wait for the parameters [s]; parameters that have not arrived by then stay unknown."""
 REQUEST_PERIOD_S = 10.0
 """Minimum time between two requests for the parameters [s]."""
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
@@ -33,20 +33,20 @@ class OffboardConfiguration:
         self._vehicle = vehicle
         self._estimates = estimates
         self._read_values: dict[str, float] = {}
-        """Values of the parameters that were read by name."""
+        """Values of the parameters that were read individually, by name."""
         self._read_s: float | None = None
 
     async def read(self) -> Failsafe:
         """Reads the limits and the offboard-loss action from the vehicle; missing values stay unknown.
 
-        ROS 2 carries no parameters: without a MAVLink link nothing is requested.
+        ROS 2 carries no parameters, so nothing is requested from a vehicle without a MAVLink link.
         """
         values: dict[str, float] = {}
         if "parameters" in self._vehicle.reach.missing:
             self._read_s = self._clock.monotonic_s()
             return self._failsafe_of(self.parameters())
 
-        async def read(name: str) -> None:
+        async def read_one(name: str) -> None:
             try:
                 values[name] = (await self._vehicle.params.get(name)).value
             except NoReply:
@@ -55,7 +55,7 @@ class OffboardConfiguration:
         try:
             async with asyncio.timeout(PARAMETERS_TIMEOUT_S), asyncio.TaskGroup() as group:
                 for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
-                    group.create_task(read(name))
+                    group.create_task(read_one(name))
         except TimeoutError:
             pass  # the values that arrived in time are used
         except ExceptionGroup as errors:
@@ -65,8 +65,8 @@ class OffboardConfiguration:
         return self._failsafe_of(self.parameters())
 
     async def ensure(self) -> None:
-        """Reads the parameters unless they are known or were requested recently. They stay unknown if the
-        vehicle refuses."""
+        """Reads the parameters unless they are known or were requested recently. If the vehicle refuses,
+        they stay unknown."""
         now_s = self._clock.monotonic_s()
         requested_recently = self._read_s is not None and now_s - self._read_s < REQUEST_PERIOD_S
         if "COM_OBL_RC_ACT" not in self.parameters() and not requested_recently:
@@ -92,7 +92,7 @@ class OffboardConfiguration:
         }
 
     def failsafe(self) -> Failsafe | None:
-        """The vehicle's action when the stream stops; None before it was read."""
+        """The vehicle's action when the stream stops; None before the parameters were read."""
         parameters = self.parameters()
         return self._failsafe_of(parameters) if parameters or self._read_s is not None else None
 

@@ -35,7 +35,7 @@ from missions.runner.script import Script
 from missions.setpoints import Follow, Position
 
 PRE_STREAM_S = 1.2
-"""PX4 needs more than a second of setpoints before it accepts Offboard."""
+"""Time for which setpoints are streamed before Offboard is requested [s]; PX4 requires more than 1 s."""
 PRE_STREAM_TIMEOUT_S = 6.0
 """Time within which setpoints must be sent without a pause; otherwise the computer is too busy to fly a
 vehicle [s]."""
@@ -43,11 +43,11 @@ CHECK_PERIOD_S = 0.02
 """Period at which the end of pre-streaming is checked [s]."""
 FINAL_MODES = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
 """The mode that a stream requests in each of its final phases."""
-MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so the setpoint was not sent."
+NO_STREAM = "There is no setpoint stream to this vehicle, so the setpoint was not sent."
 
 
 class OffboardControl:
-    """The attribute `offboard` of a vehicle.
+    """Starts, changes and stops one vehicle's stream; the attribute `offboard` of the vehicle.
 
     Args:
         clock: the server's clock.
@@ -93,8 +93,8 @@ class OffboardControl:
         rate_hz: float = 50.0,
         select: Callable[[], Awaitable[None]] | None = None,
     ) -> OffboardStatus:
-        """Starts streaming, requests Offboard, and returns once the vehicle reports it. Works from any other
-        mode.
+        """Starts streaming, requests Offboard, and returns once the vehicle reports Offboard. The vehicle may
+        be in any other mode.
 
         If Offboard was requested but not confirmed (no answer, another command, or a cancelled caller), the
         stream continues for `UNDO_S`. If the vehicle still switches to Offboard, the stream puts it into
@@ -102,8 +102,8 @@ class OffboardControl:
 
         Args:
             request: the setpoint, and the mode in which it is flown.
-            rate_hz: setpoints a second.
-            select: selects the mode; None: by a command of this server.
+            rate_hz: setpoints per second.
+            select: selects the mode; None: a command of this server selects it.
 
         Raises:
             Refused: an estimate is missing, the target is too far, or the vehicle already has a stream.
@@ -168,8 +168,8 @@ class OffboardControl:
         until_s = self._clock.monotonic_s() + PRE_STREAM_TIMEOUT_S
         while True:
             self._require_starting(number)
-            missing_s = PRE_STREAM_S - self._streams.state(self.vehicle.id).steady_s
-            if missing_s <= 0.0:
+            remaining_s = PRE_STREAM_S - self._streams.state(self.vehicle.id).steady_s
+            if remaining_s <= 0.0:
                 return
             if self._clock.monotonic_s() >= until_s:
                 if self._streams.state(self.vehicle.id).sends_failed:
@@ -181,7 +181,7 @@ class OffboardControl:
                     "Setpoints could not be sent without a pause: the ground station's computer is too busy.",
                     remedy="Close other programs on it, then start again.",
                 )
-            await self._clock.sleep(max(missing_s, CHECK_PERIOD_S))
+            await self._clock.sleep(max(remaining_s, CHECK_PERIOD_S))
 
     def _require_starting(self, number: int) -> None:
         if not self._streams.starting(self.vehicle.id, number):
@@ -190,7 +190,7 @@ class OffboardControl:
 
     @staticmethod
     def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
-        """Checks that two setpoints are sent within COM_OF_LOSS_T, so that one may be lost."""
+        """Checks that two setpoints are sent within COM_OF_LOSS_T, so that one setpoint may be lost."""
         loss_timeout_s = failsafe.loss_timeout_s
         if loss_timeout_s is not None and 2.0 / rate_hz > loss_timeout_s:
             raise Refused(
@@ -200,7 +200,7 @@ class OffboardControl:
             )
 
     async def setpoint(self, request: StreamRequest) -> OffboardStatus:
-        """Sets a new setpoint, which is passed to the stream without waiting and sent immediately.
+        """Sets a new setpoint, which the stream sends immediately.
 
         Raises:
             Refused: no stream runs, a group owns it, an estimate is missing, or the target is too far.
@@ -210,7 +210,7 @@ class OffboardControl:
         if state.phase == "idle":
             ended = f" It ended: {state.last_end.text}" if state.last_end else ""
             raise Refused(
-                MESSAGE_OF_NO_STREAM + ended,
+                NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
             )
         if state.request is not None and state.request.owner == "mission" != request.owner:
@@ -236,7 +236,7 @@ class OffboardControl:
         return self.status()
 
     async def stop(self) -> OffboardStatus:
-        """Puts the vehicle into Hold, waits for its confirmation, then stops the stream; nothing is sent
+        """Puts the vehicle into Hold, waits for the confirmation, then stops the stream; nothing is sent
         afterwards. Does nothing if no stream is running. A landing that was started on expiry continues.
         """
         vehicle = self.vehicle
@@ -245,8 +245,8 @@ class OffboardControl:
             return self.status()
         self._streams.request_stop(vehicle.id, self.snapshot())
         await vehicle.command.wait_for_kill()
-        may_switch_later = state.phase in ("starting", "undoing") and self._requested_stream == state.number
-        if may_switch_later or vehicle.status.mode in (
+        may_still_switch = state.phase in ("starting", "undoing") and self._requested_stream == state.number
+        if may_still_switch or vehicle.status.mode in (
             OFFBOARD,
             state.request.mode if state.request else OFFBOARD,
         ):
@@ -257,14 +257,14 @@ class OffboardControl:
     # --- the vehicle's configuration ----------------------------------------------------------------
 
     def requested_mode(self) -> str | None:
-        """The mode that the ending stream is requesting; None if it requests none."""
+        """The mode that the ending stream is requesting; None if it requests no mode."""
         return FINAL_MODES.get(self._streams.state(self.vehicle.id).phase)
 
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
         """Sets the vehicle's action when the stream stops; each value is verified.
 
         Raises:
-            InvalidRequest: no such action.
+            InvalidRequest: there is no such action.
             Refused: the running stream would be too slow for `after_s`.
             Rejected: the vehicle keeps another value.
         """
@@ -288,7 +288,7 @@ class OffboardControl:
     # --- status -------------------------------------------------------------------------------------
 
     def available(self) -> dict[str, Available]:
-        """The setpoint types that can be flown now, and why the others cannot."""
+        """All setpoint types: whether each can be flown now, and why not."""
         return self._availability.all()
 
     def limits(self) -> OffboardLimits:
@@ -340,7 +340,7 @@ class OffboardControl:
         return self._snapshots.make(request or self._streams.state(self.vehicle.id).request)
 
     def snapshot_without_estimates(self) -> Snapshot:
-        """Snapshot from the heartbeat and the previous limits only, used if the full one fails."""
+        """Snapshot from the heartbeat and the previous limits only, used if `snapshot` fails."""
         return self._snapshots.without_estimates()
 
     # --- inside -------------------------------------------------------------------------------------
@@ -377,7 +377,7 @@ class OffboardControl:
 
     def require_topics(self, segments: Sequence[Segment], *, in_offboard: bool) -> None:
         """Raises Refused if the vehicle has a topic of these segments' setpoints in an unknown version."""
-        types = {Position.type, *(each.at(0.0).type for each in segments)}  # a position at a pause
+        types = {Position.type, *(each.at(0.0).type for each in segments)}  # a pause is flown by a position
         self._availability.require_topics(types, in_offboard=in_offboard)
 
     def _check_leader(self, follow: Follow) -> None:

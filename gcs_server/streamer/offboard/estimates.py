@@ -21,10 +21,10 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.scans import Scan
 from missions.geodesy import LocalOrigin
 
-ESTIMATE_FRESH_S = 1.0
-ACCURACY_FRESH_S = 10.0
-"""PX4 sends ESTIMATOR_STATUS every one or two seconds."""
-PAIR_WITHIN_S = 0.3
+MAX_ESTIMATE_AGE_S = 1.0
+MAX_ACCURACY_AGE_S = 10.0
+"""Maximum age of ESTIMATOR_STATUS [s]; PX4 sends it every one or two seconds."""
+MAX_PAIR_DIFFERENCE_S = 0.3
 """Maximum difference between the reception times of a local and a global position that are used as a pair
 [s]."""
 # ESTIMATOR_STATUS_FLAGS
@@ -55,7 +55,7 @@ class VehicleEstimates:
         return value if isinstance(value, GlobalPosition) else None
 
     def home(self) -> Home | None:
-        """Home position of any age, because it is sent every two seconds and rarely changes."""
+        """Home position of any age, because PX4 sends it every two seconds and it rarely changes."""
         sample = self._vehicle.topic("home")
         return sample.value if sample is not None and isinstance(sample.value, Home) else None
 
@@ -99,18 +99,18 @@ class VehicleEstimates:
         return self.attitude() is not None and self.has_any_flag(ATTITUDE)
 
     def accuracy_m(self) -> float | None:
-        """Position accuracy, one sigma, the worse of horizontal and vertical [m]; None if unknown."""
+        """Position accuracy: one sigma, the larger of horizontal and vertical [m]; None if unknown."""
         sample = self._vehicle.topic("estimator")
         if sample is None or not isinstance(sample.value, Estimator):
             return None
         accuracies_m = (sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
-        worse_m = max((each if each is not None else math.inf) for each in accuracies_m)
-        stale = self._age_s(sample.received_monotonic_s) > ACCURACY_FRESH_S
-        return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
+        larger_m = max((each if each is not None else math.inf) for each in accuracies_m)
+        stale = self._age_s(sample.received_monotonic_s) > MAX_ACCURACY_AGE_S
+        return None if stale or not math.isfinite(larger_m) or larger_m < 0.0 else larger_m
 
     def scans(self) -> tuple[Scan, ...]:
-        """Newest scans of the distance sensors; empty without an attitude, because their direction is then
-        unknown."""
+        """Newest scans of the distance sensors; empty without an attitude, because the rays' directions
+        are then unknown."""
         attitude = self.attitude()
         if attitude is None:
             return ()
@@ -132,10 +132,10 @@ class VehicleEstimates:
         if home is not None and home.position_ned_m is not None:
             return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
         local, position = self.local(), self.global_position()
-        apart_s = abs(
+        difference_s = abs(
             (self._received_s("local_position") or 0.0) - (self._received_s("global_position") or 0.0)
         )
-        if local is None or position is None or apart_s > PAIR_WITHIN_S:
+        if local is None or position is None or difference_s > MAX_PAIR_DIFFERENCE_S:
             return None
         return LocalOrigin.from_pair(
             position.lat_deg, position.lon_deg, position.alt_amsl_m, local.position_ned_m
@@ -154,26 +154,26 @@ class VehicleEstimates:
             received_s,
         )
 
-    def snapshot(self, **more: object) -> Snapshot:
+    def snapshot(self, **values: object) -> Snapshot:
         """Snapshot of the vehicle for its stream."""
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
         command = vehicle.command.recent_command(status.mode)
-        usable = local is not None and self.has_any_flag(POSITION_HORIZONTAL)
+        has_valid_position = local is not None and self.has_any_flag(POSITION_HORIZONTAL)
         return Snapshot(
             vehicle.clock.monotonic_s(),
             status.mode,
-            local.position_ned_m if local is not None and usable else None,
+            local.position_ned_m if local is not None and has_valid_position else None,
             local.velocity_ned_m_s if local is not None else None,
             attitude.yaw_ned_rad if attitude is not None else None,
             None if command is None else f"{command.by or 'The server'} commanded {command.what!r}",
-            estimate_s=self._received_s("local_position") if usable else None,
+            estimate_s=self._received_s("local_position") if has_valid_position else None,
             armed=status.armed,
             lost=status.link_lost or not vehicle.endpoints,
             home_alt_amsl_m=None if home is None else home.alt_amsl_m,
             accuracy_m=self.accuracy_m(),
             scans=self.scans(),
-            **more,  # type: ignore[arg-type]
+            **values,  # type: ignore[arg-type]
         )
 
     def _received_s(self, topic: str) -> float | None:
@@ -185,6 +185,6 @@ class VehicleEstimates:
 
     def _fresh(self, topic: str) -> object | None:
         sample = self._vehicle.topic(topic)
-        if sample is None or self._age_s(sample.received_monotonic_s) > ESTIMATE_FRESH_S:
+        if sample is None or self._age_s(sample.received_monotonic_s) > MAX_ESTIMATE_AGE_S:
             return None
         return sample.value

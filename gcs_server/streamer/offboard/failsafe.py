@@ -10,8 +10,8 @@ DEFAULT_COM_OF_LOSS_T_S = 1.0
 ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "terminate", "disarm")
 """The mode for each value of COM_OBL_RC_ACT, from 0."""
 
-# By COM_OBL_RC_ACT: action with an RC transmitter, and without one. The action 0 without a transmitter was
-# observed with PX4 v1.16.
+# By COM_OBL_RC_ACT: the action with an RC transmitter, and the action without one. The text of action 0
+# without a transmitter describes what PX4 v1.16 does in flight.
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
         "is flown by the RC pilot in Position mode",
@@ -28,8 +28,11 @@ _ACTIONS: dict[int, tuple[str, str]] = {
     3: ("returns to launch and lands there", "returns to launch and lands there"),
     4: ("lands at its current position", "lands at its current position"),
     5: ("holds its position in Hold mode", "holds its position in Hold mode"),
-    6: ("terminates the flight: motors stop, it falls", "terminates the flight: motors stop, it falls"),
-    7: ("disarms: motors stop, it falls", "disarms: motors stop, it falls"),
+    6: (
+        "terminates the flight: the motors stop and it falls",
+        "terminates the flight: the motors stop and it falls",
+    ),
+    7: ("disarms: the motors stop and it falls", "disarms: the motors stop and it falls"),
 }
 
 
@@ -45,7 +48,7 @@ class Failsafe:
 
     @property
     def action_mode(self) -> str | None:
-        """The action as a mode; None if unknown."""
+        """The action's mode; None if unknown."""
         known = self.action is not None and 0 <= self.action < len(ACTION_MODES)
         return ACTION_MODES[self.action] if known and self.action is not None else None
 
@@ -59,9 +62,9 @@ class Failsafe:
             )
         after_s = DEFAULT_COM_OF_LOSS_T_S if self.loss_timeout_s is None else self.loss_timeout_s
         options = _ACTIONS.get(self.action)
-        what = (
+        action_text = (
             "does an action that is unknown to this server"
             if options is None
             else options[0 if self.transmitter else 1]
         )
-        return f"after {after_s:g} s the vehicle {what} (COM_OBL_RC_ACT {self.action}, {rc_state})."
+        return f"after {after_s:g} s the vehicle {action_text} (COM_OBL_RC_ACT {self.action}, {rc_state})."

@@ -49,8 +49,8 @@ def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: Failsaf
         ),
         yaw_error_rad=(
             None
-            if attitude is None or (wanted := getattr(sent, "yaw_ned_rad", None)) is None
-            else math.remainder(wanted - attitude.yaw_ned_rad, math.tau)
+            if attitude is None or (target := getattr(sent, "yaw_ned_rad", None)) is None
+            else math.remainder(target - attitude.yaw_ned_rad, math.tau)
         ),
     )
 
@@ -116,7 +116,7 @@ def _velocity_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float 
     return None
 
 
-def _distance(wanted: Partial3, measured: Vector3) -> float | None:
+def _distance(target: Partial3, measured: Vector3) -> float | None:
     """Distance over the controlled axes; None if no axis is controlled."""
-    parts = [(w - m) ** 2 for w, m in zip(wanted, measured, strict=True) if w is not None]
-    return math.sqrt(sum(parts)) if parts else None
+    squares = [(w - m) ** 2 for w, m in zip(target, measured, strict=True) if w is not None]
+    return math.sqrt(sum(squares)) if squares else None

@@ -1,7 +1,7 @@
 """Stores the operator's limits of each vehicle in the data folder and restores them after a restart.
 
-A vehicle is recognised by its autopilot's uid. A vehicle without a unique uid is recognised by its MAVLink
-system id; all PX4 simulators report the same uid.
+A vehicle is recognised by its autopilot's uid. All PX4 simulators report the same uid; a vehicle without a
+unique uid is recognised by its MAVLink system id.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class VehicleKey:
 
 @dataclass(frozen=True, slots=True)
 class LimitRecord:
-    """Limits, when they were set, and by whom."""
+    """Limits, the time at which they were set, and the client that set them."""
 
     limits: OperatorLimits
     set_unix_s: float
@@ -54,7 +54,7 @@ class LimitRecord:
 
 
 def key_of(identity: Identity) -> VehicleKey | None:
-    """None until the vehicle has sent AUTOPILOT_VERSION, and for a recording."""
+    """The key of a vehicle; None for a recording, and until the vehicle has sent AUTOPILOT_VERSION."""
     if identity.replayed or identity.firmware is None:
         return None
     has_own_uid = identity.uid is not None and identity.uid != _SHARED_UID
@@ -65,7 +65,7 @@ class LimitStore:
     """Limits of all vehicles.
 
     Args:
-        records: storage of the limits; None: they are not stored.
+        records: storage of the limits; None: limits are not stored.
         parse: parses limits from the body of `PUT …/offboard/limits`; raises ValueError.
     """
 
@@ -97,7 +97,7 @@ class LimitStore:
             self._stored[name] = content if isinstance(content, Unreadable) else self._record(name, content)
 
     def find(self, key: VehicleKey) -> LimitRecord | Unreadable | None:
-        """The stored record of a vehicle; None if there is none."""
+        """The stored record of a vehicle; None if there is no record."""
         record = self._stored.get(key.name)
         if isinstance(record, Unreadable):
             return Unreadable(f"The file {self._file(key.name)} cannot be read: {record}.")
@@ -114,13 +114,13 @@ class LimitStore:
         """Stores a record; returns None once it is on disk, or the reason for a failure."""
         if self._records is None:
             return "This server has no data folder."
-        none_set = record.limits == OperatorLimits()
-        if not none_set and key.name not in self._stored and len(self._stored) >= MAX_RECORDS:
+        is_empty = record.limits == OperatorLimits()
+        if not is_empty and key.name not in self._stored and len(self._stored) >= MAX_RECORDS:
             return f"Limits of {MAX_RECORDS} vehicles are already stored."
-        content = None if none_set else _content(key, record)
-        writing = self._records.write(key.name, content)
+        content = None if is_empty else _content(key, record)
+        future = self._records.write(key.name, content)
         try:
-            await asyncio.shield(asyncio.wrap_future(writing))
+            await asyncio.shield(asyncio.wrap_future(future))
         except OSError as error:
             problem = f"The file {self._file(key.name)} cannot be written: {error.strerror or error}."
             self._write_problems[key.name] = problem
@@ -128,7 +128,7 @@ class LimitStore:
             return problem
         self._write_problems.pop(key.name, None)
         self._system_ids[key.name] = key.system_id
-        if none_set:
+        if is_empty:
             self._stored.pop(key.name, None)
         else:
             self._stored[key.name] = record
@@ -164,8 +164,8 @@ class LimitStore:
         try:
             key, record = _read(content, self._parse)
         except (ValueError, TypeError, KeyError) as error:
-            first = (str(error).splitlines() or [type(error).__name__])[0]
-            return Unreadable(f"it does not contain limits ({first})")
+            first_line = (str(error).splitlines() or [type(error).__name__])[0]
+            return Unreadable(f"it does not contain limits ({first_line})")
         if key.name != name:
             return Unreadable(f"it contains the limits of another vehicle ({key.name})")
         self._system_ids[name] = key.system_id
@@ -173,8 +173,8 @@ class LimitStore:
 
 
 def _content(key: VehicleKey, record: LimitRecord) -> dict[str, object]:
-    none_set = asdict(OperatorLimits())
-    limits = {name: value for name, value in asdict(record.limits).items() if value != none_set[name]}
+    defaults = asdict(OperatorLimits())
+    limits = {name: value for name, value in asdict(record.limits).items() if value != defaults[name]}
     return {
         "format": FORMAT,
         "system_id": key.system_id,

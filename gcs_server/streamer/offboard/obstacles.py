@@ -8,8 +8,8 @@ from gcs_server.vehicle.samples import DistanceSensors, ObstacleDistance, Sample
 from missions.avoidance.scans import Scan
 from missions.frames import Quaternion, Vector3, rotate
 
-KEPT_S = 3.0
-"""Older measurements are dropped [s]."""
+MAX_SCAN_AGE_S = 3.0
+"""Maximum age of a measurement [s]."""
 
 
 def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: float) -> tuple[Scan, ...]:
@@ -18,7 +18,7 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
     Args:
         samples: samples of the topics `distance_sensors` and `obstacle_distance`.
         q_ned_frd: attitude of the vehicle.
-        now_s: monotonic.
+        now_s: current time [s, monotonic].
     """
     scans: list[Scan] = []
     for sample in samples:
@@ -34,11 +34,11 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
                     at_s = received_s - max(0.0, sensor.behind_s)
                     scans.append(Scan(at_s, (direction,), (distance_m,), sensor.range_max_m, half_rad))
         elif isinstance(value, ObstacleDistance):
-            scans.append(_sectors(value, q_ned_frd, received_s))
-    return tuple(scan for scan in scans if scan.directions_ned and now_s - scan.measured_s <= KEPT_S)
+            scans.append(_scan_of_sectors(value, q_ned_frd, received_s))
+    return tuple(scan for scan in scans if scan.directions_ned and now_s - scan.measured_s <= MAX_SCAN_AGE_S)
 
 
-def _sectors(value: ObstacleDistance, q_ned_frd: Quaternion, received_s: float) -> Scan:
+def _scan_of_sectors(value: ObstacleDistance, q_ned_frd: Quaternion, received_s: float) -> Scan:
     directions: list[Vector3] = []
     distances: list[float | None] = []
     for number, distance_m in enumerate(value.distances_m):

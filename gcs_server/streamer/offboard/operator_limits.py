@@ -26,14 +26,14 @@ class LimitsOrigin:
     restored: bool
     """Whether the limits were set before the server's last start and restored from its data folder."""
     set_by: str | None
-    """Client that set them; null if none were ever set."""
+    """Client that set the limits; null: no limits were ever set."""
     set_unix_s: float | None
-    """Time when they were set [s since 1970 UTC]."""
+    """Time when the limits were set [s since 1970 UTC]."""
     kept: bool
     """Whether the limits are stored in the data folder, so that they are restored after a restart."""
     recognised_by: str | None
     """How a restarted server recognises the vehicle: `uid` (of the autopilot), `system_id` (no unique uid);
-    null before the vehicle is identified."""
+    null: the vehicle is not identified yet."""
     warning: str | None
     """Why the set limits are not in force or would be lost in a restart; null if there is no problem."""
     text: str
@@ -46,8 +46,8 @@ class VehicleOperatorLimits:
     Args:
         vehicle: the vehicle.
         store: the stored limits of all vehicles.
-        owners: the vehicle that uses the record of each name, common to all vehicles, because two vehicles
-            without a unique uid cannot use the same record.
+        owners: id of the vehicle that uses each record, by the record's name. All vehicles share this
+            dictionary, because two vehicles without a unique uid cannot use the same record.
     """
 
     def __init__(self, vehicle: Vehicle, store: LimitStore, owners: dict[str, str]) -> None:
@@ -58,8 +58,8 @@ class VehicleOperatorLimits:
         self._key: VehicleKey | None = None
         self._record: LimitRecord | None = None
         self._restored = False
-        self._not_restored: str | None = None
-        self._not_kept: str | None = None
+        self._reason_not_restored: str | None = None
+        self._reason_not_stored: str | None = None
 
     @property
     def limits(self) -> OperatorLimits:
@@ -67,11 +67,11 @@ class VehicleOperatorLimits:
         return OperatorLimits() if self._record is None else self._record.limits
 
     async def set(self, limits: OperatorLimits, by: str) -> None:
-        """Applies limits immediately. Returns once they are stored, or once `origin` contains the reason why
-        they are not."""
+        """Applies limits immediately. Returns once the limits are stored, or once `origin` contains the
+        reason why they are not stored."""
         self.recognise()
         record = LimitRecord(limits, self._vehicle.clock.unix_s(), by)
-        self._record, self._restored, self._not_restored = record, False, None
+        self._record, self._restored, self._reason_not_restored = record, False, None
         await self._store_record(record)
 
     @property
@@ -88,26 +88,26 @@ class VehicleOperatorLimits:
         if key is None or key == self._key:
             return
         if self._owners.setdefault(key.name, self._vehicle.id) != self._vehicle.id:
-            self._not_kept = (
+            self._reason_not_stored = (
                 f"Vehicle {self._owners[key.name]} has the same system id and neither has a unique uid: "
                 "limits of this vehicle are not stored."
             )
             return
-        before, self._key = self._key, key
-        # set before the vehicle was identified, therefore newer than the stored limits
-        if before is None and self._record is not None:
+        previous_key, self._key = self._key, key
+        # the client set limits before the vehicle was identified, so they are newer than the stored limits
+        if previous_key is None and self._record is not None:
             record = self._record
             self._vehicle.in_background("keep limits", self._store_record(record))
             return
-        if before is not None:
+        if previous_key is not None:
             self._publish(
                 "limits_other_vehicle", "Another vehicle now uses this id; its limits are loaded.", WARNING
             )
         self._restore(key)
 
     async def wait_for_identity(self) -> None:
-        """Called before a stream starts: waits briefly for the identity of a vehicle that may have a
-        record."""
+        """Waits briefly for the identity of a vehicle that may have stored limits; called before a stream
+        starts."""
         clock, identity = self._vehicle.clock, self._vehicle.identity
         until_s = clock.monotonic_s() + RECOGNITION_TIMEOUT_S
         if (
@@ -121,7 +121,7 @@ class VehicleOperatorLimits:
         self.recognise()
 
     def report_at_start(self) -> None:
-        """Called when a stream starts: reports restored and missing limits."""
+        """Reports restored and missing limits; called when a stream starts."""
         origin = self.origin()
         if origin.warning is not None:
             self._publish("limits_warning", origin.text, WARNING)
@@ -129,9 +129,9 @@ class VehicleOperatorLimits:
             self._publish("limits_restored", origin.text, NOTICE)
 
     def origin(self) -> LimitsOrigin:
-        """Origin of the limits, for status and answers."""
+        """Origin of the limits, for status and responses."""
         record = self._record
-        warning = self._not_restored or (self._not_kept if record is not None else None)
+        warning = self._reason_not_restored or (self._reason_not_stored if record is not None else None)
         if record is None and self._key is None and warning is None:
             identity = self._vehicle.identity
             unknown = not identity.replayed and identity.firmware is None
@@ -141,13 +141,13 @@ class VehicleOperatorLimits:
                     f"could not be found. {SET_LIMITS_AGAIN}"
                 )
         active = record is not None and record.limits != OperatorLimits()
-        kept = active and self._key is not None and self._not_kept is None
+        is_stored = active and self._key is not None and self._reason_not_stored is None
         return LimitsOrigin(
             active=active,
             restored=self._restored,
             set_by=None if record is None else record.set_by,
             set_unix_s=None if record is None else record.set_unix_s,
-            kept=kept,
+            kept=is_stored,
             recognised_by=None if self._key is None else self._key.recognised_by,
             warning=warning,
             text=self._text(active, warning),
@@ -158,27 +158,27 @@ class VehicleOperatorLimits:
     def _restore(self, key: VehicleKey) -> None:
         stored = self._store.find(key)
         self._record, self._restored = None, False
-        self._not_restored = self._not_kept = None
+        self._reason_not_restored = self._reason_not_stored = None
         if isinstance(stored, Unreadable):
-            self._not_restored = (
+            self._reason_not_restored = (
                 f"Stored limits of this vehicle are not in force. {stored} {SET_LIMITS_AGAIN}"
             )
-            self._publish("limits_warning", self._not_restored, WARNING)
+            self._publish("limits_warning", self._reason_not_restored, WARNING)
         elif stored is not None:
             self._record, self._restored = stored, True
             self._publish("limits_restored", self.origin().text, NOTICE)
 
     async def _store_record(self, record: LimitRecord) -> None:
         if self._vehicle.identity.replayed:
-            self._not_kept = "Limits of a recording are not stored."
+            self._reason_not_stored = "Limits of a recording are not stored."
             return
         if self._key is None:
-            not_kept_reason = self._not_kept
-            self._not_kept = not_kept_reason or "They are stored once the vehicle is identified."
+            reason = self._reason_not_stored
+            self._reason_not_stored = reason or "They are stored once the vehicle is identified."
             return
         problem = await self._store.save(self._key, record)
         if self._record is record:
-            self._not_kept = (
+            self._reason_not_stored = (
                 None if problem is None else f"{problem} These limits are lost when the server restarts."
             )
 
@@ -186,10 +186,10 @@ class VehicleOperatorLimits:
         record = self._record
         if not active or record is None:
             return warning or "No limits set here; the vehicle's own limits apply."
-        when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(record.set_unix_s))
-        how = "restored after a restart, " if self._restored else ""
-        who = record.set_by or "a client"
-        text = f"Limits in force: {limits_text(record.limits)} ({how}set by {who}, {when})."
+        time_text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(record.set_unix_s))
+        restored_text = "restored after a restart, " if self._restored else ""
+        client = record.set_by or "a client"
+        text = f"Limits in force: {limits_text(record.limits)} ({restored_text}set by {client}, {time_text})."
         return text if warning is None else f"{text} {warning}"
 
     def _publish(self, code: str, text: str, severity: int) -> None:

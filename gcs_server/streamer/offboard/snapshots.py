@@ -27,10 +27,10 @@ class VehicleSnapshots:
     Args:
         clock: the server's clock.
         vehicle: the vehicle.
-        estimates: its estimates.
-        configuration: its parameters.
+        estimates: the vehicle's estimates.
+        configuration: the vehicle's parameters.
         operator: the operator's limits.
-        avoidance: whether obstacle avoidance is on.
+        avoidance: the settings of obstacle avoidance.
         find: finds other vehicles by id, for following them; raises UnknownVehicle.
     """
 
@@ -84,7 +84,8 @@ class VehicleSnapshots:
         )
 
     def leader(self, follow: Follow) -> Leader | None:
-        """The followed vehicle in this vehicle's frame; None if it is not known or has no position."""
+        """The followed vehicle in this vehicle's frame; None if that vehicle is unknown or has no
+        position."""
         try:
             leader = self._find(follow.vehicle)
         except GcsError:

@@ -35,25 +35,25 @@ class StreamHealth:
     """Rate of setpoints passed to the link over the last two seconds [Hz]; a slow link drops a setpoint when
     a newer one replaces it."""
     setpoint_age_s: float | None
-    """Time since the setpoint was accepted."""
+    """Time since the setpoint was accepted [s]."""
     sent_age_s: float | None
-    """Time since the last sent setpoint."""
+    """Time since the last sent setpoint [s]."""
     valid_left_s: float | None
-    """Time until the setpoint expires."""
+    """Time until the setpoint expires [s]."""
     failsafe_in_s: float | None
-    """Time until the vehicle's own failsafe if sending stopped now (COM_OF_LOSS_T after the last
-    setpoint)."""
+    """Time until the vehicle's own failsafe acts if sending stops now: COM_OF_LOSS_T after the last setpoint
+    [s]."""
     echo: Echo | None
-    """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None while nothing is
+    """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None: nothing is
     sent."""
     position_error_m: float | None
-    """Distance between the vehicle and the sent position."""
+    """Distance between the vehicle and the sent position [m]."""
     velocity_error_m_s: float | None
-    """Difference between the vehicle's velocity and the sent one."""
+    """Difference between the vehicle's velocity and the sent velocity [m/s]."""
     attitude_error_rad: float | None
-    """Angle between the vehicle's attitude and the sent one."""
+    """Angle between the vehicle's attitude and the sent attitude [rad]."""
     yaw_error_rad: float | None
-    """Angle between the vehicle's heading and the sent one."""
+    """Angle between the vehicle's heading and the sent heading [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +62,26 @@ class AvoidanceView:
 
     on: bool
     way: AvoidanceWay
-    """What to try first: over an obstacle, or around it at the same altitude."""
+    """What avoidance tries first: over an obstacle, or around it at the same altitude."""
     state: AvoidanceState | None
     """Current state; null while avoidance is off or nothing is streamed."""
     text: str
     """The state as text; empty while the vehicle flies the requested setpoint."""
     sensor: bool
-    """Whether the vehicle has a sensor that measures obstacles, which the obstacle brake needs, too."""
+    """Whether the vehicle has a sensor that measures obstacles. The obstacle brake also needs such a
+    sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class OffboardStatus:
-    """Status of a stream: the topic `offboard`, and the answer of the routes below `…/offboard`."""
+    """Status of a stream: the topic `offboard`, and the response of the routes below `…/offboard`."""
 
     streaming: bool
     """Whether setpoints are being sent."""
     state: str
-    """idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
-    (the start failed, but the vehicle may still switch to Offboard)."""
+    """idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
+    to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
+    still switch to Offboard)."""
     client: str | None
     """Client that sent the setpoint."""
     client_key: str | None
@@ -90,8 +92,8 @@ class OffboardStatus:
     ordered_type: str | None
     """Type of the requested setpoint; the sent type may differ (path, follow, after expiry)."""
     setpoint: dict[str, object] | None
-    """The setpoint that is being sent: the client's setpoint within all limits, or the position held after
-    expiry."""
+    """The setpoint that is being sent: the client's setpoint within all limits, or the position that is
+    kept after expiry."""
     limited: tuple[str, ...]
     """Current reductions by the limits, as texts; empty if nothing is limited."""
     rate_hz: float
@@ -107,7 +109,8 @@ class OffboardStatus:
     ended: str | None
     """Reason for the end of the last stream; null while a stream runs, and before the first one."""
     limits_origin: LimitsOrigin
-    """Origin of the operator's limits: who set them and when, and whether they survive a restart."""
+    """Origin of the operator's limits: the client that set them, the time, and whether they survive a
+    restart."""
     avoidance: AvoidanceView
     health: StreamHealth
 

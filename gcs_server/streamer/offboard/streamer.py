@@ -44,7 +44,7 @@ class Streamer:
 
     Args:
         streams: runs the streams; the stream process, or a scheduler in tests.
-        limits: stores the operator's limits; default: they are kept in memory only.
+        limits: stores the operator's limits; None: the limits are only in memory.
     """
 
     def __init__(self, clock: Clock, streams: Streams, limits: LimitStore | None = None) -> None:
@@ -64,11 +64,11 @@ class Streamer:
         vehicle.offboard = self._controls[vehicle.id] = control
 
     def detach(self, vehicle: Vehicle) -> None:
-        """Called before a vehicle is removed: drops its offboard control, unless a stream is still
-        running."""
+        """Drops a vehicle's offboard control, unless a stream is running; called before the vehicle is
+        removed."""
         control = self._controls.get(vehicle.id)
-        known = control is not None and control.vehicle is vehicle
-        if known and self._streams.state(vehicle.id).phase == "idle":
+        is_current = control is not None and control.vehicle is vehicle
+        if is_current and self._streams.state(vehicle.id).phase == "idle":
             del self._controls[vehicle.id]
             self._streams.forget(vehicle.id)
 
@@ -83,7 +83,7 @@ class Streamer:
         self.limits.close()
 
     def links_changed(self) -> None:
-        """Called when a link was opened or closed: the streams release the sockets of closed links."""
+        """Releases the sockets of closed links; called when a link was opened or closed."""
         self._streams.links_changed()
 
     def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
@@ -101,7 +101,7 @@ class Streamer:
         )
 
     def offboard(self, vehicle_id: str) -> OffboardControl:
-        """A vehicle's stream: to start, change and stop it. Raises UnknownVehicle."""
+        """The control of a vehicle's stream. Raises UnknownVehicle."""
         control = self._controls.get(vehicle_id)
         if control is None:
             raise UnknownVehicle(vehicle_id, sorted(self._controls))
@@ -128,7 +128,7 @@ class Streamer:
                     await control.vehicle.command.wait_for_kill()
 
     async def _stop_one(self, vehicle_id: str) -> StopResult:
-        began_s = self._clock.monotonic_s()
+        start_s = self._clock.monotonic_s()
         error: GcsError | None = None
         try:
             async with asyncio.timeout(STOP_ALL_S):
@@ -145,7 +145,7 @@ class Streamer:
             self._publish(
                 vehicle_id, f"The vehicle could not be put into Hold when the server shut down: {error}", 4
             )
-        return StopResult(vehicle_id, error, self._clock.monotonic_s() - began_s)
+        return StopResult(vehicle_id, error, self._clock.monotonic_s() - start_s)
 
     def update_once(self) -> None:
         """Signals that the event loop runs, updates the snapshots, restores limits and publishes reports."""
@@ -154,12 +154,12 @@ class Streamer:
                 self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator_limits.recognise)
         first_requests = self._streams.watched()
         vehicle_ids = dict.fromkeys(self._streams.active()) | first_requests
-        known = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]
+        controlled = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]
         self._streams.update_snapshots(
-            {vid: s for vid in known if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
+            {vid: s for vid in controlled if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
         )
         self._isolation.run("the check of the groups", self.groups.update)
-        for vehicle_id in known:
+        for vehicle_id in controlled:
             control = self._controls[vehicle_id]
             control.vehicle.isolation.run(
                 "the rates of its distance sensors", control.avoidance.request_rates
@@ -172,8 +172,8 @@ class Streamer:
         return self._isolation.faults
 
     def _snapshot(self, vehicle_id: str, request: StreamRequest | None) -> Snapshot | None:
-        """Snapshot of the vehicle for its stream; if that fails, a snapshot without estimates; if that fails
-        as well, None. The stream then uses the previous snapshot, which expires after a second.
+        """Snapshot of the vehicle for its stream; if this fails, a snapshot without estimates. If both
+        fail, None: the stream then uses the previous snapshot, which expires after a second.
         """
         control = self._controls[vehicle_id]
         run = control.vehicle.isolation.run

@@ -1,5 +1,5 @@
 """Exchanges messages and answers with the stream process. `post` returns immediately; `request` returns a
-future. The process is started when it is needed. It is killed and restarted if it stops reading.
+future. The server starts the process when it is needed, and kills and restarts it if it stops reading.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class WorkerCalls:
         self._pending: dict[int, _PendingRequest] = {}
         self._started_s = self._checked_s = self._silent_since_s = float("-inf")
         self.worker: WorkerHandle | None = None
-        """The current run; None if there is none."""
+        """The running process; None if there is no process."""
 
     def spawn(self) -> None:
         """Starts the process if there is none, at most once per `RESTART_PERIOD_S`."""
@@ -78,7 +78,7 @@ class WorkerCalls:
             self.worker = WorkerHandle(
                 self._own_ids, self._silent_limit_s, self._handle_value, self._drop_worker, self._relay
             )
-        except OSError:  # no free file descriptor; tried again at a later update
+        except OSError:  # no free file descriptor; the next update tries again
             log.exception("the setpoint streams' process could not be started")
 
     def close(self) -> None:
@@ -89,14 +89,14 @@ class WorkerCalls:
         self._fail_all()
 
     def check_alive(self) -> None:
-        """Called periodically: kills a process that has stopped reading, unless the event loop itself
-        stalled."""
+        """Kills a process that has stopped reading, unless the event loop itself stalled; called
+        periodically."""
         now_s = self._clock.monotonic_s()
-        stalled, self._checked_s = now_s - self._checked_s > LOOP_STALLED_S, now_s
+        loop_stalled, self._checked_s = now_s - self._checked_s > LOOP_STALLED_S, now_s
         worker = self.worker
         if worker is None or not worker.started or not worker.has_unhandled:
             return
-        if stalled:
+        if loop_stalled:
             self._silent_since_s = now_s
         worker.read()
         if (
@@ -107,7 +107,7 @@ class WorkerCalls:
             self._drop_worker()
 
     def post(self, message: Post | Request[Any]) -> int:
-        """Sends without waiting; returns the message's number, 0 if there is no process."""
+        """Sends without waiting; returns the message's number; 0: there is no process."""
         worker = self.worker
         if worker is None:
             return 0
@@ -139,7 +139,7 @@ class WorkerCalls:
 
         Raises:
             WorkerDied: there is no process.
-            ValueError: the request is not possible.
+            ValueError: the process cannot execute the request.
             RuntimeError: another failure, which the process has logged.
         """
         try:
@@ -157,13 +157,13 @@ class WorkerCalls:
                 self._silent_since_s = self._clock.monotonic_s()
             self._on_update(value)
         elif isinstance(value, Answer):
-            self._answered(value)
+            self._handle_answer(value)
         elif isinstance(value, WorkerStarted) and self.worker is not None:
             self.worker.started = True
             if not value.real_time:
                 log.info("setpoint streams run without real-time priority: see docs/performance.md")
 
-    def _answered(self, answer: Answer) -> None:
+    def _handle_answer(self, answer: Answer) -> None:
         pending = self._pending.pop(answer.number, None)
         if pending is None:
             return

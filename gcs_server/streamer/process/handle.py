@@ -26,7 +26,7 @@ from gcs_server.streamer.transport.sender import PayloadSender
 log = logging.getLogger(__name__)
 
 MAX_WAITING_BYTES = 8_000_000
-"""Number of unread bytes above which the process is considered dead and is killed."""
+"""Maximum number of unread bytes; above it, the process counts as dead and is killed."""
 END_TIMEOUT_S = 1.0
 MAX_REPORT_BYTES = 1 << 20
 LATE_REPORT_SOCKETS = 20
@@ -71,7 +71,7 @@ class WorkerHandle:
         self._writing = False
         self._passed_sockets = 0
         self._numbers: dict[socket.socket, int] = {}
-        """Numbers of the sockets that the process has."""
+        """Numbers of the sockets that the process has received."""
         self.connections: dict[int, Connection] = {}
         """By socket number."""
         self.attached: set[str] = set()
@@ -124,24 +124,26 @@ class WorkerHandle:
         except EOFError:
             self._on_process_death()
             return
-        for several in values:
-            assert isinstance(several, tuple)
-            for value in several:  # pyright: ignore[reportUnknownVariableType]
+        for batch in values:
+            assert isinstance(batch, tuple)
+            for value in batch:  # pyright: ignore[reportUnknownVariableType]
                 try:
                     self._on_value(value)  # pyright: ignore[reportUnknownArgumentType]
                 except Exception as error:  # the other values are still read
                     self._faults.add(error, "handling a value from the stream process")
 
     def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, AnyRoute | None]:
-        """Each vehicle's route for the process, after passing the socket to it; None: the server sends. The
-        process closes all other sockets.
+        """Each vehicle's route for the process; None: the server sends. Passes new sockets to the process;
+        the process closes all sockets without a route.
         """
         routes = {vehicle_id: self._route(sender) for vehicle_id, sender in senders.items()}
         used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
         if len(used) < len(self._numbers):
             self._numbers = {s: number for s, number in self._numbers.items() if number in used}
-            late = self._passed_sockets - LATE_REPORT_SOCKETS
-            self.connections = {n: c for n, c in self.connections.items() if n in used or n > late}
+            oldest_remembered = self._passed_sockets - LATE_REPORT_SOCKETS
+            self.connections = {
+                n: c for n, c in self.connections.items() if n in used or n > oldest_remembered
+            }
         return routes
 
     @property
@@ -170,7 +172,7 @@ class WorkerHandle:
             rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
             try:
                 self._side_channel.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
-            except OSError:  # the process does not read, or has died; tried again with the next message
+            except OSError:  # the process does not read, or has died; the next message tries again
                 return None
             self._passed_sockets = self._numbers[link_socket] = number
             self.connections[number] = path.connection
@@ -179,13 +181,13 @@ class WorkerHandle:
     # --- end --------------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """Kills the process immediately; nothing is read from it afterwards."""
+        """Kills the process immediately; nothing more is read from the process."""
         self._close()
         if self._process is not None:
             self._process.kill()
 
     def end(self) -> None:
-        """Closes the message pipe, so that the process ends by itself, and waits for it."""
+        """Closes the message pipe, so that the process ends by itself, and waits for its end."""
         self._close()
         self._thread.join(2 * END_TIMEOUT_S)
 
@@ -206,7 +208,7 @@ class WorkerHandle:
             self._on_end()
 
     def _write_rest(self) -> None:
-        """Writes the rest of the data once the process reads."""
+        """Writes unsent data once the process reads."""
         if self._pipe.has_unsent_data and not self._writing:
             self._writing = True
             self._loop.add_writer(self._pipe.fileno(), self._flush)
@@ -243,7 +245,7 @@ class WorkerHandle:
         except OSError:
             log.exception("the process that flies setpoint streams could not be started")
         finally:
-            worker_messages.close()  # so that the event loop also notices the end
+            worker_messages.close()  # so that the event loop notices the end of the process
             worker_side_channel.close()
         while data := self._next_report():
             try:
@@ -251,7 +253,7 @@ class WorkerHandle:
             # the thread continues, because it also sends the setpoints of other vehicles
             except Exception as error:
                 self._faults.add(error, "passing on a report of the stream process")
-        self._reap()
+        self._wait_for_exit()
         self._side_channel.close()
 
     def _next_report(self) -> bytes:
@@ -270,7 +272,7 @@ class WorkerHandle:
             if connection is not None:
                 connection.count_sent_elsewhere(time_us, raw)
 
-    def _reap(self) -> None:
+    def _wait_for_exit(self) -> None:
         if self._process is None:
             return
         try:

@@ -10,7 +10,7 @@ import struct
 _LENGTH = struct.Struct("!I")
 READ_BYTES = 1 << 16
 READS_PER_WAKE = 64
-"""Maximum number of reads per call, so that the caller can do other work in between."""
+"""Maximum number of reads per call, so that the caller can do other work between calls."""
 
 
 class PipeFull(Exception):
@@ -29,8 +29,8 @@ class MessagePipe:
         sock.setblocking(False)
         self._socket = sock
         self._max_waiting_bytes = max_waiting_bytes
-        self._out = bytearray()
-        self._in = bytearray()
+        self._outgoing = bytearray()
+        self._incoming = bytearray()
 
     def fileno(self) -> int:
         """File descriptor for `select`."""
@@ -39,7 +39,7 @@ class MessagePipe:
     @property
     def has_unsent_data(self) -> bool:
         """Whether buffered data is not written yet: call `flush` when the socket is writable."""
-        return bool(self._out)
+        return bool(self._outgoing)
 
     def send(self, value: object) -> None:
         """Writes as much as the socket accepts and buffers the rest.
@@ -49,17 +49,17 @@ class MessagePipe:
             EOFError: the other side has closed the pipe.
         """
         data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-        if self._out and len(self._out) + len(data) > self._max_waiting_bytes:
+        if self._outgoing and len(self._outgoing) + len(data) > self._max_waiting_bytes:
             raise PipeFull
-        self._out += _LENGTH.pack(len(data))
-        self._out += data
+        self._outgoing += _LENGTH.pack(len(data))
+        self._outgoing += data
         self.flush()
 
     def flush(self) -> None:
         """Writes more of the buffer. Raises EOFError if the other side has closed the pipe."""
         try:
-            while self._out:
-                del self._out[: self._socket.send(self._out)]
+            while self._outgoing:
+                del self._outgoing[: self._socket.send(self._outgoing)]
         except BlockingIOError:
             pass
         except OSError as error:
@@ -70,14 +70,14 @@ class MessagePipe:
         ended = self._read()
         values: list[object] = []
         begin = 0
-        while len(self._in) - begin >= _LENGTH.size:
-            (size,) = _LENGTH.unpack_from(self._in, begin)
+        while len(self._incoming) - begin >= _LENGTH.size:
+            (size,) = _LENGTH.unpack_from(self._incoming, begin)
             end = begin + _LENGTH.size + size
-            if len(self._in) < end:
+            if len(self._incoming) < end:
                 break
-            values.append(pickle.loads(memoryview(self._in)[begin + _LENGTH.size : end]))
+            values.append(pickle.loads(memoryview(self._incoming)[begin + _LENGTH.size : end]))
             begin = end
-        del self._in[:begin]
+        del self._incoming[:begin]
         if ended and not values:
             raise EOFError
         return values
@@ -96,5 +96,5 @@ class MessagePipe:
                     return True
                 if not data:
                     return True
-                self._in += data
+                self._incoming += data
         return False

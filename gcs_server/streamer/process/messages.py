@@ -1,8 +1,8 @@
-"""Messages between the server and the stream process, one frozen class each; `mode_messages.py` has those
-about modes in PX4. The server sends a `Post` (no answer) or a `Request` (a coroutine awaits the answer). Each
-message class calls the method of the process that executes it, so that a type checker checks every call.
-Messages are handled in the order in which they were sent. The process sends tuples of `WorkerStarted`,
-`Update` and `Answer`.
+"""Messages between the server and the stream process, one frozen class each; `mode_messages.py` contains
+the messages about modes in PX4. The server sends a `Post` (no answer) or a `Request` (a coroutine awaits the
+answer). Each message class calls the method of the process that executes it, so that a type checker checks
+every call. Messages are handled in the order in which they were sent. The process sends tuples of
+`WorkerStarted`, `Update` and `Answer`.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RouteSigning:
-    """Data with which the process signs frames like the server; sent over the message pipe only."""
+    """Data with which the process signs frames as the server does; sent only over the message pipe."""
 
     key: bytes = field(repr=False)
     link_id: int
     ahead_ticks: int
-    """Time by which the server's signing timestamps are ahead of the system clock, in whole seconds."""
+    """Time by which the server's signing timestamps are ahead of the system clock [ticks], a whole number of
+    seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ class Route:
 
 
 AnyRoute = Route | DdsAddress
-"""How the process reaches a vehicle: by datagrams of MAVLink, or by ROS 2 topics."""
+"""How the process reaches a vehicle: by MAVLink datagrams, or by ROS 2 topics."""
 
 
 class WorkerInterface(Protocol):
@@ -126,14 +127,14 @@ class Routes(Post):
 
 @dataclass(frozen=True, slots=True)
 class SnapshotUpdate(Post):
-    """Sent periodically while the event loop runs, with the snapshots of the vehicles. Each snapshot is
-    pickled separately, so that an invalid one does not affect the others."""
+    """The vehicles' snapshots, sent periodically while the event loop runs. Each snapshot is pickled
+    separately, so that an invalid snapshot does not affect the others."""
 
     snapshots: Mapping[str, bytes]
 
     @staticmethod
     def pickled(snapshots: Mapping[str, Snapshot]) -> SnapshotUpdate:
-        """Pickles snapshots; logs and leaves out those that cannot be pickled."""
+        """Pickles snapshots; a snapshot that cannot be pickled is logged and omitted."""
         packed: dict[str, bytes] = {}
         for vehicle_id, snapshot in snapshots.items():
             try:
@@ -308,7 +309,7 @@ class ChangeSetpoints(Request[bool]):
     snapshots: Mapping[str, Snapshot]
     until_s: float
     members: tuple[str, ...]
-    """All members of the group: those without a new setpoint are renewed."""
+    """All members of the group; the setpoints of members without a new setpoint are renewed."""
 
     def apply(self, worker: WorkerInterface) -> bool:
         return worker.scheduler.change_together(self.name, self.requests, self.snapshots, self.until_s)
@@ -338,15 +339,15 @@ class WorkerStarted:
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """State of streams and groups, and what has happened since the last update."""
+    """State of streams and groups, and the events since the last update."""
 
     handled: int
     """Number of the last handled message."""
     at_s: float
     states: Mapping[str, StreamState]
-    """States of running streams and of those that have just ended."""
+    """States of running streams, and of streams that have just ended."""
     unchanged_requests: frozenset[str]
-    """Vehicles whose request is omitted here, because it has not changed since the last update."""
+    """Vehicles whose request is omitted in `states`, because it has not changed since the last update."""
     guards: Mapping[str, GuardState]
     """States of all watched groups."""
     reports: tuple[tuple[str, StreamEvent], ...] = ()
@@ -357,7 +358,7 @@ class Update:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Answer to the request with this number; an error is sent as class name and text."""
+    """Answer to the request with this number; `error` is the class name and text of an error."""
 
     number: int
     result: object

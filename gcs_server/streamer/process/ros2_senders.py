@@ -1,7 +1,7 @@
 """The ROS 2 senders of the stream process: one DDS participant for each domain.
 
-Opening a participant takes some tenths of a second. A thread opens it, so that setpoints to other vehicles
-continue.
+Opening a participant takes some tenths of a second. A thread opens the participant, so that the setpoints to
+other vehicles continue.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class Ros2Sender:
         """Topics to which the vehicle subscribes."""
         threading.Thread(target=self._open, name=f"dds {address.namespace}", daemon=True).start()
 
-    def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
+    def send(self, messages: Sequence[Message], required: Iterable[str] = ()) -> None:
         """See `TopicSender`."""
         writers = self._writers
         if writers is None:
             raise OSError("DDS is not open yet")
-        for topic in (*needed, *(topic for topic, _ in messages)):
+        for topic in (*required, *(topic for topic, _ in messages)):
             if topic not in self._connected:
                 if not writers.connected(topic):
                     raise OSError(f"no vehicle subscribes to {topic} yet")
@@ -63,8 +63,8 @@ class Ros2Sender:
 
 
 class ModeTopics:
-    """The topics over which modes are registered with one vehicle; a `ModePort`. Until DDS is open, nothing
-    is received, and nothing can be sent."""
+    """The topics over which modes are registered with one vehicle; implements `ModePort`. Until DDS is open,
+    nothing is received, and nothing can be sent."""
 
     def __init__(self, address: DdsAddress) -> None:
         self._address = address

@@ -1,9 +1,9 @@
 """The server's interface to the process that runs all setpoint streams (`worker.py`).
 
-Measured on two cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D view
-(docs/performance.md): a thread of the server sent its setpoints 12 ms late or more (p99), because the thread
-that holds the interpreter lock may itself wait for a processor. A process with real-time priority is not
-late.
+A process with real-time priority sends setpoints on time. A thread of the server sent 1 % of its setpoints at
+least 12 ms late, because the thread that has the interpreter lock may wait for a processor (measured on two
+cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D view:
+docs/performance.md).
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from missions.runner.script import ScriptChange
 
 START_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
-"""A thread sends setpoints over links that the process cannot use (serial and TCP). It must not wait long
-for the interpreter lock: Python's default of 5 ms is a quarter of a stream's period."""
+"""Python's switch interval [s]. A thread sends setpoints over links that the process cannot use (serial and
+TCP), and must not wait long for the interpreter lock: Python's default of 5 ms is a quarter of a stream's
+period."""
 CHECK_PERIOD_S = 0.02
 """Period at which the start of the process is checked [s]."""
 RESTARTING = "The setpoint streams' process is being restarted."
@@ -48,7 +49,7 @@ class _VehicleRecord:
     last: StreamState = field(default_factory=StreamState)
     """State of the stream when it was last idle."""
     number: int = 0
-    """Number of its newest stream."""
+    """Number of the vehicle's newest stream."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +70,14 @@ class _Group:
 
 
 class StreamProcess(Streams):
-    """Runs the streams in a separate process; see `Streams`. If the process ends, it is restarted, but its
-    streams are not. The process sends updates of all streams (`messages.Update`), so that the state is at
+    """Runs the streams in a separate process; see `Streams`. If the process ends, it is restarted without
+    its streams. The process sends updates of all streams (`messages.Update`), so that the state is at
     most 50 ms old and never older than the last answer. Only coroutines wait for the process.
 
     Args:
         clock: the system's monotonic clock, which the process shares.
-        own_ids: system and component id of the sent messages. The component differs from the server's
-            own, so that each has its own sequence numbers.
+        own_ids: system and component id of the sent messages. The component id differs from the
+            server's own, so that process and server have separate sequence numbers.
         server_silent_limit_s: time without a message from the event loop after which sending stops.
     """
 
@@ -88,7 +89,7 @@ class StreamProcess(Streams):
         self._started = False
         self._vehicles: dict[str, _VehicleRecord] = {}
         self._begun: set[str] = set()
-        """Vehicles that may have a stream; all others have none."""
+        """Vehicles that may have a stream; all other vehicles have no stream."""
         self._beginning: list[str] = []
         """Vehicles whose `begin` has no answer yet."""
         self._reported: dict[str, _ReportedState] = {}
@@ -337,9 +338,9 @@ class StreamProcess(Streams):
 
     def _on_update(self, update: messages.Update) -> None:
         for vehicle_id, reported in update.states.items():
-            before, state = self._reported.get(vehicle_id), reported
-            if vehicle_id in update.unchanged_requests and before is not None:
-                state = replace(reported, request=before.state.request)
+            previous, state = self._reported.get(vehicle_id), reported
+            if vehicle_id in update.unchanged_requests and previous is not None:
+                state = replace(reported, request=previous.state.request)
             self._reported[vehicle_id] = _ReportedState(state, update.at_s)
             record = self._vehicles[vehicle_id]
             if vehicle_id in self._begun and state.phase == "idle" and state.number >= record.number:
@@ -354,7 +355,7 @@ class StreamProcess(Streams):
         self._findings += update.findings
 
     def _on_process_end(self) -> None:
-        """Called when the process has ended: all streams have stopped, and an event is published for each."""
+        """Publishes an event for each stream that stopped; called when the process has ended."""
         report = StreamEvent("fault", WARNING, PROCESS_ENDED)
         for vehicle_id in sorted(self._begun):
             record = self._vehicles[vehicle_id]
@@ -378,14 +379,15 @@ class StreamProcess(Streams):
         self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, created_s=created_s)
 
 
-def _aged(state: StreamState, by_s: float) -> StreamState:
-    """The state after this time without an update: greater ages, shorter remaining validity."""
-    if by_s <= 0:
+def _aged(state: StreamState, elapsed_s: float) -> StreamState:
+    """The state after `elapsed_s` without an update: the ages are greater, the remaining validity is
+    shorter."""
+    if elapsed_s <= 0:
         return state
     left_s = state.valid_left_s
     return replace(
         state,
-        age_s=None if state.age_s is None else state.age_s + by_s,
-        sent_age_s=None if state.sent_age_s is None else state.sent_age_s + by_s,
-        valid_left_s=None if left_s is None else max(0.0, left_s - by_s),
+        age_s=None if state.age_s is None else state.age_s + elapsed_s,
+        sent_age_s=None if state.sent_age_s is None else state.sent_age_s + elapsed_s,
+        valid_left_s=None if left_s is None else max(0.0, left_s - elapsed_s),
     )

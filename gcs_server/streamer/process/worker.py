@@ -3,10 +3,10 @@
 `handle.py` starts it with two sockets. The first carries the server's messages (`messages.py`), and the
 answers and updates back. The second carries the sockets of the server's links to the process, and reports of
 sent frames back (for the recordings). Setpoints for a link without datagrams go back to the server, where a
-thread sends them. Neither side ever waits for the other to read.
+thread sends them. Neither side ever waits until the other side reads.
 
-The process ends with the server: when the first socket closes, it removes its flight modes from PX4 and sends
-nothing more.
+The process ends with the server: when the first socket closes, the process removes its flight modes from PX4
+and sends nothing more.
 """
 
 from __future__ import annotations
@@ -55,18 +55,18 @@ SENT_REPORT_PERIOD_S = 0.01
 SENT_BATCH = 100
 """Maximum number of frames in one report."""
 MAX_SENT_WAITING = 20_000
-"""Maximum number of frames that wait for a stalled server; more frames are missing from its recording."""
+"""Maximum number of frames that wait for a stalled server; further frames are missing in the recording."""
 UPDATE_PERIOD_S = 0.05
 """Period of updates while there are streams [s]; a changed phase is reported immediately."""
 EARLY_UPDATE_S = 0.01
-"""An update is sent up to this much earlier if the process is already awake for a setpoint, because another
+"""An update is sent up to this time earlier if the process is already awake for a setpoint, because another
 wake-up would delay the next setpoint [s].
 """
 MAX_WAITING_BYTES = 8_000_000
 """Size of the buffer for a stalled server; only answers wait in it, so it never fills up while the server
 runs."""
 MAX_RUN_US = 1_000_000
-"""Uninterrupted processor time after which the system kills a process with real-time priority."""
+"""Uninterrupted processor time after which the system kills a process with real-time priority [µs]."""
 MAX_BUSY_S, PAUSE_S = 0.05, 0.005
 """After MAX_BUSY_S without a wait, the worker pauses for PAUSE_S [s]: overloaded streams become late, but the
 server still gets processor time."""
@@ -77,7 +77,7 @@ SentFrame = tuple[int, int, bytes]
 
 
 class WorkerReports:
-    """Sends reports to the server without waiting for it."""
+    """Sends reports to the server, and never waits for the server."""
 
     def __init__(self, side_channel: socket.socket) -> None:
         self._side_channel = side_channel
@@ -86,7 +86,7 @@ class WorkerReports:
 
     @property
     def due_s(self) -> float:
-        """Time at which waiting reports are due; infinity if there are none."""
+        """Time at which waiting reports are due; infinity if no report waits."""
         return self._reported_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
     def add_sent(self, frame: SentFrame) -> None:
@@ -94,8 +94,8 @@ class WorkerReports:
         self._sent.append(frame)
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
-        """Asks the server to send a payload with an expiry time. Returns False if the server's buffer is
-        full."""
+        """Requests the server to send a payload with its creation time. Returns False if the server's buffer
+        is full."""
         try:
             self._side_channel.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
         except OSError:  # the server does not read, or has died
@@ -128,11 +128,11 @@ class WorkerSender:
         """Set while the vehicle is reached over ROS 2."""
 
     def topics(self) -> TopicSender | None:
-        """The vehicle's ROS 2 topics; None while it is reached over MAVLink."""
+        """The vehicle's ROS 2 topics; None while the vehicle is reached over MAVLink."""
         return None if self.dds is None else self._worker.ros2.sender_for(self.dds)
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
-        """Sends a datagram, or asks the server to send it."""
+        """Sends a datagram, or requests the server to send the payload."""
         worker, route = self._worker, self.route
         if route is None:
             return worker.reports.relay(self._vehicle_id, msg_id, payload)
@@ -207,7 +207,7 @@ class Worker:
                     self._messages.send((self._updates.update(now_s),))
                 update_due_s = float("inf") if self._messages.has_unsent_data else self._updates.due_s
                 wake_s = min(due_s, update_due_s, self.reports.due_s)
-                now_s = self.clock.monotonic_s()  # checked again, because sending took time
+                now_s = self.clock.monotonic_s()  # read again, because sending took time
                 if now_s - last_wait_s > MAX_BUSY_S:
                     wake_s = max(wake_s, now_s + PAUSE_S)
                 wait_s = wake_s - now_s
@@ -285,7 +285,7 @@ class StreamUpdates:
         self._requests: dict[str, StreamRequest | None] = {}
         self._modes: dict[str, tuple[Registration, ...]] = {}
         self.due_s = float("inf")
-        """When the next update is due if nothing changes."""
+        """Time of the next update if nothing changes [s, monotonic]."""
 
     def handled(self, number: int) -> None:
         """Records that the server's message with this number was handled."""
@@ -302,26 +302,28 @@ class StreamUpdates:
             or scheduler.guard_phases() != self._guards
             or scheduler.modes() != self._modes
             or scheduler.has_pending_reports
-            # while streaming, the next periodic update contains the number
+            # while a stream runs, the next periodic update contains the number
             or (self._handled != self._reported_handled and not streaming)
         )
         return changed or now_s >= self.due_s - EARLY_UPDATE_S
 
     def update(self, now_s: float, only: tuple[str, ...] | None = None) -> Update:
-        """An update of these vehicles, or of all with a stream that runs or has just ended."""
+        """An update with the vehicles `only`; None: all vehicles whose stream runs or has just ended."""
         scheduler = self._scheduler
         phases = scheduler.phases()
         if only is None:
-            reported = [v for v, at in phases.items() if at[0] != "idle" or at != self._phases.get(v)]
+            vehicle_ids = [
+                v for v, entry in phases.items() if entry[0] != "idle" or entry != self._phases.get(v)
+            ]
             self._phases, self._guards = phases, scheduler.guard_phases()
             self._modes = scheduler.modes()
             self._reported_handled, self._reported_s = self._handled, now_s
             self.due_s = max(self.due_s, now_s + UPDATE_PERIOD_S)
         else:
-            reported = [v for v in only if v in phases]
+            vehicle_ids = [v for v in only if v in phases]
         states: dict[str, StreamState] = {}
         unchanged: set[str] = set()
-        for vehicle_id in reported:
+        for vehicle_id in vehicle_ids:
             try:
                 state = scheduler.state(vehicle_id)
             except Exception:  # the other states are still reported
@@ -345,11 +347,11 @@ class StreamUpdates:
         )
 
 
-def take_priority() -> bool:
+def request_priority() -> bool:
     """Requests the lowest real-time priority; False if the system does not grant it.
 
     With this priority, setpoints are sent on time even on a busy computer. Without it, the process waits for
-    a processor like any other. See docs/performance.md.
+    a processor like every other process. See docs/performance.md.
     """
     with contextlib.suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_RTTIME, (MAX_RUN_US, MAX_RUN_US))
@@ -360,7 +362,7 @@ def take_priority() -> bool:
 
 def main(arguments: list[str]) -> None:
     """`worker MESSAGES_FD SIDE_CHANNEL_FD SYSTEM_ID COMPONENT_ID SILENT_LIMIT_S`."""
-    # Ctrl-C is for the server, which puts the vehicles into Hold first
+    # the server handles Ctrl-C, and first puts the vehicles into Hold
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
@@ -375,7 +377,7 @@ def main(arguments: list[str]) -> None:
     worker = Worker(messages, side_channel, own_ids, clock, scheduler)
     gc.collect()
     gc.freeze()
-    messages.send((WorkerStarted(take_priority()),))
+    messages.send((WorkerStarted(request_priority()),))
     worker.run()
 
 

@@ -1,4 +1,4 @@
-"""Obstacle avoidance of one stream; runs after a setpoint is resolved and before it is limited."""
+"""Obstacle avoidance of one stream, between the resolving and the limiting of a setpoint."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class AvoidanceStage:
 
     @property
     def status(self) -> AvoidanceStatus | None:
-        """The current state; None: off."""
+        """The current state; None: avoidance is off."""
         return self._avoidance.status
 
     @property
     def way(self) -> AvoidanceWay | None:
-        """What avoidance tries first; None: off."""
+        """What avoidance tries first; None: avoidance is off."""
         return self._avoidance.way
 
     @property
@@ -33,7 +33,7 @@ class AvoidanceStage:
         return self._avoidance.on_a_detour
 
     def reset(self) -> None:
-        """Resets, because a new stream begins or no setpoint is flown any more."""
+        """Resets avoidance: a new stream begins, or the accepted setpoint is no longer flown."""
         self._avoidance.forget()
 
     def take_reports(self) -> list[StreamEvent]:
@@ -53,31 +53,31 @@ class AvoidanceStage:
         """The setpoint to send instead of the requested one.
 
         Args:
-            now_s: monotonic time.
+            now_s: current time [s, monotonic].
             snapshot: the vehicle, with its sensors' scans.
             requested: the currently requested setpoint.
-            later: returns the requested setpoint at later times; None: it does not change.
-            way: what to try first (over or around); None: avoidance is off.
+            later: returns the requested setpoint at later times; None: the setpoint does not change.
+            way: what avoidance tries first (over or around); None: avoidance is off.
             fence: geofence of the mission being flown.
         """
 
-        def around() -> Surroundings:
+        def surroundings() -> Surroundings:
             limits = _detour_limits(snapshot, fence)
             return Surroundings(_motion(now_s, snapshot), snapshot.scans, limits, snapshot.bounds.origin)
 
-        before = self._avoidance.status
-        setpoint = self._avoidance.apply(now_s, requested, later, way, around)
-        self._report(before, self._avoidance.status)
+        previous = self._avoidance.status
+        setpoint = self._avoidance.apply(now_s, requested, later, way, surroundings)
+        self._report(previous, self._avoidance.status)
         return setpoint
 
-    def _report(self, before: AvoidanceStatus | None, now: AvoidanceStatus | None) -> None:
-        if now is None or (before is not None and before.state == now.state):
+    def _report(self, previous: AvoidanceStatus | None, current: AvoidanceStatus | None) -> None:
+        if current is None or (previous is not None and previous.state == current.state):
             return
-        if now.state == "stopped":
-            self._reports.append(StreamEvent("avoidance_stopped", WARNING, now.text))
-        elif now.text:
-            self._reports.append(StreamEvent("avoidance", NOTICE, now.text))
-        elif before is not None:
+        if current.state == "stopped":
+            self._reports.append(StreamEvent("avoidance_stopped", WARNING, current.text))
+        elif current.text:
+            self._reports.append(StreamEvent("avoidance", NOTICE, current.text))
+        elif previous is not None:
             self._reports.append(
                 StreamEvent("avoidance", NOTICE, "The path is clear: following the setpoint.")
             )

@@ -1,4 +1,4 @@
-"""The times at which setpoints are sent (a fixed time grid, even if a thread is late), and the achieved
+"""The times at which setpoints are sent (a fixed time grid, even if a setpoint was late), and the achieved
 rate."""
 
 from __future__ import annotations
@@ -7,11 +7,11 @@ import math
 from collections import deque
 
 _MAX_TIMES = 101
-RECENT_S = 2.0
+RATE_WINDOW_S = 2.0
 """Time over which the achieved rate is measured [s]."""
 PAUSE_S = 0.5
-"""Gap between two setpoints that counts as a pause [s]; at slow rates, two periods. PX4 needs two setpoints
-per second."""
+"""Gap between two setpoints that counts as a pause [s]; at low rates, a pause is two periods. PX4 needs two
+setpoints per second."""
 
 
 class Cadence:
@@ -46,13 +46,13 @@ class Cadence:
         self._steady_from_s = now_s
 
     def achieved_hz(self, now_s: float) -> float | None:
-        """Rate of the last sent setpoints; None before two were sent within two seconds."""
-        recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= RECENT_S]
+        """Rate of the last sent setpoints; None before two setpoints were sent within two seconds."""
+        recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= RATE_WINDOW_S]
         return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) >= 2 else None
 
     @property
     def steady_s(self) -> float:
-        """Time from the first to the last setpoint sent without a pause; 0 before there were two."""
+        """Time from the first to the last setpoint sent without a pause; 0 before the second setpoint."""
         return self._sent_at[-1] - self._steady_from_s if self._sent_at else 0.0
 
     def age_s(self, now_s: float) -> float | None:

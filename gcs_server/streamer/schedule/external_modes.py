@@ -1,12 +1,12 @@
 """The modes that this server has registered with PX4, in the process that sends the setpoints.
 
-PX4 asks three times a second whether a mode can run, and returns (RTL) 1.1 s after the last answer. So a
-stalled event loop must not stop the answers. If the event loop is silent for too long, the answers say
-that the mode cannot run: then PX4 does not start the mode, or leaves it.
+PX4 requests three times a second whether a mode can run, and returns (RTL) 1.1 s after the last reply. So a
+stalled event loop must not stop the replies. If the event loop sends nothing for too long, the replies report
+that the mode cannot run; PX4 then does not start the mode, or leaves it.
 
-Without new setpoints PX4 keeps the last one, which may be a velocity. Therefore the vehicle is stopped by a
-velocity of zero while one of the modes is active and no stream flies it, for example before its mission
-begins.
+Without new setpoints PX4 keeps the last one, which may be a velocity. Therefore this module
+sends a velocity of zero while one of the modes is active and no stream flies the vehicle, for example before
+the mission begins.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from missions.setpoints import Velocity
 log = logging.getLogger(__name__)
 
 STEP_S: Final = 0.02
-"""Period of reading and answering. PX4 accepts an answer that arrives within 0.1 s, and rejects it after
+"""Period of reading and replying [s]. PX4 accepts a reply within 0.1 s of its request, and rejects it after
 0.4 s."""
 REMOVE_EVERY_S: Final = 0.2
-"""Time between two removals, because PX4 queues only one."""
+"""Time between two removals [s], because PX4 queues only one removal."""
 MAX_MODES: Final = 4
-"""Maximum number of modes of one vehicle, because PX4 queues only four simultaneous answers."""
+"""Maximum number of modes of one vehicle, because PX4 queues only four simultaneous replies."""
 READ_TYPES: Final = {
     REPLY: "RegisterExtComponentReply",
     CHECK_REQUEST: "ArmingCheckRequest",
@@ -61,7 +61,7 @@ STOP_MESSAGES: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
 
 
 def topics_for(declaration: ModeDeclaration) -> frozenset[str]:
-    """The topics that a mode needs, without those of its setpoints."""
+    """The topics that a mode needs, without the topics of its setpoints."""
     deferring = {OVERRIDES} if declaration.defer_failsafes_s else set[str]()
     executing = {EXECUTOR_COMMAND, MODE_COMPLETED} if declaration.executor else set[str]()
     return REQUIRED_TOPICS | deferring | executing
@@ -93,7 +93,7 @@ class _VehicleModes:
     port: ModePort
     modes: list[ExternalMode] = field(default_factory=list[ExternalMode])
     removals: list[Message] = field(default_factory=list[Message])
-    """Removals that are still to be sent."""
+    """Removals that are not sent yet."""
     next_removal_s: float = 0.0
     """Earliest time of the next removal."""
     active_nav_state: int | None = None
@@ -117,16 +117,16 @@ class ExternalModes:
         """Begins to register a mode.
 
         Raises:
-            ValueError: the vehicle has a mode of this name, or too many.
+            ValueError: the vehicle has a mode of this name, or too many modes.
         """
         vehicle = self._vehicles.get(vehicle_id)
-        known = [] if vehicle is None else [m for m in vehicle.modes if not _is_over(m)]
-        if any(mode.declaration.name == declaration.name for mode in known):
+        registered = [] if vehicle is None else [m for m in vehicle.modes if not _has_ended(m)]
+        if any(mode.declaration.name == declaration.name for mode in registered):
             raise ValueError(f"the mode {declaration.name!r} is already registered")
-        if len(known) >= MAX_MODES:
+        if len(registered) >= MAX_MODES:
             raise ValueError(f"{MAX_MODES} modes are already registered")
         if vehicle is None or vehicle.address != address:
-            if known:
+            if registered:
                 raise ValueError("modes are already registered over another ROS 2 link")
             vehicle = self._vehicles[vehicle_id] = _VehicleModes(address, self._open_port(address))
         vehicle.modes = [mode for mode in vehicle.modes if mode.declaration.name != declaration.name]
@@ -169,7 +169,8 @@ class ExternalModes:
             self.unregister(vehicle_id, mode.declaration.name)
 
     def close(self) -> None:
-        """Unregisters all modes at once; PX4 may miss some, and removes them because they do not answer."""
+        """Unregisters all modes at once; PX4 may miss some of the messages, and then removes those modes
+        because they do not reply."""
         for vehicle in self._vehicles.values():
             for mode in vehicle.modes:
                 self._send(vehicle, mode.remove())
@@ -183,12 +184,12 @@ class ExternalModes:
         }
 
     def step(self, now_s: float, *, server_alive: bool, flown: Callable[[str], bool]) -> float:
-        """Reads, answers and sends what is due; returns the time of the next step.
+        """Reads messages, and sends replies and due requests; returns the time of the next step.
 
         Args:
-            now_s: monotonic.
+            now_s: current time [s, monotonic].
             server_alive: whether the event loop is running.
-            flown: whether a stream flies the vehicle of this id.
+            flown: whether a stream flies the vehicle with this id.
         """
         if not self._vehicles:
             return float("inf")
@@ -199,7 +200,8 @@ class ExternalModes:
             try:
                 self._read(vehicle, now_s, server_alive)
                 self._send_due(vehicle, now_s, stop=not flown(vehicle_id))
-            except Exception:  # PX4 fails safe, because it receives no more answers for this vehicle's modes
+            except Exception:
+                # PX4 receives no more replies for this vehicle's modes, and executes its failsafe
                 log.exception("the modes of vehicle %s failed", vehicle_id)
                 vehicle.modes.clear()
             if not vehicle.modes and not vehicle.removals and now_s >= vehicle.next_removal_s:
@@ -237,13 +239,13 @@ class ExternalModes:
             try:
                 vehicle.port.send(topic, with_time(data, int(self._clock.unix_s() * 1e6)))
             except OSError:
-                return  # not connected yet: registrations and PX4's requests are repeated
+                return  # not connected yet; registrations and PX4's requests are repeated later
 
 
 def _pass_to_mode(
     mode: ExternalMode, topic: str, values: Values, now_s: float, server_alive: bool
 ) -> list[Message]:
-    """Passes a message of PX4 to a mode; returns the mode's answers."""
+    """Passes a message of PX4 to a mode; returns the messages to send."""
     if topic == STATUS:
         return mode.on_status(values)
     if topic == REPLY:
@@ -257,5 +259,5 @@ def _pass_to_mode(
     return []
 
 
-def _is_over(mode: ExternalMode) -> bool:
+def _has_ended(mode: ExternalMode) -> bool:
     return mode.registration.state in ("refused", "lost")

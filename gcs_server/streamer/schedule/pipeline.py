@@ -1,5 +1,5 @@
-"""Computes the setpoint that is sent to one vehicle: resolves, limits and packs the setpoint that was
-accepted last."""
+"""Computes the setpoint that is sent to one vehicle: resolves, limits and packs the newest accepted
+setpoint."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from missions.setpoints import (
 ATTITUDE_KINDS = (Attitude, Rates, ThrustTorque, Actuators)
 """Kinds that enter PX4's control cascade at the attitude controller or below."""
 REPORT_PERIOD_S = 10.0
-"""Minimum time between two reports of the same limit [s]."""
+"""A reduction is reported again if it did not occur for this time [s]."""
 
 
 class SetpointPipeline:
-    """Resolves, limits and packs the accepted setpoint, or a setpoint that holds the position.
+    """Resolves, limits and packs the accepted setpoint, or a setpoint that keeps the position.
 
     Args:
-        loader: the transport; packs each setpoint that is to be sent.
+        loader: the transport; packs each setpoint before it is sent.
     """
 
     def __init__(self, loader: SetpointLoader) -> None:
@@ -59,7 +59,8 @@ class SetpointPipeline:
         self._avoidance = AvoidanceStage()
         self._brake_has_scans = self._braked = False
         self._held_without_sensor: DirectSetpoint | None = None
-        """Position held because the obstacle sensor stopped sending while the brake held the vehicle."""
+        """Setpoint that keeps the position, because the obstacle sensor stopped sending while the brake was
+        active."""
         self._brake_memory = BrakeMemory()
 
     def reset(self) -> None:
@@ -72,9 +73,9 @@ class SetpointPipeline:
     def accept(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
         """Starts flying a newly accepted setpoint."""
         keeps_yaw = keeps_heading(setpoint)
-        before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._keeps_yaw else None
+        previous_yaw = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._keeps_yaw else None
         resolved = ResolvedSetpoint(
-            setpoint, now_s, snapshot, snapshot.yaw_ned_rad if before is None else before
+            setpoint, now_s, snapshot, snapshot.yaw_ned_rad if previous_yaw is None else previous_yaw
         )
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
@@ -93,7 +94,7 @@ class SetpointPipeline:
             self._resolved.restart_path(now_s)
 
     def change_script(self, change: ScriptChange) -> bool:
-        """Updates the mission that is being flown; returns False if there is none."""
+        """Updates the mission that is being flown; returns False if no mission is being flown."""
         player = None if self._resolved is None else self._resolved.player
         if player is None:
             return False
@@ -102,12 +103,12 @@ class SetpointPipeline:
 
     @property
     def played(self) -> Played | None:
-        """Progress of the mission being flown; None if there is none."""
+        """Progress of the mission being flown; None: no mission."""
         player = None if self._resolved is None else self._resolved.player
         return None if player is None else player.played
 
     def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
-        """Stops flying the accepted setpoint and holds the position. Sends the current position, or zero
+        """Stops flying the accepted setpoint and keeps the position. Sends the current position, or zero
         velocity without a position estimate. In a flight by attitude or rates without a velocity estimate,
         sends level attitude with hover thrust.
         """
@@ -130,24 +131,24 @@ class SetpointPipeline:
         self._load(now_s, snapshot, held_setpoint)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
-        """Updates the setpoint to send; returns the reason why the accepted setpoint must no longer be
-        flown, or None.
+        """Updates the setpoint to send. Returns the reason why the stream must take over; None: the setpoint
+        may be sent.
 
         Args:
-            now_s: monotonic time.
+            now_s: current time [s, monotonic].
             snapshot: the newest snapshot of the vehicle.
-            waiting: whether Offboard is not confirmed yet.
+            waiting: whether the vehicle has not confirmed Offboard yet.
         """
-        wanted = (
+        requested = (
             self._held_setpoint
             if self._resolved is None
             else self._resolved.at(now_s, snapshot, waiting=waiting)
         )
-        if wanted is None:
+        if requested is None:
             return None
         if self._resolved is not None:
-            wanted = self._avoid(now_s, snapshot, wanted, waiting=waiting)
-        return self._load(now_s, snapshot, wanted).stop
+            requested = self._avoid(now_s, snapshot, requested, waiting=waiting)
+        return self._load(now_s, snapshot, requested).stop
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports of limits and avoidance since the last call."""
@@ -156,7 +157,7 @@ class SetpointPipeline:
 
     @property
     def avoiding(self) -> AvoidanceStatus | None:
-        """State of obstacle avoidance; None: it is off."""
+        """State of obstacle avoidance; None: avoidance is off."""
         return self._avoidance.status
 
     @property
@@ -173,15 +174,15 @@ class SetpointPipeline:
         )
 
     def depends_on_local_origin(self) -> bool:
-        """Whether the sent setpoint is a fixed position relative to the vehicle's local origin. A position
-        relative to a leader is not: it is computed again for each setpoint."""
+        """Whether the sent setpoint is a fixed position relative to the vehicle's local origin. Not true
+        for a position relative to a leader, which is computed again for each setpoint."""
         sent = self.sent
         if self.followed_vehicle is not None or not isinstance(sent, Position | Trajectory):
             return False
         return any(axis is not None for axis in sent.position_ned_m)
 
     def _avoid(
-        self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint, *, waiting: bool
+        self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint, *, waiting: bool
     ) -> DirectSetpoint:
         resolved = self._resolved
 
@@ -190,7 +191,7 @@ class SetpointPipeline:
 
         player = None if resolved is None else resolved.player
         return self._avoidance.apply(
-            now_s, snapshot, wanted, None if waiting else later, self._way(snapshot),
+            now_s, snapshot, requested, None if waiting else later, self._way(snapshot),
             None if player is None else player.fence,
         )  # fmt: skip
 
@@ -205,18 +206,18 @@ class SetpointPipeline:
             return None
         return self._avoidance.way if self._avoidance.on_a_detour else player.avoidance
 
-    def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
+    def _load(self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         surroundings = self._surroundings(now_s, snapshot, bounds)
         if surroundings is None:
             self._brake_memory.track_ne = None
-        wanted = wanted if self._held_without_sensor is None else self._held_without_sensor
-        is_unchanged = wanted is self._unlimited and bounds is self._bounds
+        requested = requested if self._held_without_sensor is None else self._held_without_sensor
+        is_unchanged = requested is self._unlimited and bounds is self._bounds
         if is_unchanged and surroundings is None and not bounds.depends_on_position:
             return LimitResult(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._limited_s)
-        result = apply_limits(wanted, bounds, _motion(now_s, snapshot), self.sent, dt_s, surroundings)
-        self._unlimited, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
+        result = apply_limits(requested, bounds, _motion(now_s, snapshot), self.sent, dt_s, surroundings)
+        self._unlimited, self._bounds, self._limited_s, self._braked = requested, bounds, now_s, result.braked
         self.limited, self._brake_memory.track_ne = result.notes, result.track_ne
         for note in result.notes:
             if now_s - self._reported_s.get(note, -math.inf) > REPORT_PERIOD_S:
@@ -229,8 +230,8 @@ class SetpointPipeline:
         return result
 
     def _surroundings(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Surroundings | None:
-        """The surroundings for the brake. None if the brake is off (avoidance keeps it on), or no sensor
-        sends measurements.
+        """The surroundings for the brake. None if the brake is off, or no sensor sends measurements.
+        While avoidance is on, the brake is on, too.
         """
         if not bounds.obstacle_brake and self._way(snapshot) is None:
             return None
@@ -240,14 +241,14 @@ class SetpointPipeline:
             consequence = "the obstacle brake has no measurements"
             if self._braked:
                 consequence = (
-                    "the vehicle holds here, before an obstacle, until the sensor is back or a new "
+                    "the vehicle keeps its position before an obstacle until the sensor sends again or a new "
                     "setpoint arrives"
                 )
                 held_setpoint = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
                 self._held_without_sensor = (
                     held_setpoint if position is None else Position(position, snapshot.yaw_ned_rad)
                 )
-            text = f"Obstacle sensor silent for {SCAN_VALID_S:g} s: {consequence}."
+            text = f"No data from the obstacle sensor for {SCAN_VALID_S:g} s: {consequence}."
             self._reports.append(StreamEvent("obstacle_sensor_lost", WARNING, text))
         self._brake_has_scans = has_scans
         if not has_scans:

@@ -43,8 +43,8 @@ class _Stream:
 class StreamScheduler:
     """Implements `Streams` synchronously; after any call, call `step` soon.
 
-    A fault affects one vehicle or group only: its stream ends (the vehicle's failsafe takes over) or the
-    group's members are held; all others continue.
+    A fault affects one vehicle or group only: the vehicle's stream ends (the vehicle's failsafe takes
+    over), or the group's members are put into Hold. All other vehicles continue.
 
     Args:
         clock: monotonic time, and the time of ROS 2 messages.
@@ -78,10 +78,11 @@ class StreamScheduler:
         self._guards.clear()
 
     def step(self) -> float:
-        """Runs all streams once; returns when the next step is due (monotonic), infinity if there is none."""
+        """Runs all streams once; returns the time of the next step [s, monotonic]; infinity: no step is
+        due."""
         now_s = self._clock.monotonic_s()
-        alive = now_s - self._loop_message_s < self._silent_limit_s
-        due_s = self._modes.step(now_s, server_alive=alive, flown=self._flies_mode)
+        server_alive = now_s - self._loop_message_s < self._silent_limit_s
+        due_s = self._modes.step(now_s, server_alive=server_alive, flown=self._flies_mode)
         for guard in self._guards.values():
             self._run_guard(guard)
             due_s = min(due_s, guard.due_s)
@@ -90,8 +91,10 @@ class StreamScheduler:
             if not machine.streaming:
                 continue
             try:
-                for out in machine.tick(self._clock.monotonic_s(), stream.snapshot, self._loop_message_s):
-                    if not stream.transport.send(out):
+                for outgoing in machine.tick(
+                    self._clock.monotonic_s(), stream.snapshot, self._loop_message_s
+                ):
+                    if not stream.transport.send(outgoing):
                         stream.sends_failed += 1
                         machine.cadence.not_sent(self._clock.monotonic_s())
             except Exception as error:
@@ -123,8 +126,8 @@ class StreamScheduler:
         """See `Streams`.
 
         Args:
-            number: number of its last stream.
-            topics: the vehicle's ROS 2 topics, while it is reached over ROS 2.
+            number: number of the vehicle's last stream.
+            topics: the vehicle's ROS 2 topics, while the vehicle is reached over ROS 2.
         """
         ros2 = Ros2Transport(target, self._own_ids, lambda: int(self._clock.unix_s() * 1e6))
         transport = VehicleTransport(sender, target, topics, ros2)
@@ -317,7 +320,7 @@ class StreamScheduler:
         if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
             return False
         if not set(requests) <= set(flying) or ("holding" in phases and set(requests) != set(flying)):
-            return False  # an expired setpoint is not renewed, because a path would start again
+            return False  # expired setpoints are not renewed, because a path would start again
         for vehicle_id in requests:
             self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
         self._execute(guard, now_s, Actions(new_requests=dict(requests)), until_s)
@@ -345,7 +348,7 @@ class StreamScheduler:
         )
 
     def _execute(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
-        """Applies all actions before anything else is sent to any member."""
+        """Applies all actions before another setpoint is sent to a member."""
         refused = None
         for vehicle_id, request in actions.new_requests.items():
             stream = self._streams[vehicle_id]
@@ -371,7 +374,7 @@ class StreamScheduler:
                 self._end_failed_stream(vehicle_id, error)
 
     def _end_failed_stream(self, vehicle_id: str, error: Exception) -> None:
-        """Ends only the stream of the vehicle that failed."""
+        """Ends only the stream that failed."""
         log.exception("the stream to vehicle %s failed", vehicle_id)
         text = f"The setpoint stream failed: {error}"
         self._streams[vehicle_id].machine.end("fault", text, WARNING)

@@ -9,7 +9,7 @@
 After a failed start, the stream stays in the phase `undoing` for a while: the vehicle may still switch to
 Offboard, and must then be put into Hold.
 
-It uses no clock, thread or socket: `tick` gets the time and an immutable snapshot of the vehicle.
+The module uses no clock, thread or socket: `tick` receives the time and an immutable snapshot of the vehicle.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ UNDO_S = 2.5
 INHIBIT_MODE_REQUESTS_S = 6.5
 """Time after a pilot's mode command in which the stream requests no mode itself [s]."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
-"""The origin has moved if the local position changes by more than JUMP_M + JUMP_M_S × time."""
+"""The local origin has moved if the local position changes by more than JUMP_M + JUMP_M_S × time."""
 
 
 class VehicleStream:
@@ -55,12 +55,12 @@ class VehicleStream:
         self._silent_limit_s = server_silent_limit_s
         self._pipeline = SetpointPipeline(loader)
         self._end_reason = ""
-        """Reason for which the stream ended the flight by itself; reported when the stream ends."""
+        """Why the stream itself ended the flight; reported when the stream ends."""
         self.phase = "idle"
         self.request: StreamRequest | None = None
         self.mode = OFFBOARD
         self.cadence = Cadence()
-        """Times of the setpoints; while idle, those of the last stream."""
+        """Times of the setpoints; while idle, the times of the last stream."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
         self.last_end: StreamEvent | None = None
         self._since_s = 0.0  # when the request was accepted
@@ -117,14 +117,14 @@ class VehicleStream:
             self._phase_until_s = self._since_s + self.request.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Stops the vehicle and requests Hold, or Land if no position can be held; ignores `on_expiry`."""
+        """Stops the vehicle and requests Hold, or Land without a position estimate; ignores `on_expiry`."""
         if self.phase in ("streaming", "holding") and self._requested_mode is None:
             self._end_reason = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
 
     def request_stop(self, now_s: float, snapshot: Snapshot) -> None:
-        """Holds the position while the event loop requests Hold for a client. If this takes too long,
-        the stream requests Hold itself.
+        """Keeps the position while the event loop requests Hold for a client. If this takes too long, the
+        stream itself requests Hold.
         """
         if self.phase in ("streaming", "holding"):
             self._hold_position(now_s, snapshot)
@@ -132,14 +132,14 @@ class VehicleStream:
             self._requested_mode = "hold"
 
     def cancel_start(self, now_s: float, snapshot: Snapshot) -> None:
-        """Called when Offboard was not confirmed; a late switch to Offboard then ends in Hold."""
+        """Offboard was not confirmed: puts the vehicle into Hold if it still switches to Offboard."""
         if self.phase == "starting":
             self._since_s = now_s
             self._hold_position(now_s, snapshot)
             self._enter("undoing", now_s, UNDO_S)
 
     def inhibit_mode_requests(self, now_s: float) -> None:
-        """Called when a pilot commands a mode, so that the stream does not replace it by its own request."""
+        """Sends no mode requests for some seconds, because a pilot commands a mode."""
         self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
@@ -164,7 +164,7 @@ class VehicleStream:
         """Returns the messages to send now.
 
         Args:
-            now_s: monotonic time.
+            now_s: current time [s, monotonic].
             snapshot: the newest snapshot.
             loop_message_s: time of the last message from the event loop.
         """
@@ -173,7 +173,7 @@ class VehicleStream:
         if now_s - loop_message_s >= self._silent_limit_s:
             self.end(
                 "server_silent",
-                f"The server's event loop was silent for {self._silent_limit_s:g} s: the setpoint stream "
+                f"The server's event loop was stalled for {self._silent_limit_s:g} s: the setpoint stream "
                 "was stopped, and the vehicle's failsafe takes over.",
                 WARNING,
             )
@@ -198,8 +198,8 @@ class VehicleStream:
 
     @property
     def sent(self) -> DirectSetpoint | None:
-        """The setpoint that is being sent: the requested one within all limits, or the position held after
-        expiry."""
+        """The setpoint that is being sent: the requested setpoint within all limits, or the position that is
+        kept after expiry."""
         return self._pipeline.sent
 
     @property
@@ -209,12 +209,12 @@ class VehicleStream:
 
     @property
     def avoiding(self) -> AvoidanceStatus | None:
-        """State of obstacle avoidance; None: it is off."""
+        """State of obstacle avoidance; None: avoidance is off."""
         return self._pipeline.avoiding
 
     @property
     def played(self) -> Played | None:
-        """Progress of the mission that is being flown; None if there is none."""
+        """Progress of the mission that is being flown; None: no mission."""
         return self._pipeline.played if self.streaming else None
 
     @property
@@ -259,20 +259,20 @@ class VehicleStream:
             self._execute_expiry_action(now_s, snapshot, "fence", stop)
 
     def _end_if_offboard_left(self, snapshot: Snapshot) -> bool:
-        """Ends the stream if the vehicle has disarmed or left Offboard; returns whether it has."""
+        """Ends the stream if the vehicle has disarmed or left Offboard; returns True if so."""
         if snapshot.taken_s < self._engaged_s:
             return False
         if snapshot.mode == self.mode:
             disarmed = self._was_armed and not snapshot.armed
             self._was_armed = snapshot.armed
-            if disarmed:  # otherwise the vehicle would fly immediately when it is armed again
+            if disarmed:  # otherwise the vehicle would fly immediately when armed again
                 self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
             return disarmed
         if snapshot.mode == self._requested_mode:
             mode = snapshot.mode
             code = "held" if mode == "hold" else "landing"
-            because = f" ({self._end_reason[0].lower()}{self._end_reason[1:]})" if self._end_reason else ""
-            self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended{because}.")
+            reason = f" ({self._end_reason[0].lower()}{self._end_reason[1:]})" if self._end_reason else ""
+            self.end(code, f"The vehicle is in {mode.capitalize()}; the setpoint stream has ended{reason}.")
         elif snapshot.mode_requested_by is not None:
             self.end("commanded", f"{snapshot.mode_requested_by}; the setpoint stream has ended.", INFO)
         else:
@@ -284,18 +284,18 @@ class VehicleStream:
         return True
 
     def _check_links_and_origin(self, now_s: float, snapshot: Snapshot) -> None:
-        """Reacts to a lost link, a lost leader and a moved origin."""
+        """Reacts to a lost link, a lost leader and a moved local origin."""
         jumped_m = self._jumped_m(snapshot)
         if self.phase == "undoing" and snapshot.taken_s > self._since_s:
-            # also after a lost link: Offboard must not be the last mode that was requested
+            # also after a lost link, so that Offboard is not the last requested mode
             if snapshot.mode == self.mode or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
-            self._engaged_s = now_s  # after a failed start, the mode can be checked only from now on
+            self._engaged_s = now_s  # after a failed start, the vehicle's mode is checked from now on
         elif snapshot.lost and self.phase in ("streaming", "holding"):
             self._request_expiry_mode(now_s, snapshot, "lost", "Connection to the vehicle lost")
         elif self.phase == "streaming" and self._pipeline.leader_is_lost(now_s, snapshot):
-            why = f"No connection to vehicle {self._pipeline.followed_vehicle}, which it follows"
+            why = f"No connection to the followed vehicle {self._pipeline.followed_vehicle}"
             self._execute_expiry_action(now_s, snapshot, "leader_lost", why)
         elif jumped_m is not None and self._pipeline.depends_on_local_origin():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
@@ -308,11 +308,11 @@ class VehicleStream:
         """Distance by which the local position jumped; None if it did not jump."""
         if snapshot.position_ned_m is None:
             return None
-        before, self._last_estimate = self._last_estimate, (snapshot.received_s, snapshot.position_ned_m)
-        if before is None:
+        previous, self._last_estimate = self._last_estimate, (snapshot.received_s, snapshot.position_ned_m)
+        if previous is None:
             return None
-        moved_m = math.dist(before[1], snapshot.position_ned_m)
-        allowed_m = JUMP_M + JUMP_M_S * max(snapshot.received_s - before[0], 0.0)
+        moved_m = math.dist(previous[1], snapshot.position_ned_m)
+        allowed_m = JUMP_M + JUMP_M_S * max(snapshot.received_s - previous[0], 0.0)
         return moved_m if moved_m > allowed_m else None
 
     def _on_phase_timeout(self, now_s: float, snapshot: Snapshot) -> None:
@@ -335,7 +335,7 @@ class VehicleStream:
         self._execute_expiry_action(now_s, snapshot, "expired", why)
 
     def _execute_expiry_action(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Executes the expiry action of the request; holds the position first if possible."""
+        """Executes the expiry action of the request; before Hold, keeps the position if possible."""
         assert self.request is not None
         self._end_reason = why
         if self.request.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
@@ -347,7 +347,7 @@ class VehicleStream:
             self._request_expiry_mode(now_s, snapshot, code, why)
 
     def _request_expiry_mode(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Executes the expiry action of the request if the position cannot be held by setpoints."""
+        """Executes the expiry action of the request when setpoints cannot keep the position."""
         assert self.request is not None
         self._end_reason = why
         action = self.request.on_expiry.action
@@ -367,12 +367,12 @@ class VehicleStream:
         elif is_recent and snapshot.position_ned_m is None:
             self._report(code, f"{why}: landing (no position estimate to hold).")
             self._request_mode("land", now_s)
-        else:  # a missing estimate here does not mean that the vehicle has none
+        else:  # without a recent snapshot, the vehicle may have a position estimate
             self._report(code, f"{why}: requesting Hold mode.")
             self._request_mode("hold", now_s)
 
     def _hold_position(self, now_s: float, snapshot: Snapshot) -> None:
-        """Holds the position until the mode has changed."""
+        """Keeps the position by setpoints until the mode has changed."""
         self._pipeline.hold_position(now_s, snapshot)
         self.cadence.send_now(now_s)
 

@@ -41,17 +41,17 @@ class StreamState:
     steady_s: float = 0.0
     """Time for which setpoints have been sent without a pause [s]."""
     avoiding: AvoidanceStatus | None = None
-    """State of obstacle avoidance; None: it is off."""
+    """State of obstacle avoidance; None: avoidance is off."""
     played: Played | None = None
-    """Progress of an offboard mission; None if there is none."""
+    """Progress of an offboard mission; None: no mission."""
 
 
 class Streams(Protocol):
     """All streams of the server.
 
-    In the server they run in a separate process (`process/stream_process.py`); tests run the scheduler
-    directly. Only the event loop calls these methods. A method that is not a coroutine never waits for the
-    process; a coroutine waits for its answer.
+    In the server, the streams run in a separate process (`process/stream_process.py`); tests run the
+    scheduler directly. Only the event loop calls these methods. A method that is not a coroutine never waits
+    for the process; a coroutine waits for the process's answer.
     """
 
     def start(self) -> None:
@@ -63,12 +63,12 @@ class Streams(Protocol):
         ...
 
     def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
-        """Called periodically by the event loop: shows that it is running, and passes the snapshots of
-        vehicles with a stream."""
+        """Passes the snapshots of vehicles with a stream. The event loop calls this periodically, which also
+        shows that the event loop is running."""
         ...
 
     def links_changed(self) -> None:
-        """Called when a link was opened or closed: sockets of closed links are released."""
+        """Releases the sockets of closed links; called when a link was opened or closed."""
         ...
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
@@ -96,7 +96,7 @@ class Streams(Protocol):
         ...
 
     async def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
-        """Starts a stream and returns its number; 0 if there is already one.
+        """Starts a stream and returns its number; 0: the vehicle already has a stream.
 
         Raises:
             Refused: the stream process is being restarted.
@@ -109,18 +109,20 @@ class Streams(Protocol):
         ...
 
     async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
-        """Called when the vehicle reports Offboard; returns False if this stream has ended meanwhile."""
+        """Starts the validity of the setpoint, because the vehicle reports Offboard; returns False if this
+        stream has ended."""
         ...
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
-        """Called when the start of this stream has failed after Offboard was requested."""
+        """Puts the vehicle into Hold if it still switches to Offboard; called when the start of this stream
+        has failed after Offboard was requested."""
         ...
 
     async def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
         """Sets a new setpoint and sends it immediately; returns False if there is no stream.
 
         Raises:
-            ValueError: the setpoint cannot be flown; the previous one continues.
+            ValueError: the setpoint cannot be flown; the previous setpoint continues.
         """
         ...
 
@@ -129,11 +131,11 @@ class Streams(Protocol):
         ...
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
-        """Holds the position until Hold is confirmed."""
+        """Keeps the position by setpoints until Hold is confirmed."""
         ...
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
-        """Called when a client commands a mode: the stream itself requests no mode for some seconds."""
+        """Prevents mode requests of the stream for some seconds; called when a client commands a mode."""
         ...
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
@@ -141,7 +143,8 @@ class Streams(Protocol):
         ...
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
-        """Ends a stream immediately (only the one with this number, if given); the caller reports the end."""
+        """Ends the stream immediately; with `number`, only the stream with this number. The caller reports
+        the end."""
         ...
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
@@ -153,7 +156,7 @@ class Streams(Protocol):
 
         Raises:
             Refused: the stream process is being restarted.
-            ValueError: the vehicle has a mode of this name, or too many.
+            ValueError: the vehicle has a mode of this name, or too many modes.
         """
         ...
 
@@ -170,7 +173,7 @@ class Streams(Protocol):
         ...
 
     def execute_command(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
-        """Sends a command of a mode's executor to PX4; `modes` contains its outcome later."""
+        """Sends a command of a mode's executor to PX4; `modes` contains the outcome later."""
         ...
 
     def modes(self) -> Mapping[str, tuple[Registration, ...]]:
@@ -200,12 +203,12 @@ class Streams(Protocol):
         snapshots: Mapping[str, Snapshot],
         until_s: float,
     ) -> bool:
-        """Sets new setpoints for members of a group, which are sent immediately and expire together. Returns
-        False if none was accepted."""
+        """Sets new setpoints for members of a group. The setpoints are sent immediately and expire together.
+        Returns False if no setpoint was accepted."""
         ...
 
     def watched(self) -> dict[str, StreamRequest | None]:
-        """Vehicles of groups, each with its first request."""
+        """Vehicles of groups, each with its first request; None after the common start."""
         ...
 
     def take_findings(self) -> list[tuple[str, Finding]]:

@@ -4,10 +4,10 @@
        │                        │ ▲                 │
        └── problem ──► over ◄───┘ └─────────────────┘
 
-It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns the requests
-to start and the members to stop. There are three problems: two vehicles come too close (including braking
-distance), a member's position is unknown, or a member no longer follows its setpoints. Before the common
-start, when no member has moved, any problem stops all members.
+The guard uses no clock, thread or socket: `check` receives the time and a view of each member, and returns
+the requests to start and the members to stop. There are three kinds of problem: two vehicles come too close
+(including braking distance), a member's position is unknown, or a member no longer follows its setpoints.
+Before the common start, when no member has moved, any problem stops all members.
 """
 
 from __future__ import annotations
@@ -39,10 +39,11 @@ from missions.separation import (
 from missions.setpoints import Acceleration, Actuators, Attitude, Rates, Setpoint, ThrustTorque
 
 CHECK_PERIOD_S = 0.05
-LATE_S = 1.0
+MAX_START_DELAY_S = 1.0
 """Maximum delay of the first check after the common start [s]; after a longer delay no member starts."""
-EXPIRY_WITHIN_S = 0.1
-"""A member whose setpoints end less than this before the group's expiry has expired with the group [s]."""
+EXPIRY_TOLERANCE_S = 0.1
+"""Tolerance of the group's expiry time: a member whose setpoints end this much earlier has expired with the
+group [s]."""
 FOLLOWING_PHASES = ("starting", "streaming")
 """Phases in which a member's stream follows the group's requests."""
 
@@ -52,7 +53,7 @@ class MemberView:
     """One member's stream, for the guard."""
 
     phase: str
-    """Phase of its stream."""
+    """Phase of the member's stream."""
     request: StreamRequest | None
     snapshot: Snapshot
     ended: str | None
@@ -70,7 +71,7 @@ class Finding:
     vehicles: tuple[str, ...]
     """Affected vehicles."""
     held: tuple[str, ...]
-    """Vehicles that were stopped because of it."""
+    """Vehicles that were stopped because of the problem."""
     text: str
     distance_m: float | None = None
 
@@ -82,7 +83,7 @@ class Actions:
     new_requests: dict[str, StreamRequest] = field(default_factory=dict[str, StreamRequest])
     """The new request of each vehicle."""
     hold: dict[str, str] = field(default_factory=dict[str, str])
-    """Vehicles to stop, and why."""
+    """Vehicles to stop, with the reason."""
     code: str = "group"
 
 
@@ -99,7 +100,7 @@ class GuardState:
     nearest: tuple[str, str, float] | None = None
     """The two closest members and their distance [m]."""
     margin_m: float | None = None
-    """Largest margin of any two members now."""
+    """Largest current margin of any two members [m]."""
 
 
 class GroupGuard:
@@ -107,10 +108,10 @@ class GroupGuard:
 
     Args:
         name: name of the group.
-        standby: the request of each member before the common start.
+        waiting_requests: the request of each member before the common start.
         requests: the first request of each member.
-        minimum_m: the minimum separation.
-        start_s: the common start, monotonic.
+        minimum_m: the minimum separation [m].
+        start_s: the common start [s, monotonic].
         duration_s: time from the common start until all setpoints expire.
         others_go_on: whether members without a problem continue if one has a problem.
     """
@@ -118,7 +119,7 @@ class GroupGuard:
     def __init__(
         self,
         name: str,
-        standby: Mapping[str, StreamRequest],
+        waiting_requests: Mapping[str, StreamRequest],
         requests: Mapping[str, StreamRequest],
         *,
         minimum_m: float,
@@ -134,11 +135,11 @@ class GroupGuard:
         self.held: set[str] = set()
         """Members that no longer follow the group's requests."""
         self.nearest: tuple[str, str, float] | None = None
-        """The two nearest members now, and their distance."""
+        """The two nearest members, and their distance [m]."""
         self.margin_m: float | None = None
-        """Largest margin of any two members now."""
+        """Largest current margin of any two members [m]."""
         self.findings: deque[Finding] = deque(maxlen=50)
-        self._standby = dict(standby)
+        self._waiting_requests = dict(waiting_requests)
         self._requests = dict(requests)
         self._others_go_on = others_go_on
         self._next_check_s = -math.inf
@@ -165,12 +166,12 @@ class GroupGuard:
         return self._requests[vehicle] if self.phase == "waiting" else None
 
     def renewed(self, until_s: float) -> None:
-        """Called when new setpoints were accepted: all setpoints expire at this time."""
+        """Sets the time at which all setpoints expire; called when new setpoints were accepted."""
         self.until_s = until_s
 
     def disable_guard(self) -> None:
-        """Called when all members are being stopped: no more requests start, and the end of a stream is not
-        reported as a finding."""
+        """Starts no more requests, and reports no ended stream as a finding; called when all members are
+        being stopped."""
         self.held.update(self.members)
         if self.phase == "waiting":
             self.phase = "flying"
@@ -179,7 +180,7 @@ class GroupGuard:
         """Returns the actions to execute now.
 
         Args:
-            now_s: monotonic.
+            now_s: current time [s, monotonic].
             views: newest view of each member.
         """
         if now_s < self.due_s:
@@ -190,24 +191,24 @@ class GroupGuard:
             return Actions()
         actions = Actions()
         for vehicle in flying:
-            why = self._why_left(vehicle, views[vehicle])
+            why = self._reason_left(vehicle, views[vehicle])
             if why is not None:
                 self._stop(now_s, actions, "left", (vehicle,), why)
-        known = self._moving_vehicles(now_s, views)
+        motions = self._moving_vehicles(now_s, views)
         for vehicle in flying:
-            if vehicle not in self.held and vehicle not in known:
+            if vehicle not in self.held and vehicle not in motions:
                 why = (
                     f"The position of vehicle {vehicle} is not known (no message for 1 s, or no "
                     f"valid estimate)"
                 )
                 self._stop(now_s, actions, "place_unknown", (vehicle,), why)
-        self._keep_apart(now_s, actions, known)
+        self._keep_apart(now_s, actions, motions)
         if self.phase == "waiting" and now_s >= self.start_s:
             self._begin(now_s, actions)
         return actions
 
     def skip_check(self, now_s: float) -> None:
-        """Called when a check failed: the next check is due at its normal time."""
+        """Makes the next check due at its normal time; called when a check failed."""
         self._next_check_s = now_s + CHECK_PERIOD_S
 
     def fault(self, now_s: float, why: str) -> Actions:
@@ -224,8 +225,8 @@ class GroupGuard:
         return True
 
     def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
-        """Whether there is nothing to stop, because no member follows the group's requests any more, or all
-        requests expire now."""
+        """Whether nothing must be stopped: no member follows the group's requests any more, or all requests
+        expire now."""
         if self.phase == "over":
             return True
         following = [v for v in flying if views[v].phase in FOLLOWING_PHASES]
@@ -234,23 +235,24 @@ class GroupGuard:
             return True
         return (
             self.phase == "flying"
-            and now_s >= self.until_s - EXPIRY_WITHIN_S
+            and now_s >= self.until_s - EXPIRY_TOLERANCE_S
             and len(following) < len(flying)
         )
 
-    def _why_left(self, vehicle: str, view: MemberView) -> str | None:
-        """Why a member no longer flies its request; None while it does."""
+    def _reason_left(self, vehicle: str, view: MemberView) -> str | None:
+        """Why a member no longer flies its request; None while it flies the request."""
         if view.phase not in FOLLOWING_PHASES:
             why = f": {view.ended.rstrip('.')}" if view.ended else ""
             return f"Vehicle {vehicle} no longer follows the group's setpoints{why}"
-        if self.phase == "waiting" and view.request != self._standby[vehicle]:
-            return f"Vehicle {vehicle} was given another setpoint before the common start"
+        if self.phase == "waiting" and view.request != self._waiting_requests[vehicle]:
+            return f"Vehicle {vehicle} received another setpoint before the common start"
         return None
 
     def _moving_vehicles(self, now_s: float, views: Mapping[str, MemberView]) -> dict[str, MovingVehicle]:
-        """Motion of the members with a known position, in the frame of the first one with a known origin."""
+        """Motion of the members with a known position, in the frame of the first member with a known
+        origin."""
         common: LocalOrigin | None = None
-        known: dict[str, MovingVehicle] = {}
+        motions: dict[str, MovingVehicle] = {}
         for vehicle in self.members:
             if not self._is_checked(views[vehicle]):
                 continue
@@ -261,49 +263,54 @@ class GroupGuard:
             common = common or origin
             request = views[vehicle].request
             setpoint = None if request is None or isinstance(request.setpoint, Script) else request.setpoint
-            one = motion_of(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
-            self._trends[vehicle].add(snapshot.received_s, one.velocity_ned_m_s)
+            motion = motion_of(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
+            self._trends[vehicle].add(snapshot.received_s, motion.velocity_ned_m_s)
             if not has_velocity_control(setpoint):
-                faster = self._trends[vehicle].faster_ned_m_s(one.age_s + LEVEL_AFTER_S)
-                one = replace(one, velocity_ned_m_s=faster)
-            known[vehicle] = one
-        return known
+                faster_ned_m_s = self._trends[vehicle].faster_ned_m_s(motion.age_s + LEVEL_AFTER_S)
+                motion = replace(motion, velocity_ned_m_s=faster_ned_m_s)
+            motions[vehicle] = motion
+        return motions
 
-    def _keep_apart(self, now_s: float, actions: Actions, known: Mapping[str, MovingVehicle]) -> None:
+    def _keep_apart(self, now_s: float, actions: Actions, motions: Mapping[str, MovingVehicle]) -> None:
         self.nearest = self.margin_m = None
         pairs: list[tuple[str, str, float, float]] = []
-        for a, b in itertools.combinations(known, 2):
-            one, other = known[a], known[b]
-            apart_m, margin = math.dist(one.position_ned_m, other.position_ned_m), margin_m(one, other)
+        for a, b in itertools.combinations(motions, 2):
+            motion_a, motion_b = motions[a], motions[b]
+            apart_m, margin = (
+                math.dist(motion_a.position_ned_m, motion_b.position_ned_m),
+                margin_m(motion_a, motion_b),
+            )
             if self.nearest is None or apart_m < self.nearest[2]:
                 self.nearest = (a, b, apart_m)
             self.margin_m = max(self.margin_m or 0.0, margin)
-            reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
+            reach_m = sum(
+                stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (motion_a, motion_b)
+            )
             if apart_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
                 pairs.append((a, b, apart_m, margin))
         if not pairs:
             return
-        first, second = [known[a] for a, *_ in pairs], [known[b] for _, b, *_ in pairs]
-        closest_apart_m = closest_m(
-            np.array([m.position_ned_m for m in first]),
-            np.array([m.velocity_ned_m_s for m in first]),
-            np.array([m.position_ned_m for m in second]),
-            np.array([m.velocity_ned_m_s for m in second]),
-            np.array([m.brakes_m_s2 for m in first]),
-            np.array([m.brakes_m_s2 for m in second]),
+        motions_a, motions_b = [motions[a] for a, *_ in pairs], [motions[b] for _, b, *_ in pairs]
+        closest_distances_m = closest_m(
+            np.array([m.position_ned_m for m in motions_a]),
+            np.array([m.velocity_ned_m_s for m in motions_a]),
+            np.array([m.position_ned_m for m in motions_b]),
+            np.array([m.velocity_ned_m_s for m in motions_b]),
+            np.array([m.brakes_m_s2 for m in motions_a]),
+            np.array([m.brakes_m_s2 for m in motions_b]),
         )
-        for (a, b, apart_m, margin), left_m in zip(pairs, closest_apart_m, strict=True):
-            if left_m < self.minimum_m + margin:
+        for (a, b, apart_m, margin), closest_distance_m in zip(pairs, closest_distances_m, strict=True):
+            if closest_distance_m < self.minimum_m + margin:
                 why = (
                     f"Vehicles {a} and {b} are {apart_m:.1f} m apart, and stopping both now leaves "
-                    f"{left_m:.1f} m (the minimum is {self.minimum_m:g} m plus {margin:.1f} m margin for "
-                    "estimation errors)"
+                    f"{closest_distance_m:.1f} m (the minimum is {self.minimum_m:g} m plus {margin:.1f} m "
+                    "margin for estimation errors)"
                 )
                 self._stop(now_s, actions, "separation", (a, b), why, apart_m)
 
     def _begin(self, now_s: float, actions: Actions) -> None:
         late_s = now_s - self.start_s
-        if late_s > LATE_S:
+        if late_s > MAX_START_DELAY_S:
             why = f"The common start was missed by {late_s:.1f} s (the server was stalled)"
             self._stop(now_s, actions, "late", self.members, why)
             return
@@ -343,7 +350,7 @@ def motion_of(
 
     Args:
         snapshot: snapshot of the vehicle, with a position.
-        now_s: monotonic.
+        now_s: current time [s, monotonic].
         position: the vehicle's position in the common frame [m].
         setpoint: the setpoint that the vehicle flies.
     """

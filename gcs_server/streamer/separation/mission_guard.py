@@ -1,4 +1,4 @@
-"""The guard of a group, for the vehicles of one offboard mission.
+"""The separation guard for the vehicles of one offboard mission.
 
 Each vehicle has a setpoint stream only between take-off and landing, so the end of a stream does not mean
 that the vehicle has left. A vehicle is checked while it is armed, including PX4's own take-off and
@@ -16,13 +16,13 @@ from missions.separation import SpeedTrend
 
 
 class MissionGuard(GroupGuard):
-    """The guard of one mission. It acts once, and stops all vehicles of the mission.
+    """The guard of one mission. The guard acts once, and stops all vehicles of the mission.
 
     Args:
-        name: name of the guard, different from those of all groups.
+        name: name of the guard, different from the names of all groups.
         vehicles: ids of the mission's vehicles.
         minimum_m: the minimum separation.
-        now_s: monotonic.
+        now_s: current time [s, monotonic].
     """
 
     def __init__(self, name: str, vehicles: Iterable[str], *, minimum_m: float, now_s: float) -> None:
@@ -43,7 +43,7 @@ class MissionGuard(GroupGuard):
     def _is_checked(self, view: MemberView) -> bool:
         return view.snapshot.armed
 
-    def _why_left(self, vehicle: str, view: MemberView) -> str | None:
+    def _reason_left(self, vehicle: str, view: MemberView) -> str | None:
         return None
 
     def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:

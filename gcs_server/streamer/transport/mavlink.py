@@ -1,8 +1,8 @@
 """Packs setpoints into MAVLink payloads: one encoder per message.
 
 PX4 v1.16 follows local frames 1 (LOCAL_NED) and 8 (BODY_NED) and global frames 5, 6 and 11; of the global
-ones only 5 (altitude above mean sea level) does not depend on home. In frame 8, PX4 ignores positions, and
-drops the whole velocity if one of its *ignore* bits is set. PX4 uses the fields whose *ignore* bit is 0.
+frames, only 5 (altitude above mean sea level) does not depend on home. In frame 8, PX4 ignores positions, and
+the whole velocity if one of the velocity's *ignore* bits is set. PX4 uses the fields whose *ignore* bit is 0.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FRAME_GLOBAL_AMSL = 5
 FRAME_BODY_NED = 8
 
 IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ACCELERATION = 1, 8, 64
-"""Bit of the first axis; the other axes follow."""
+"""Bit of the first axis; the other two axes have the next bits."""
 IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
 ATTITUDE_IGNORE_RATES = 7
 ATTITUDE_IGNORE_ATTITUDE = 128
@@ -47,7 +47,7 @@ _global = struct.Struct("<Iii9fHBBB")
 _attitude = struct.Struct("<I8fBBB")
 _time = struct.Struct("<I")
 _command_long = struct.Struct("<7fHBBB")
-LEVEL = (1.0, 0.0, 0.0, 0.0)
+LEVEL_Q = (1.0, 0.0, 0.0, 0.0)
 
 Packed = tuple[int, bytes]
 """Message id, and payload without its time."""
@@ -68,7 +68,7 @@ def type_mask(
     return mask | (IGNORE_YAW_RATE if yaw_rate is None else 0)
 
 
-def _wrapped(yaw: float | None) -> float:
+def _wrap_yaw(yaw: float | None) -> float:
     return math.remainder(yaw or 0.0, math.tau)
 
 
@@ -86,7 +86,7 @@ def _pack_local(
         *zeros_for_none(position),
         *zeros_for_none(velocity),
         *zeros_for_none(acceleration),
-        _wrapped(yaw),
+        _wrap_yaw(yaw),
         yaw_rate or 0.0,
         type_mask(position, velocity, acceleration, yaw, yaw_rate),
         *target,
@@ -146,7 +146,7 @@ def _position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
         round(s.lon_deg * 1e7),
         s.alt_amsl_m,
         *(0.0,) * 6,
-        _wrapped(s.yaw_ned_rad),
+        _wrap_yaw(s.yaw_ned_rad),
         s.yaw_rate_ned_rad_s or 0.0,
         mask,
         *target,
@@ -162,7 +162,7 @@ def _attitude_target(s: Attitude, target: tuple[int, int]) -> Packed:
 
 def _rates(s: Rates, target: tuple[int, int]) -> Packed:
     return MSG_ATTITUDE, _attitude.pack(
-        0, *LEVEL, *s.rates_frd_rad_s, s.thrust, *target, ATTITUDE_IGNORE_ATTITUDE
+        0, *LEVEL_Q, *s.rates_frd_rad_s, s.thrust, *target, ATTITUDE_IGNORE_ATTITUDE
     )
 
 

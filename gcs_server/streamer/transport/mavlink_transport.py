@@ -35,7 +35,7 @@ class MavlinkTransport:
         self._packed = encode(setpoint, self._target)
 
     def send(self, outgoing: Outgoing) -> bool:
-        """Sends; returns False if nothing was sent."""
+        """Sends a setpoint or mode request; returns False if nothing was sent."""
         if isinstance(outgoing, ModeRequest):
             payload = mode_command(outgoing.mode, self._target, outgoing.attempt)
             return self.sender.send_payload(MSG_COMMAND_LONG, payload)

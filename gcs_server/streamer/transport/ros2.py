@@ -1,7 +1,7 @@
 """Packs setpoints into PX4's ROS 2 messages: OffboardControlMode and the setpoint's own topics.
 
 PX4 stays in Offboard as long as it receives OffboardControlMode, whose flags only choose the controllers. PX4
-follows setpoint topics in any mode, so setpoints are sent only while the vehicle reports Offboard.
+follows setpoint topics in any mode, so the server sends setpoints only while the vehicle reports Offboard.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ SETPOINT_TOPICS: Final[Mapping[str, str]] = {
     "ActuatorMotors": "/fmu/in/actuator_motors",
     "ActuatorServos": "/fmu/in/actuator_servos",
 }
-"""The topic of each message type."""
+"""Setpoint topic by message type."""
 TOPIC_TYPES: Final[Mapping[str, str]] = {
     CONTROL_MODE: "OffboardControlMode",
     CONTROLLERS: SENT_TYPES[CONTROLLERS],
@@ -67,12 +67,12 @@ Encoded = tuple[str, tuple[tuple[str, dict[str, Any]], ...]]
 class TopicSender(Protocol):
     """Sends to the ROS 2 topics of one vehicle."""
 
-    def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
+    def send(self, messages: Sequence[Message], required: Iterable[str] = ()) -> None:
         """Sends all messages or none: OffboardControlMode alone would keep Offboard active without setpoints.
 
         Args:
             messages: the messages, in the order in which they are sent.
-            needed: other topics to which the vehicle must subscribe.
+            required: other topics to which the vehicle must subscribe.
 
         Raises:
             OSError: the vehicle does not subscribe to one of the topics, or a message cannot be sent now.
@@ -85,7 +85,7 @@ def _axes(vector: Partial3) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _motion(
+def _trajectory_setpoint(
     s: Position | Velocity | Acceleration | Trajectory,
     position: Partial3 = NOTHING,
     velocity: Partial3 = NOTHING,
@@ -104,23 +104,23 @@ def _motion(
 
 
 def _trajectory(s: Trajectory) -> Encoded:
-    return _motion(s, s.position_ned_m, s.velocity_ned_m_s, s.acceleration_ned_m_s2)
+    return _trajectory_setpoint(s, s.position_ned_m, s.velocity_ned_m_s, s.acceleration_ned_m_s2)
 
 
-def _up(thrust: float) -> Vector3:
+def _thrust_body(thrust: float) -> Vector3:
     """A collective thrust of 0 to 1 as `thrust_body` [FRD, normalised]."""
     return (0.0, 0.0, -thrust)
 
 
 def _attitude(s: Attitude) -> Encoded:
     rate = s.yaw_rate_ned_rad_s or 0.0
-    fields = {"q_d": s.q_ned_frd, "thrust_body": _up(s.thrust), "yaw_sp_move_rate": rate}
+    fields = {"q_d": s.q_ned_frd, "thrust_body": _thrust_body(s.thrust), "yaw_sp_move_rate": rate}
     return "attitude", (("VehicleAttitudeSetpoint", fields),)
 
 
 def _rates(s: Rates) -> Encoded:
     roll, pitch, yaw = s.rates_frd_rad_s
-    fields = {"roll": roll, "pitch": pitch, "yaw": yaw, "thrust_body": _up(s.thrust)}
+    fields = {"roll": roll, "pitch": pitch, "yaw": yaw, "thrust_body": _thrust_body(s.thrust)}
     return "body_rate", (("VehicleRatesSetpoint", fields),)
 
 
@@ -130,18 +130,18 @@ def _thrust_torque(s: ThrustTorque) -> Encoded:
 
 
 def _actuators(s: Actuators) -> Encoded:
-    used = (("ActuatorMotors", s.motors, MOTORS), ("ActuatorServos", s.servos, SERVOS))
+    arrays = (("ActuatorMotors", s.motors, MOTORS), ("ActuatorServos", s.servos, SERVOS))
     return "direct_actuator", tuple(
         (kind, {"control": tuple(NAN if v is None else v for v in values) + (NAN,) * (size - len(values))})
-        for kind, values, size in used
+        for kind, values, size in arrays
         if values
     )
 
 
 _ENCODERS: dict[type, Callable[[Any], Encoded]] = {
-    Position: lambda s: _motion(s, position=s.position_ned_m),
-    Velocity: lambda s: _motion(s, velocity=s.velocity_ned_m_s),
-    Acceleration: lambda s: _motion(s, acceleration=s.acceleration_ned_m_s2),
+    Position: lambda s: _trajectory_setpoint(s, position=s.position_ned_m),
+    Velocity: lambda s: _trajectory_setpoint(s, velocity=s.velocity_ned_m_s),
+    Acceleration: lambda s: _trajectory_setpoint(s, acceleration=s.acceleration_ned_m_s2),
     Trajectory: _trajectory,
     Attitude: _attitude,
     Rates: _rates,
@@ -150,13 +150,14 @@ _ENCODERS: dict[type, Callable[[Any], Encoded]] = {
 }
 ROS2_KINDS = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
 """Setpoint types for which PX4 has a ROS 2 message."""
-_MESSAGES_OF: Final[Mapping[str, tuple[str, ...]]] = {
+_MESSAGE_TYPES: Final[Mapping[str, tuple[str, ...]]] = {
     Attitude.type: ("VehicleAttitudeSetpoint",),
     Rates.type: ("VehicleRatesSetpoint",),
     ThrustTorque.type: ("VehicleThrustSetpoint", "VehicleTorqueSetpoint"),
     Actuators.type: ("ActuatorMotors", "ActuatorServos"),
 }
-"""Message types of a setpoint type; TrajectorySetpoint for all others, also after their conversion."""
+"""Message types of a setpoint type; all other setpoint types use TrajectorySetpoint, some after a
+conversion."""
 
 
 def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
@@ -174,7 +175,7 @@ def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
 
 
 def level_of(setpoint: DirectSetpoint) -> str:
-    """The level of the control cascade at which a setpoint enters: a flag of OffboardControlMode."""
+    """The flag of OffboardControlMode for a setpoint: the level of the control cascade at which it enters."""
     return _ENCODERS[type(setpoint)](setpoint)[0]
 
 
@@ -185,9 +186,9 @@ def topics_of(setpoint_type: str, *, in_offboard: bool) -> tuple[str, ...]:
         setpoint_type: any type that ROS 2 carries.
         in_offboard: whether the stream flies in Offboard, or else in a mode that is registered with PX4.
     """
-    selects = CONTROL_MODE if in_offboard else CONTROLLERS
-    messages = _MESSAGES_OF.get(setpoint_type, ("TrajectorySetpoint",))
-    return (COMMAND, selects, *(SETPOINT_TOPICS[each] for each in messages))
+    mode_topic = CONTROL_MODE if in_offboard else CONTROLLERS
+    messages = _MESSAGE_TYPES.get(setpoint_type, ("TrajectorySetpoint",))
+    return (COMMAND, mode_topic, *(SETPOINT_TOPICS[each] for each in messages))
 
 
 def with_time(data: bytes, unix_us: int) -> bytes:
@@ -230,8 +231,8 @@ class Ros2Transport:
                 return True
             mode = self._mode if outgoing.mode == OFFBOARD else self._controllers_in(outgoing.mode)
             messages = (mode, *(self._setpoint if outgoing.in_mode else ()))
-            needed = [topic for topic, _ in self._setpoint]
-            sender.send([(topic, with_time(data, now_us)) for topic, data in messages], needed)
+            required = [topic for topic, _ in self._setpoint]
+            sender.send([(topic, with_time(data, now_us)) for topic, data in messages], required)
         except OSError:
             return False
         return True

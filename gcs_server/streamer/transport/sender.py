@@ -27,7 +27,7 @@ class PayloadSender(Protocol):
         ...
 
     def send_path(self) -> SendPath | None:
-        """Current link and peer; None if there are none."""
+        """Current link and peer; None: the vehicle has no link."""
         ...
 
 

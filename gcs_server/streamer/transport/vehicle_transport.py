@@ -12,16 +12,16 @@ from gcs_server.streamer.values.stream_request import OFFBOARD
 from missions.setpoints import DirectSetpoint
 
 Topics = Callable[[], TopicSender | None]
-"""The vehicle's ROS 2 topics; None while it is reached over MAVLink."""
+"""The vehicle's ROS 2 topics; None while the vehicle is reached over MAVLink."""
 
 
 def no_topics() -> None:
-    """For a vehicle that is reached over MAVLink only."""
+    """`Topics` of a vehicle that is reached over MAVLink only."""
     return
 
 
 class VehicleTransport:
-    """Sends to one vehicle. If its link changes, the setpoint is packed again.
+    """Sends to one vehicle. If the vehicle's link changes, the setpoint is packed again.
 
     Args:
         sender: sends MAVLink payloads to the vehicle.
@@ -44,7 +44,7 @@ class VehicleTransport:
         self._pack(self.mavlink if self.topics() is None else self._ros2)
 
     def send(self, outgoing: Outgoing) -> bool:
-        """Sends; returns False if nothing was sent, because the link cannot send now or cannot carry the
+        """Sends a setpoint or mode request; returns False if the link cannot send now or cannot carry the
         setpoint."""
         topics = self.topics()
         if topics is None and isinstance(outgoing, SetpointDue) and outgoing.mode != OFFBOARD:

@@ -1,5 +1,4 @@
-"""The setpoint types that a vehicle can fly now over its link, and the reasons why it cannot fly the
-others."""
+"""Which setpoint types a vehicle can fly now over its link, and why it cannot fly other types."""
 
 from __future__ import annotations
 
@@ -14,11 +13,11 @@ from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
 from gcs_server.streamer.transport.ros2 import ROS2_KINDS, topics_of
 from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 
-CARRIED_BY: dict[str, frozenset[str]] = {
+TYPES_BY_PROTOCOL: dict[str, frozenset[str]] = {
     "MAVLink": MAVLINK_KINDS | RESOLVED_KINDS,
     "ROS 2": ROS2_KINDS | RESOLVED_KINDS | LOCAL_KINDS,
 }
-"""Setpoint types by link protocol: types that its messages can carry, directly or after conversion."""
+"""By link protocol: the setpoint types that its messages can carry, directly or after a conversion."""
 WAIT_REMEDY = "Wait for GPS and the estimator (see the vehicle's messages), then try again."
 _MISSING = {
     "position": "The vehicle has no fresh position estimate, which a {type} setpoint needs.",
@@ -55,13 +54,13 @@ class EstimateSource(Protocol):
 
 
 def why_not_carried(setpoint_type: str, protocol: str) -> str | None:
-    """Why links with a protocol cannot carry a type; None if they can."""
-    if setpoint_type in CARRIED_BY.get(protocol, frozenset()):
+    """Why links with this protocol cannot carry a setpoint type; None if the links can carry it."""
+    if setpoint_type in TYPES_BY_PROTOCOL.get(protocol, frozenset()):
         return None
-    others = ", ".join(sorted(CARRIED_BY.get(protocol, frozenset()))) or "none"
+    carried = ", ".join(sorted(TYPES_BY_PROTOCOL.get(protocol, frozenset()))) or "none"
     return (
         f"A {protocol} link carries no {setpoint_type} setpoints: there is no message for them that PX4 "
-        f"follows. It carries {others}."
+        f"follows. It carries {carried}."
     )
 
 
@@ -71,7 +70,7 @@ class Availability:
     Args:
         estimates: the vehicle's newest samples.
         protocol: protocol of the vehicle's links.
-        unusable_topics: its ROS 2 topics that the server cannot use, and why.
+        unusable_topics: the vehicle's ROS 2 topics that the server cannot use, and why.
     """
 
     def __init__(
@@ -81,7 +80,7 @@ class Availability:
         unusable_topics: Callable[[], Mapping[str, str]],
     ) -> None:
         self._protocol, self._unusable_topics = protocol, unusable_topics
-        self._has: dict[str, Callable[[], bool]] = {
+        self._has_estimate: dict[str, Callable[[], bool]] = {
             "position": estimates.has_position,
             "velocity": estimates.has_velocity,
             "heading": estimates.has_heading,
@@ -89,8 +88,13 @@ class Availability:
             "home": lambda: estimates.home() is not None,
         }
 
-    def of_type(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
-        """Availability of one type, or of one setpoint."""
+    def for_type(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
+        """Availability of a setpoint type.
+
+        Args:
+            setpoint_type: the type.
+            needs: estimates that one setpoint of this type needs; None: the estimates that the type needs.
+        """
         needs = KINDS[setpoint_type].needs if needs is None else needs
         why_not = (
             why_not_carried(setpoint_type, self._protocol())
@@ -125,19 +129,19 @@ class Availability:
         return None if found is None else f"{found}."
 
     def _missing(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> str | None:
-        missing = next((need for need in needs if not self._has[need]()), None)
+        missing = next((need for need in needs if not self._has_estimate[need]()), None)
         return None if missing is None else _MISSING[missing].format(type=setpoint_type)
 
     def all(self) -> dict[str, Available]:
         """Availability of every type."""
-        return {setpoint_type: self.of_type(setpoint_type) for setpoint_type in KINDS}
+        return {setpoint_type: self.for_type(setpoint_type) for setpoint_type in KINDS}
 
     def require(self, setpoint: Setpoint, *, in_offboard: bool) -> None:
         """Raises Refused if the setpoint cannot be flown now; `in_offboard`: see `require_topics`."""
-        unable = why_not_carried(setpoint.type, self._protocol())
-        if unable is not None:
-            raise Refused(unable, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
+        why_not = why_not_carried(setpoint.type, self._protocol())
+        if why_not is not None:
+            raise Refused(why_not, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
         self.require_topics([setpoint.type], in_offboard=in_offboard)
-        available = self.of_type(setpoint.type, needs_of(setpoint))
+        available = self.for_type(setpoint.type, needs_of(setpoint))
         if available.why_not is not None:
             raise Refused(available.why_not, remedy=WAIT_REMEDY)

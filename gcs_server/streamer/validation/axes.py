@@ -1,5 +1,5 @@
-"""The combinations of axes that PX4 can fly; with other combinations it descends level, or stops. PX4's
-position controller needs north and east of a quantity together or neither, and a value on every axis.
+"""The combinations of axes that PX4 can fly; with other combinations PX4 descends level, or stops. PX4's
+position controller needs both north and east of a quantity, or neither, and a value on every axis.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ MAVLINK_ONLY_FIELDS = {
     **dict.fromkeys(("force", "force_ned_n", "is_force", "use_force"), FORCE_TEXT),
     **dict.fromkeys(("type_mask", "mask"), MASK_TEXT),
 }
-"""MAVLink fields that a client may send, and why the API does not have them."""
+"""MAVLink fields that a client may send by mistake, with the text that explains the API's fields."""
 _AXES = ("north", "east", "down")
 
 
 def axes_problem(
     position: Partial3 = NOTHING, velocity: Partial3 = NOTHING, acceleration: Partial3 = NOTHING
 ) -> str | None:
-    """Why PX4 would not fly this combination; None if it would."""
+    """Why PX4 would not fly this combination of axes; None if PX4 would fly it."""
     named = {
         "position_ned_m": position,
         "velocity_ned_m_s": velocity,
@@ -53,7 +53,7 @@ def axes_problem(
 
 
 def problem_of(setpoint: Setpoint) -> str | None:
-    """Why PX4 would never fly this setpoint, in any state of the vehicle; None if it can."""
+    """Why PX4 would never fly this setpoint, in any state of the vehicle; None if PX4 can fly it."""
     if isinstance(setpoint, Position):
         return axes_problem(position=setpoint.position_ned_m)
     if isinstance(setpoint, Velocity):

@@ -31,7 +31,7 @@ PATH_START_WITHIN_M = 5.0
 PATH_CHECK_PERIOD_S = 0.2
 """Time between two checked positions of a path [s]."""
 SPEED_TOLERANCE = 1.05
-"""Factor by which the speed of a curve may exceed the limit between its points."""
+"""Factor by which a curve may exceed the speed limit between its points."""
 LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitude, distance and fence."
 LOCAL_FRAME_HINT = "Coordinates are metres north, east, down of the vehicle's local origin."
 
@@ -45,7 +45,7 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
         has_position_limits: whether the operator has set position limits.
 
     Raises:
-        Refused: the path leaves the limits, or this cannot be checked.
+        Refused: the path leaves the limits, or the limits cannot be enforced.
     """
     bounds = snapshot.bounds
     if has_position_limits and bounds.not_enforceable is not None:
@@ -86,12 +86,13 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
 
     Args:
         setpoint: the setpoint; the estimates that it needs are valid.
-        now_s: monotonic.
+        now_s: current time [s, monotonic].
         snapshot: the vehicle, with its bounds.
         has_position_limits: whether the operator has set position limits.
 
     Raises:
-        Refused: the target is too far, outside, too fast, or cannot be checked.
+        Refused: the target is too far away, outside the limits, or too fast, or the limits cannot be
+            enforced.
     """
     bounds, position_now = snapshot.bounds, snapshot.position_at(now_s)
     if has_position_limits and (bounds.not_enforceable is not None or position_now is None):
@@ -111,11 +112,11 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
             _check_inside(target, position_now, bounds)
 
 
-def _target_of(wanted: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
-    if isinstance(wanted, Position | Trajectory):
-        return complete(wanted.position_ned_m)
-    if isinstance(wanted, PositionGlobal) and bounds.origin is not None and wanted.alt_amsl_m is not None:
-        return bounds.origin.to_ned(wanted.lat_deg, wanted.lon_deg, wanted.alt_amsl_m)
+def _target_of(setpoint: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
+    if isinstance(setpoint, Position | Trajectory):
+        return complete(setpoint.position_ned_m)
+    if isinstance(setpoint, PositionGlobal) and bounds.origin is not None and setpoint.alt_amsl_m is not None:
+        return bounds.origin.to_ned(setpoint.lat_deg, setpoint.lon_deg, setpoint.alt_amsl_m)
     return None
 
 
@@ -133,7 +134,8 @@ def _check_inside(target: Vector3, position_now: Vector3, bounds: Bounds) -> Non
     breach = _breach(target, bounds)
     if breach is not None:
         raise Refused(
-            f"The target is outside {breach}.", remedy="Choose a position inside, or change the limit."
+            f"The target is outside {breach}.",
+            remedy="Choose a position inside the limit, or change the limit.",
         )
     region, start, end = bounds.region, (position_now[0], position_now[1]), (target[0], target[1])
     distance_m = math.dist(start, end)
@@ -157,10 +159,10 @@ def _breach(position: Vector3, bounds: Bounds) -> str | None:
 def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
     """Raises Refused if the path begins too far away, leaves the limits, or is too fast."""
     begin = path.points[0].position_ned_m
-    off_m = math.dist(begin, position_now)
-    if off_m > PATH_START_WITHIN_M:
+    distance_m = math.dist(begin, position_now)
+    if distance_m > PATH_START_WITHIN_M:
         raise Refused(
-            f"The path begins {off_m:.1f} m away; it must begin within {PATH_START_WITHIN_M:g} m.",
+            f"The path begins {distance_m:.1f} m away; it must begin within {PATH_START_WITHIN_M:g} m.",
             remedy="Fly to the first point of the path first.",
         )
     for index, point in enumerate(path.points):
@@ -190,7 +192,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
 def _violations(
     positions: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
 ) -> NDArray[np.bool_]:
-    """Samples of a path that are outside or too fast, checked all together."""
+    """For each sample of a path: whether it is outside the limits or too fast."""
     region, down_m, down_m_s = bounds.region, positions[:, 2], velocities[:, 2]
     return (
         region.are_outside(positions[:, :2])

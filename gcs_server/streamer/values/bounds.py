@@ -1,4 +1,4 @@
-"""The vehicle's and the operator's limits combined, in the vehicle's local frame."""
+"""Combines the vehicle's and the operator's limits, in the vehicle's local frame."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ class Bounds:
     slew_velocity_m_s2: float = INF
     slew_attitude_rad_s: float = INF
     approach_m_s: float = INF
-    """Maximum speed towards a target position. The operator's limit; PX4 applies its own limit itself."""
+    """Maximum speed towards a target position, from the operator's limit; PX4 applies its own limit
+    itself."""
     approach_climb_m_s: float = INF
     approach_descent_m_s: float = INF
     position_gain: float = DEFAULT_POSITION_GAIN
@@ -44,7 +45,7 @@ class Bounds:
     region: Region = UNLIMITED_REGION
     origin: LocalOrigin | None = None
     not_enforceable: str | None = None
-    """Why the operator's position limits cannot be applied now; None if they can."""
+    """Why the operator's position limits cannot be applied now; None if they can be applied."""
 
     @property
     def depends_on_position(self) -> bool:
@@ -73,29 +74,29 @@ def bounds_of(
     Args:
         vehicle: limits from the vehicle's parameters.
         operator: limits set over the API.
-        home: reference of altitudes and distances.
+        home: reference of altitude and distance limits.
         origin: origin of the local frame, for a fence in latitude and longitude.
         gains: MPC_XY_P and MPC_Z_P, if known.
     """
     region, not_enforceable = _region(vehicle, operator, home, origin)
     return Bounds(
-        speed_m_s=_least(vehicle.speed_max_m_s, operator.speed_max_m_s),
-        climb_m_s=_least(vehicle.climb_max_m_s, operator.climb_max_m_s),
-        descent_m_s=_least(vehicle.sink_max_m_s, operator.sink_max_m_s),
-        tilt_rad=_least(vehicle.tilt_max_rad, operator.tilt_max_rad),
-        acceleration_m_s2=_least(vehicle.acceleration_max_m_s2),
-        acceleration_up_m_s2=_least(vehicle.acceleration_up_max_m_s2),
-        acceleration_down_m_s2=_least(vehicle.acceleration_down_max_m_s2),
+        speed_m_s=_strictest(vehicle.speed_max_m_s, operator.speed_max_m_s),
+        climb_m_s=_strictest(vehicle.climb_max_m_s, operator.climb_max_m_s),
+        descent_m_s=_strictest(vehicle.sink_max_m_s, operator.sink_max_m_s),
+        tilt_rad=_strictest(vehicle.tilt_max_rad, operator.tilt_max_rad),
+        acceleration_m_s2=_strictest(vehicle.acceleration_max_m_s2),
+        acceleration_up_m_s2=_strictest(vehicle.acceleration_up_max_m_s2),
+        acceleration_down_m_s2=_strictest(vehicle.acceleration_down_max_m_s2),
         rates_rad_s=(
-            _least(vehicle.roll_rate_max_rad_s),
-            _least(vehicle.pitch_rate_max_rad_s),
-            _least(vehicle.yaw_rate_max_rad_s),
+            _strictest(vehicle.roll_rate_max_rad_s),
+            _strictest(vehicle.pitch_rate_max_rad_s),
+            _strictest(vehicle.yaw_rate_max_rad_s),
         ),
-        slew_velocity_m_s2=_least(operator.slew_velocity_m_s2),
-        slew_attitude_rad_s=_least(operator.slew_attitude_rad_s),
-        approach_m_s=_least(operator.speed_max_m_s),
-        approach_climb_m_s=_least(operator.climb_max_m_s),
-        approach_descent_m_s=_least(operator.sink_max_m_s),
+        slew_velocity_m_s2=_strictest(operator.slew_velocity_m_s2),
+        slew_attitude_rad_s=_strictest(operator.slew_attitude_rad_s),
+        approach_m_s=_strictest(operator.speed_max_m_s),
+        approach_climb_m_s=_strictest(operator.climb_max_m_s),
+        approach_descent_m_s=_strictest(operator.sink_max_m_s),
         position_gain=gains[0] or DEFAULT_POSITION_GAIN,
         vertical_gain=gains[1] or DEFAULT_VERTICAL_GAIN,
         obstacle_brake=operator.obstacle_brake,
@@ -105,7 +106,7 @@ def bounds_of(
     )
 
 
-def _least(*limits: float | None) -> float:
+def _strictest(*limits: float | None) -> float:
     return min((limit for limit in limits if limit is not None), default=INF)
 
 
@@ -116,21 +117,21 @@ def _region(
     polygons: list[Polygon] = []
     down_min_m, down_max_m = -INF, INF
     not_enforceable = None
-    heights = (vehicle.height_max_m, operator.height_max_m, operator.height_min_m)
+    altitudes = (vehicle.height_max_m, operator.height_max_m, operator.height_min_m)
     distances = (vehicle.distance_max_m, operator.distance_max_m)
-    if any(limit is not None for limit in (*heights, *distances)):
+    if any(limit is not None for limit in (*altitudes, *distances)):
         home_ned = _home_ned(home, origin)
         if home_ned is None:
             not_enforceable = (
                 "there is no home position, from which altitude and distance limits are measured"
             )
         else:
-            down_min_m = home_ned[2] - _least(vehicle.height_max_m, operator.height_max_m)
+            down_min_m = home_ned[2] - _strictest(vehicle.height_max_m, operator.height_max_m)
             if operator.height_min_m is not None:
                 down_max_m = home_ned[2] - operator.height_min_m
-            for radius_m, whose in zip(distances, ("the vehicle's", "the operator's"), strict=True):
+            for radius_m, owner_text in zip(distances, ("the vehicle's", "the operator's"), strict=True):
                 if radius_m is not None:
-                    name = f"{whose} limit of {radius_m:g} m from home"
+                    name = f"{owner_text} limit of {radius_m:g} m from home"
                     circles.append(Circle((home_ned[0], home_ned[1]), radius_m, name))
     fence = operator.fence
     if fence is not None:

@@ -54,17 +54,17 @@ class VehicleLimits:
     yaw_rate_max_rad_s: float | None = None
     """MC_YAWRATE_MAX [rad/s]."""
     distance_max_m: float | None = None
-    """From home: GF_MAX_HOR_DIST [m]; also None if it is off (0)."""
+    """From home: GF_MAX_HOR_DIST [m]; also None if the limit is off (0)."""
     height_max_m: float | None = None
-    """Above home: GF_MAX_VER_DIST [m]; also None if it is off (0)."""
+    """Above home: GF_MAX_VER_DIST [m]; also None if the limit is off (0)."""
 
 
 MIN_FENCE_M = 1e-3
-"""PX4 treats a fence radius of zero as off; a radius below this counts as off as well [m]."""
+"""A smaller fence radius or altitude counts as off [m], because PX4 treats zero as off."""
 
 
 def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
-    """Limits from parameters; missing ones stay unknown."""
+    """Limits from parameters; the limits of missing parameters stay unknown."""
 
     def degrees(name: str) -> float | None:
         value = values.get(name)
@@ -100,18 +100,19 @@ class OperatorLimits:
     sink_max_m_s: float | None = None
     tilt_max_rad: float | None = None
     height_min_m: float | None = None
-    """Above home."""
+    """Minimum altitude above home [m]."""
     height_max_m: float | None = None
-    """Above home."""
+    """Maximum altitude above home [m]."""
     distance_max_m: float | None = None
-    """Horizontal distance from home."""
+    """Maximum horizontal distance from home [m]."""
     fence: Fence | None = None
     slew_velocity_m_s2: float | None = None
-    """Largest change of a sent velocity per second."""
+    """Maximum change of the sent velocity per second [m/s²]."""
     slew_attitude_rad_s: float | None = None
-    """Largest rotation of a sent attitude per second."""
+    """Maximum rotation of the sent attitude per second [rad/s]."""
     obstacle_brake: bool = True
-    """Stop before obstacles that the vehicle's own sensors measure; has no effect without such a sensor."""
+    """Whether the vehicle is stopped before obstacles that its sensors measure; no effect without such a
+    sensor."""
 
     @property
     def needs_position(self) -> bool:

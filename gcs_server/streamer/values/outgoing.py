@@ -11,25 +11,25 @@ from missions.setpoints import DirectSetpoint
 
 @dataclass(frozen=True, slots=True)
 class SetpointDue:
-    """Send the setpoint that was loaded last."""
+    """Sends the setpoint that was loaded last."""
 
     now_s: float
-    """Monotonic."""
+    """Current time [s, monotonic]."""
     in_mode: bool = True
-    """Whether the vehicle reports the mode in which it flies the setpoints. If not, ROS 2 sends only
-    OffboardControlMode, because PX4 would follow the setpoint topics in any mode."""
+    """Whether the vehicle reports the mode in which it flies the setpoints. If not, only
+    OffboardControlMode is sent over ROS 2, because PX4 would follow the setpoint topics in any mode."""
     mode: str = OFFBOARD
     """Mode in which the setpoints are flown: Offboard, or a mode registered with PX4 (`external_1` …)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModeRequest:
-    """Request a mode change."""
+    """Requests a mode change."""
 
     mode: str
     """hold or land."""
     attempt: int
-    """Counts from 0."""
+    """Number of the attempt, from 0."""
 
 
 Outgoing = SetpointDue | ModeRequest
@@ -42,6 +42,6 @@ class SetpointLoader(Protocol):
         """Packs the setpoint to send; called only when the setpoint changes.
 
         Raises:
-            ValueError: the transport cannot carry it.
+            ValueError: the transport cannot carry the setpoint.
         """
         ...

@@ -1,4 +1,4 @@
-"""The state of a vehicle for its stream: a frozen value that the event loop passes ten times a second."""
+"""The state of a vehicle for its stream: an immutable value that the event loop passes ten times a second."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from missions.frames import Quaternion, Vector3
 MAX_EXTRAPOLATION_S = 1.0
 """Maximum age of an estimate that is extrapolated [s]."""
 MAX_DISTANCE_M = 1e6
-"""A local position beyond this is not plausible."""
+"""A local position farther from the origin is implausible [m]."""
 MAX_SPEED_M_S = 500.0
-"""A velocity beyond this is not plausible."""
+"""A faster velocity is implausible [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +35,14 @@ class Snapshot:
     taken_s: float
     mode: str
     position_ned_m: Vector3 | None
-    """None if there is no fresh estimate."""
+    """None: no fresh estimate."""
     velocity_ned_m_s: Vector3 | None
     yaw_ned_rad: float | None
-    """None if no attitude is received."""
+    """None: no fresh attitude."""
     mode_requested_by: str | None = None
     """The command of this server that caused the current mode, with its client, as text."""
     estimate_s: float | None = None
-    """Time at which the position was received; default: the time of the snapshot."""
+    """Time at which the position was received [s, monotonic]; None: the time of the snapshot."""
     armed: bool = False
     local_only: bool = False
     """Whether the link carries setpoints in the local frame only (ROS 2)."""
@@ -55,15 +55,16 @@ class Snapshot:
     bounds: Bounds = UNBOUNDED
     """Combined limits, in the vehicle's local frame."""
     leader: Leader | None = None
-    """The vehicle that this one follows."""
+    """The vehicle that this vehicle follows."""
     accuracy_m: float | None = None
-    """Accuracy of the position, one sigma: the worse of horizontal and vertical; None if not reported."""
+    """Accuracy of the position: one sigma, the larger of horizontal and vertical [m]; None if not
+    reported."""
     scans: tuple[Scan, ...] = ()
-    """Newest scans of its distance sensors."""
+    """Newest scans of the vehicle's distance sensors."""
     avoidance: AvoidanceWay | None = None
-    """What avoidance tries first (over or around); None: off."""
+    """What avoidance tries first (over or around); None: avoidance is off."""
     mission_avoidance: AvoidanceWay | None = None
-    """Whether the steps of a mission may use avoidance; None: no. Each step states what it tries first."""
+    """Not None: the steps of the mission may use avoidance; each step defines what avoidance tries first."""
 
     @property
     def received_s(self) -> float:
@@ -71,7 +72,7 @@ class Snapshot:
         return self.taken_s if self.estimate_s is None else self.estimate_s
 
     def plausible(self) -> Snapshot:
-        """A copy without implausible numbers, which become unknown."""
+        """A copy in which implausible numbers are unknown."""
         position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
         scalars = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
         numbers = (*scalars, *(self.q_ned_frd or ()))

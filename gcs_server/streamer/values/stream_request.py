@@ -25,7 +25,7 @@ class OnExpiry:
     action: str = "hold"
     """hold, land, stop_stream."""
     hold_for_s: float = 5.0
-    """For `hold`: time for which the position is held by setpoints before PX4's Hold mode is requested
+    """For `hold`: time for which setpoints keep the position before the stream requests PX4's Hold mode
     [s]."""
 
 
@@ -42,7 +42,8 @@ class StreamRequest:
     """Distinguishes clients with the same name; empty if there is no client."""
     owner: StreamOwner = "operator"
     mode: str = OFFBOARD
-    """Mode in which the vehicle flies it: Offboard, or a mode registered with PX4 (`external_1` …)."""
+    """Mode in which the vehicle flies the setpoint: Offboard, or a mode registered with PX4 (`external_1`
+    …)."""
 
     @property
     def duration_s(self) -> float:

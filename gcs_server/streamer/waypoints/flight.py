@@ -1,4 +1,5 @@
-"""One flight of a waypoint plan in PX4's Mission mode: monitored, reported and recorded, never commanded."""
+"""One flight of a waypoint plan in PX4's Mission mode: the server monitors, reports and records it, but never
+commands it."""
 
 from __future__ import annotations
 
@@ -9,8 +10,8 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.interrupted import FlightProgress
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.samples import Mission
-from gcs_server.vehicle.services.held_plan import plan_of
-from gcs_server.vehicle.services.mission_held import HeldItems
+from gcs_server.vehicle.services.held_plan import plan_from_items
+from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.plan import Plan
 from missions.runner.corridor import Corridor
@@ -28,12 +29,12 @@ WARNING, NOTICE = 4, 5
 
 @dataclass(frozen=True, slots=True)
 class DryRunPath:
-    """The dry run that a start named, in the vehicle's local frame."""
+    """The dry run that the client named at the start, in the vehicle's local frame."""
 
     dry_run: str
     planned: PlannedPasses
     corridor: Corridor | None
-    """None: the dry run had one flight."""
+    """None: the dry run had only one flight, so it has no corridor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Announcement:
 
     client: str
     path: DryRunPath | None = None
-    """None: the start named no dry run."""
+    """None: the client named no dry run."""
 
 
 class WaypointFlight:
@@ -50,34 +51,43 @@ class WaypointFlight:
 
     Args:
         vehicle: the vehicle, which flies its mission.
-        held: the plan on the vehicle.
-        announcement: the start by a client; None: another party has selected Mission.
-        seen: whether the server has seen the vehicle enter Mission with this plan.
+        on_vehicle: the items on the vehicle, of a known plan.
+        announcement: the start by a client; None: the pilot or another station selected Mission.
+        saw_start: whether the server was connected when the vehicle entered Mission with this plan.
     """
 
     def __init__(
-        self, vehicle: Vehicle, held: HeldItems, announcement: Announcement | None, *, seen: bool
+        self,
+        vehicle: Vehicle,
+        on_vehicle: ItemsOnVehicle,
+        announcement: Announcement | None,
+        *,
+        saw_start: bool,
     ) -> None:
-        self._vehicle, self._held = vehicle, held
+        self._vehicle, self._on_vehicle = vehicle, on_vehicle
         self._client = None if announcement is None else announcement.client
         self._path = None if announcement is None else announcement.path
-        plan, _ = plan_of(held)
+        plan, _ = plan_from_items(on_vehicle)
         self._count = len(plan.items)
         self._lands = lands(plan)
-        planned, why = _planned(vehicle, plan, self._path)
+        planned, reason_not_compared = _planned(vehicle, plan, self._path)
         self._planned = planned
         reading = vehicle_reading(vehicle)
         self._monitor = WaypointMonitor(
             plan,
             planned,
-            not_compared=why,
+            not_compared=reason_not_compared,
             corridor=None if self._path is None else self._path.corridor,
-            from_start=seen and not reading.in_air,
+            from_start=saw_start and not reading.in_air,
         )
         self._progress: FlightProgress | None = None
         self._interrupted = False
-        """Whether it was interrupted at the last call of `new_progress`."""
-        name = held.plan.name if held.plan is not None and held.plan.name is not None else "Mission"
+        """Whether the flight was interrupted at the last call of `new_progress`."""
+        name = (
+            on_vehicle.plan.name
+            if on_vehicle.plan is not None and on_vehicle.plan.name is not None
+            else "Mission"
+        )
         self._record = FlightRecord(
             name, vehicle.clock.unix_s(), self._now_s, reading, VehicleEstimates(vehicle).origin(),
             self._monitor.planned_flight,
@@ -88,15 +98,15 @@ class WaypointFlight:
         """Whether the flight has ended."""
         return self._monitor.over
 
-    def flies(self, held: HeldItems) -> bool:
-        """Whether this is a flight of the same items."""
-        return self._held.ids == held.ids
+    def flies(self, on_vehicle: ItemsOnVehicle) -> bool:
+        """Whether this flight is a flight of these items."""
+        return self._on_vehicle.ids == on_vehicle.ids
 
     def update(self) -> None:
         """Updates the flight with the vehicle's state; called about ten times a second."""
         if self.over or self._vehicle.status.link_lost:
             return
-        if not self._still_held():
+        if not self._has_same_plan():
             self.stop("The vehicle has another plan now.")
             return
         sample = self._vehicle.topic("mission")
@@ -110,13 +120,13 @@ class WaypointFlight:
             self._record.end(self._now_s)
 
     def stop(self, reason: str) -> None:
-        """Ends the flight, because it is no longer a flight of this plan."""
+        """Ends the flight, because the vehicle no longer flies this plan."""
         self._monitor.stop(reason)
         self._record.end(self._now_s)
 
     def status(self) -> WaypointFlightStatus:
         """Status of the flight."""
-        monitor, name, planned = self._monitor, self._held.plan, self._planned
+        monitor, name, planned = self._monitor, self._on_vehicle.plan, self._planned
         return WaypointFlightStatus(
             state=monitor.state,
             name=None if name is None else name.name,
@@ -140,7 +150,7 @@ class WaypointFlight:
         )
 
     def predicted(self) -> PredictedPath | None:
-        """The rest of the flight; None: the vehicle does not fly the plan now, or its path is not known."""
+        """The rest of the flight; None: the vehicle is not flying the plan, or the path is not known."""
         progress, origin = self._monitor.progress_now(self._now_s), VehicleEstimates(self._vehicle).origin()
         if progress is None or origin is None or self._planned is None:
             return None
@@ -154,8 +164,8 @@ class WaypointFlight:
         )  # fmt: skip
 
     def new_progress(self) -> FlightProgress | None:
-        """How far the plan is flown, if that has changed since the last call; None before the flight
-        has passed its first waypoint, because such a flight is repeated from its first item."""
+        """The progress of the flight; None if it has not changed since the last call. Also None before the
+        first waypoint, because such a flight is repeated from its first item."""
         monitor, before = self._monitor, self._progress
         finished, leg_start = monitor.state == "done", monitor.leg_start
         if monitor.item is None or (leg_start is None and not finished):
@@ -168,8 +178,8 @@ class WaypointFlight:
             return None
         home = _home(self._vehicle)
         self._progress = FlightProgress(
-            self._held.ids["mission"],
-            None if self._held.plan is None else self._held.plan.name,
+            self._on_vehicle.ids["mission"],
+            None if self._on_vehicle.plan is None else self._on_vehicle.plan.name,
             *state,
             self._vehicle.clock.unix_s(),
             home,
@@ -184,10 +194,14 @@ class WaypointFlight:
     def _now_s(self) -> float:
         return self._vehicle.clock.monotonic_s()
 
-    def _still_held(self) -> bool:
+    def _has_same_plan(self) -> bool:
         """Whether the vehicle still has this plan."""
         service = self._vehicle.mission
-        return service.holds() != "another" and service.held is not None and self.flies(service.held)
+        return (
+            service.plan_on_vehicle() != "another"
+            and service.items_on_vehicle is not None
+            and self.flies(service.items_on_vehicle)
+        )
 
     def _add_event(self, notice: Notify) -> None:
         data = {"source": "waypoint_flight", "code": notice.code}
@@ -199,7 +213,7 @@ class WaypointFlight:
 def _planned(
     vehicle: Vehicle, plan: Plan, path: DryRunPath | None
 ) -> tuple[PlannedPasses | None, str | None]:
-    """The planned flight; None with the reason, as a sentence, if there is none."""
+    """The planned flight and None, or None and the reason why there is no planned flight, as a sentence."""
     if path is not None:
         return path.planned, None
     home, origin = _home(vehicle), VehicleEstimates(vehicle).origin()
@@ -212,7 +226,7 @@ def _planned(
 
 
 def vehicle_model(vehicle: Vehicle) -> VehicleModel:
-    """Speeds and limits of a vehicle, by the parameters that are known."""
+    """Speeds and limits of a vehicle, from its known parameters."""
     parameters = {
         name: float(param.value)
         for name in PARAMETERS.values()

@@ -33,7 +33,7 @@ class WaypointFlights:
     Args:
         clock: the server's clock.
         supervisor: runs the periodic update.
-        store: keeps the progress of the flights across restarts.
+        store: stores the progress of the flights across restarts.
     """
 
     def __init__(self, clock: Clock, supervisor: Supervisor, store: ProgressStore) -> None:
@@ -44,14 +44,14 @@ class WaypointFlights:
         self._flights: dict[str, WaypointFlight] = {}
         self._announced: dict[str, Announcement] = {}
         self._in_mission: dict[str, bool] = {}
-        """Whether the vehicle flew its mission at the last update."""
+        """Whether the vehicle was flying its mission at the last update."""
         self._expected: dict[str, PredictedPath] = {}
         """Predicted paths of vehicles that are being started."""
         self.comparing = asyncio.Lock()
-        """Locked while a start is compared with the flights of other vehicles. If two vehicles are started at
-        the same time, the second start is therefore compared with the first."""
-        self._found_s: dict[str, float] = {}
-        """When the server found a vehicle already flying a plan before its home was known [s, monotonic]."""
+        """Locked while a start is compared with the flights of other vehicles. So if two vehicles are started
+        at the same time, the second start is compared with the first."""
+        self._waiting_since_s: dict[str, float] = {}
+        """Since when the monitoring of a flying vehicle waits for its home position [s, monotonic]."""
 
     def attach(self, vehicle: Vehicle) -> None:
         """Sets the vehicle's attribute `waypoint_flight`, and monitors the vehicle."""
@@ -62,9 +62,9 @@ class WaypointFlights:
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops all data of a removed vehicle."""
-        kept_by_id = (self._vehicles, self._link_loss, self._flights, self._announced, self._expected)
-        for kept in (*kept_by_id, self._in_mission, self._found_s):
-            kept.pop(vehicle.id, None)
+        by_vehicle = (self._vehicles, self._link_loss, self._flights, self._announced, self._expected)
+        for values in (*by_vehicle, self._in_mission, self._waiting_since_s):
+            values.pop(vehicle.id, None)
         self._resumes.forget(vehicle.id)
 
     def start(self) -> None:
@@ -73,10 +73,11 @@ class WaypointFlights:
 
     @contextmanager
     def announced(self, vehicle_id: str, announcement: Announcement) -> Generator[None]:
-        """Used around a client's start of a mission: a flight that begins inside the block is the client's.
+        """Context for a client's start of a mission: a flight that begins in the block was started by the
+        client.
 
-        A start with a dry run always begins a new flight, also for a vehicle in the air. A start without one
-        continues a flight that is already monitored.
+        A start with a dry run always begins a new flight, also for a vehicle in the air. A start without a
+        dry run continues a flight that is already monitored.
         """
         self._announced[vehicle_id] = announcement
         try:
@@ -103,7 +104,7 @@ class WaypointFlights:
         return flight.predicted()
 
     def status(self, vehicle_id: str) -> WaypointFlightStatus | None:
-        """Status of a vehicle's newest flight; None if there was none."""
+        """Status of a vehicle's newest flight; None: there was no flight."""
         flight = self._flights.get(vehicle_id)
         return None if flight is None else flight.status()
 
@@ -116,7 +117,7 @@ class WaypointFlights:
         """A vehicle's newest flight, with its plan.
 
         Raises:
-            Refused: there was none.
+            Refused: there was no flight.
         """
         flight = self._flights.get(vehicle_id)
         if flight is None:
@@ -127,13 +128,13 @@ class WaypointFlights:
         return flight.flown()
 
     def resume(self, vehicle_id: str) -> ResumeOffer | str | None:
-        """Where a vehicle's interrupted flight can be resumed; otherwise the reason why it cannot, as a
+        """Where a vehicle's interrupted flight can be resumed, or the reason why it cannot be resumed, as a
         sentence; None: no flight was interrupted."""
         vehicle = self._vehicles.get(vehicle_id)
         return None if vehicle is None else self._resumes.offer_for(vehicle)
 
     def update(self) -> None:
-        """Updates each flight. A fault in one affects only that vehicle."""
+        """Updates each flight. A fault in one flight affects only that vehicle."""
         for vehicle in list(self._vehicles.values()):
             vehicle.isolation.run("the update of its waypoint flight", self._update_vehicle, vehicle)
 
@@ -143,11 +144,11 @@ class WaypointFlights:
             flight.update()
             self._save_progress(vehicle, flight)
         was_flying = self._in_mission.get(vehicle.id, True)
-        flies = vehicle.flight_state.armed and vehicle.mode == "mission"
-        if not (flies or was_flying) or vehicle.link_lost:
+        is_flying = vehicle.flight_state.armed and vehicle.mode == "mission"
+        if not (is_flying or was_flying) or vehicle.link_lost:
             return
-        self._in_mission[vehicle.id] = flies
-        if flies:
+        self._in_mission[vehicle.id] = is_flying
+        if is_flying:
             self._begin_if_new(vehicle, flight, was_flying)
 
     def _begin_if_new(self, vehicle: Vehicle, flight: WaypointFlight | None, was_flying: bool) -> None:
@@ -156,18 +157,18 @@ class WaypointFlights:
             if announcement is None or announcement.path is None:
                 return
             flight.stop(f"{announcement.client} started the plan again.")
-        held = vehicle.mission.held
-        if held is None or vehicle.mission.holds() != "plan":
+        on_vehicle = vehicle.mission.items_on_vehicle
+        if on_vehicle is None or vehicle.mission.plan_on_vehicle() != "plan":
             return
-        if flight is not None and was_flying and announcement is None and flight.flies(held):
+        if flight is not None and was_flying and announcement is None and flight.flies(on_vehicle):
             return
-        seen = announcement is not None or not was_flying
-        if not seen and self._waits_for_home(vehicle):
+        saw_start = announcement is not None or not was_flying
+        if not saw_start and self._waits_for_home(vehicle):
             return
-        self._found_s.pop(vehicle.id, None)
-        begun = WaypointFlight(vehicle, held, announcement, seen=seen)
-        self._flights[vehicle.id] = begun
-        begun.update()
+        self._waiting_since_s.pop(vehicle.id, None)
+        new_flight = WaypointFlight(vehicle, on_vehicle, announcement, saw_start=saw_start)
+        self._flights[vehicle.id] = new_flight
+        new_flight.update()
 
     def _save_progress(self, vehicle: Vehicle, flight: WaypointFlight) -> None:
         if (key := key_of(vehicle.identity)) is not None and (progress := flight.new_progress()) is not None:
@@ -177,7 +178,7 @@ class WaypointFlights:
         estimates, now_s = VehicleEstimates(vehicle), self._clock.monotonic_s()
         if estimates.home() is not None and estimates.origin() is not None:
             return False
-        return now_s - self._found_s.setdefault(vehicle.id, now_s) < HOME_WAIT_S
+        return now_s - self._waiting_since_s.setdefault(vehicle.id, now_s) < HOME_WAIT_S
 
 
 @dataclass(frozen=True, slots=True)

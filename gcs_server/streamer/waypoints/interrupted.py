@@ -1,7 +1,7 @@
-"""Keeps in the data folder how far each vehicle has flown its plan, so that the flight can be resumed after
+"""Stores in the data folder how far each vehicle has flown its plan, so that the flight can be resumed after
 the vehicle or the server was restarted.
 
-The record of a flight is written while it is flown: at each item, and when the flight is interrupted.
+The server writes a flight's record during the flight: at each item, and when the flight is interrupted.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ class FlightProgress:
     name: str | None
     """Name of the stored plan."""
     item: int
-    """Index of the item that it was flying to."""
+    """Index of the item to which the vehicle was flying."""
     leg_start: int
     """Index of the item at which that leg begins."""
     finished: bool
-    """Whether it has flown the plan to its end."""
+    """Whether the vehicle has flown the plan to its end."""
     unix_s: float
-    """Time at which it was interrupted, or at which this leg began."""
+    """Time at which the flight was interrupted, or at which this leg began [s since 1970]."""
     home: HomePosition | None
     """Where the flight took off."""
 
@@ -48,7 +48,7 @@ class ProgressStore:
     """The newest progress of each vehicle.
 
     Args:
-        records: storage; None: nothing is kept after a restart.
+        records: storage; None: nothing is stored for the next start of the server.
     """
 
     def __init__(self, records: Records | None = None) -> None:
@@ -57,7 +57,7 @@ class ProgressStore:
         self._problems: dict[str, str] = {}
 
     async def load(self) -> None:
-        """Reads the records; unreadable ones become warnings."""
+        """Reads the records; unreadable records become warnings."""
         if self._records is None:
             return
         try:
@@ -81,19 +81,19 @@ class ProgressStore:
                 )
 
     def find(self, key: VehicleKey) -> FlightProgress | None:
-        """The progress of a vehicle's newest flight; None: none is known."""
+        """The progress of a vehicle's newest flight; None: not known."""
         return self._stored.get(key.name)
 
     def save(self, key: VehicleKey, progress: FlightProgress) -> None:
-        """Replaces the progress of a vehicle; a thread writes it."""
+        """Replaces the progress of a vehicle; a thread writes the record."""
         if self._stored.get(key.name) == progress:
             return
         if key.name not in self._stored and len(self._stored) >= MAX_RECORDS:
             self._forget_oldest()
         self._stored[key.name] = progress
         if self._records is not None:
-            writing = self._records.write(key.name, {"format": FORMAT, **_content(progress)})
-            writing.add_done_callback(lambda done: self._written(key.name, done))
+            future = self._records.write(key.name, {"format": FORMAT, **_content(progress)})
+            future.add_done_callback(lambda done: self._on_written(key.name, done))
 
     def warnings(self) -> list[str]:
         """Messages about records that cannot be read or written."""
@@ -110,8 +110,8 @@ class ProgressStore:
         if self._records is not None:
             self._records.write(oldest, None)
 
-    def _written(self, name: str, done: Future[None]) -> None:
-        """Called in the writing thread."""
+    def _on_written(self, name: str, done: Future[None]) -> None:
+        """Updates the warnings after a write; called in the writing thread."""
         error = done.exception()
         if error is None:
             self._problems.pop(name, None)
@@ -141,8 +141,8 @@ def _content(progress: FlightProgress) -> dict[str, object]:
 def _read(content: Mapping[str, Any]) -> FlightProgress:
     if content.get("format") != FORMAT:
         raise ValueError(f"format {content.get('format')!r} is not known")
-    whole = {name: content[name] for name in ("mission_id", "item", "leg_start")}
-    for name, value in whole.items():
+    integers = {name: content[name] for name in ("mission_id", "item", "leg_start")}
+    for name, value in integers.items():
         max_value = 2**32 - 1 if name == "mission_id" else MAX_ITEM
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= max_value:
             raise ValueError(name)
@@ -156,4 +156,4 @@ def _read(content: Mapping[str, Any]) -> FlightProgress:
     if not math.isfinite(unix_s) or not 0 <= unix_s <= MAX_UNIX_S:
         raise ValueError("unix_s")
     home_position = None if home is None else HomePosition.model_validate(home)
-    return FlightProgress(**whole, name=name, finished=finished, unix_s=float(unix_s), home=home_position)
+    return FlightProgress(**integers, name=name, finished=finished, unix_s=float(unix_s), home=home_position)

@@ -17,16 +17,16 @@ _ACTIONS = {
     1: "holds its position in Hold mode",
     2: "returns (RTL)",
     3: "lands at its current position",
-    5: "terminates the flight: motors stop, it falls",
-    6: "disarms: motors stop, it falls",
+    5: "terminates the flight: the motors stop and it falls",
+    6: "disarms: the motors stop and it falls",
 }
-"""By NAV_DLL_ACT."""
+"""The vehicle's action by NAV_DLL_ACT."""
 _AFTER_HOLD = (2, 3)
-"""Actions that begin with Hold for COM_FAIL_ACT_T, in which the pilot can take over."""
+"""Actions that PX4 begins with Hold for COM_FAIL_ACT_T, so that the pilot can take over."""
 
 
 class LinkLoss:
-    """The action of one vehicle.
+    """What one vehicle does in Mission mode without a ground station.
 
     Args:
         vehicle: the vehicle.
@@ -42,8 +42,8 @@ class LinkLoss:
     def text(self) -> str | None:
         """The action as a sentence; None: not known yet.
 
-        Parameters that the vehicle's parameter list does not contain are read in the background, again and
-        again, because they may have changed meanwhile.
+        Parameters that the vehicle's parameter list does not contain are read in the background
+        repeatedly, because they may change.
         """
         known = {name: each.value for name in PARAMETERS if (each := self._vehicle.params.known(name))}
         now_s = self._clock.monotonic_s()
@@ -60,7 +60,7 @@ class LinkLoss:
                 if name not in known:
                     self._read[name] = (await self._vehicle.params.get(name)).value
             except GcsError:
-                continue  # this firmware may not have it, or the link is bad: it stays unknown
+                continue  # the parameter stays unknown: the firmware does not have it, or the link is bad
 
 
 def link_loss_text(parameters: Mapping[str, float]) -> str | None:
@@ -73,9 +73,11 @@ def link_loss_text(parameters: Mapping[str, float]) -> str | None:
     if exceptions & EXCEPT_MISSION:
         return f"The vehicle continues the mission (COM_DLL_EXCEPT {exceptions})."
     after_s = parameters.get("COM_DL_LOSS_T")
-    after = "After COM_DL_LOSS_T" if after_s is None else f"After about {after_s:g} s"
-    does = _ACTIONS.get(action, "does an action that is unknown to this server")
+    after_text = "After COM_DL_LOSS_T" if after_s is None else f"After about {after_s:g} s"
+    action_text = _ACTIONS.get(action, "does an action that is unknown to this server")
     hold_s = parameters.get("COM_FAIL_ACT_T")
     if action in _AFTER_HOLD and hold_s != 0.0:
-        does = f"holds for {'COM_FAIL_ACT_T' if hold_s is None else f'{hold_s:g} s'}, then {does}"
-    return f"{after} without any ground station, the vehicle {does} (NAV_DLL_ACT {action})."
+        action_text = (
+            f"holds for {'COM_FAIL_ACT_T' if hold_s is None else f'{hold_s:g} s'}, then {action_text}"
+        )
+    return f"{after_text} without any ground station, the vehicle {action_text} (NAV_DLL_ACT {action})."

@@ -1,5 +1,5 @@
-"""Where the interrupted flight of a plan can be resumed: after a landing, also after a restart of the vehicle
-or the server."""
+"""Finds where the interrupted flight of a plan can be resumed: after a landing, also after a restart of the
+vehicle or the server."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.streamer.waypoints.interrupted import FlightProgress, ProgressStore
 from gcs_server.vehicle.samples import GlobalPosition
-from gcs_server.vehicle.services.held_plan import plan_of
-from gcs_server.vehicle.services.mission_held import HeldItems
+from gcs_server.vehicle.services.held_plan import plan_from_items
+from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.geodesy import distance_m
 from missions.plan import Plan
@@ -33,69 +33,74 @@ class ResumeOffer:
     mission_id: int
     """The vehicle's checksum of the mission that was interrupted, and that it still has."""
     altitude_m: float
-    """Altitude to which the vehicle climbs where it stands, and at which it then flies straight to the first
-    waypoint. PX4 climbs to MIS_TAKEOFF_ALT if that is higher."""
+    """Altitude [m] to which the vehicle climbs at its position, and at which it then flies straight to the
+    first waypoint. PX4 climbs to MIS_TAKEOFF_ALT if this is higher."""
     altitude_reference: Reference
-    """Reference of `altitude_m`: home, which is where the vehicle takes off, or amsl."""
+    """Reference of `altitude_m`: home (the position at take-off) or amsl."""
     distance_m: float | None
-    """Horizontal distance to this waypoint; null: the position is not known."""
+    """Horizontal distance to the first waypoint [m]; null: the position is not known."""
     interrupted_item: int
     """Index of the item to which the vehicle was flying."""
     interrupted_unix_s: float
-    """Time at which it was interrupted; at which this leg began, if the server did not see the end."""
+    """Time at which the flight was interrupted; if the server was not connected then, time at which the leg
+    began [s since 1970]."""
     cautions: tuple[str, ...]
-    """What is different from a flight without interruption; sentences."""
+    """Differences from a flight without interruption, as sentences."""
 
 
 class Resumes:
     """The interrupted flights of all vehicles.
 
     Args:
-        store: their progress.
+        store: the stored progress of the flights.
     """
 
     def __init__(self, store: ProgressStore) -> None:
         self._store = store
-        self._points: dict[str, tuple[HeldItems, FlightProgress, Plan, ResumePoint | str]] = {}
-        """By vehicle: the newest result, because a plan can have thousands of items."""
+        self._points: dict[str, tuple[ItemsOnVehicle, FlightProgress, Plan, ResumePoint | str]] = {}
+        """Newest result by vehicle; stored, because a plan can have thousands of items."""
 
     def forget(self, vehicle_id: str) -> None:
         """Drops all data of a removed vehicle."""
         self._points.pop(vehicle_id, None)
 
     def offer_for(self, vehicle: Vehicle) -> ResumeOffer | str | None:
-        """The offer; otherwise the reason why there is none, as a sentence; None: nothing was interrupted."""
+        """The offer, or the reason why the flight cannot be resumed, as a sentence; None: no flight was
+        interrupted."""
         key = key_of(vehicle.identity)
         progress = None if key is None else self._store.find(key)
         ids = vehicle.mission.ids()
         if progress is None or ids is None or not ids["mission"]:
             return None
-        held, what = vehicle.mission.held, "the plan" if progress.name is None else f"“{progress.name}”"
+        on_vehicle, plan_text = (
+            vehicle.mission.items_on_vehicle,
+            "the plan" if progress.name is None else f"“{progress.name}”",
+        )
         if ids["mission"] != progress.mission_id:
             return (
-                f"Vehicle {vehicle.id} has flown {what} up to item {progress.item + 1}, and now has another "
-                "plan: that flight cannot be resumed."
+                f"Vehicle {vehicle.id} has flown {plan_text} up to item {progress.item + 1}, and now has "
+                "another plan: that flight cannot be resumed."
             )
         if progress.finished:
-            return f"Vehicle {vehicle.id} has flown {what} to its end."
-        if vehicle.mission.holds() != "plan" or held is None:
+            return f"Vehicle {vehicle.id} has flown {plan_text} to its end."
+        if vehicle.mission.plan_on_vehicle() != "plan" or on_vehicle is None:
             return (
-                f"Vehicle {vehicle.id} has flown {what} up to item {progress.item + 1}. Read the plan back "
-                "and compare it; then the flight can be resumed."
+                f"Vehicle {vehicle.id} has flown {plan_text} up to item {progress.item + 1}. Read the plan "
+                "back and compare it; then the flight can be resumed."
             )
         if vehicle.status.armed:
             return f"Vehicle {vehicle.id} is armed. In flight, the mission continues at its current item."
-        plan, point = self._point(vehicle, held, progress)
+        plan, point = self._point(vehicle, on_vehicle, progress)
         return point if isinstance(point, str) else _offer(vehicle, progress, plan, point)
 
     def _point(
-        self, vehicle: Vehicle, held: HeldItems, progress: FlightProgress
+        self, vehicle: Vehicle, on_vehicle: ItemsOnVehicle, progress: FlightProgress
     ) -> tuple[Plan, ResumePoint | str]:
         known = self._points.get(vehicle.id)
-        if known is None or known[0] is not held or known[1] is not progress:
-            plan, _ = plan_of(held)
+        if known is None or known[0] is not on_vehicle or known[1] is not progress:
+            plan, _ = plan_from_items(on_vehicle)
             point = resume_after(plan, progress.leg_start, progress.item)
-            known = self._points[vehicle.id] = (held, progress, plan, point)
+            known = self._points[vehicle.id] = (on_vehicle, progress, plan, point)
         return known[2], known[3]
 
 
@@ -113,12 +118,12 @@ def _offer(vehicle: Vehicle, progress: FlightProgress, plan: Plan, point: Resume
         distance_m=None if away_m is None else round(away_m, 1),
         interrupted_item=progress.item,
         interrupted_unix_s=progress.unix_s,
-        cautions=(*_moved(progress, here), *point.not_restored),
+        cautions=(*_position_cautions(progress, here), *point.not_restored),
     )
 
 
-def _moved(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, ...]:
-    """A caution if the vehicle takes off elsewhere than the interrupted flight did."""
+def _position_cautions(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, ...]:
+    """A caution if the vehicle is not where the interrupted flight took off."""
     home = progress.home
     if home is None or here is None:
         return ()

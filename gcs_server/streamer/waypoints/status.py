@@ -12,19 +12,19 @@ class WaypointFlightStatus:
     server only monitors the flight."""
 
     state: Literal["flying", "paused", "done", "stopped"]
-    """paused: the vehicle is in another mode, so it is not monitored now; done, stopped: the flight has
-    ended."""
+    """paused: the vehicle is in another mode, so the server does not monitor it now; done, stopped: the
+    flight has ended."""
     name: str | None
-    """Name of the plan; null: it is not stored on this server."""
+    """Name of the plan; null: the plan is not stored on this server."""
     plan_id: str | None
-    """Id of the stored plan; null: it is not stored on this server."""
+    """Id of the stored plan; null: the plan is not stored on this server."""
     version: int | None
     client: str | None
     """Client that started the flight; null: the pilot, another station, or a mode switch."""
     started_unix_s: float
     """Time from which the server has monitored the flight."""
     item: int | None
-    """Index of the current item, from 0; null: the vehicle has not reported it."""
+    """Index of the current item, from 0; null: the vehicle has not reported an item."""
     count: int
     """Number of items."""
     place: str | None
@@ -41,11 +41,13 @@ class WaypointFlightStatus:
     remaining_s: float | None
     """Planned time until disarming; null: not known, or the flight has ended."""
     deviation_horizontal_m: float | None
-    """Horizontal distance from the planned path; null: see `not_compared`."""
+    """Horizontal distance from the planned path [m]; null: see `not_compared`."""
     deviation_vertical_m: float | None
-    """Height above the planned path, negative below; null: see `not_compared`."""
+    """Vertical distance from the planned path [m]: positive above it, negative below it; null: see
+    `not_compared`."""
     outside_corridor_m: float | None
-    """Distance outside the dry run's corridor, 0 inside; null: no corridor is monitored now."""
+    """Distance of the vehicle from the dry run's corridor [m], 0 inside; null: no corridor is monitored
+    now."""
     not_compared: str | None
     """Why there is no deviation now."""
     reason: str | None

@@ -1,24 +1,24 @@
-"""The items on a vehicle as a plan."""
+"""Converts the items on a vehicle to a plan."""
 
 from __future__ import annotations
 
-from gcs_server.vehicle.services.mission_held import HeldItems
+from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
 from missions.errors import PlanError
 from missions.formats import mavlink_items
 from missions.plan import Plan
 
 
-def plan_of(held: HeldItems) -> tuple[Plan, list[str]]:
+def plan_from_items(downloaded: ItemsOnVehicle) -> tuple[Plan, list[str]]:
     """The downloaded items as a plan, with notes on content that the plan cannot represent."""
     notes: list[str] = []
-    mission = mavlink_items.items_from_wire(held.items["mission"])
+    mission = mavlink_items.items_from_wire(downloaded.items["mission"])
     fence = rally = ()
     try:
-        fence = mavlink_items.fence_from_wire(held.items["fence"])
+        fence = mavlink_items.fence_from_wire(downloaded.items["fence"])
     except PlanError as error:
         notes.append(f"The geofence is left out. {error}")
     try:
-        rally = mavlink_items.rally_from_wire(held.items["rally"])
+        rally = mavlink_items.rally_from_wire(downloaded.items["rally"])
     except PlanError as error:
         notes.append(f"The rally points are left out. {error}")
     return Plan(items=mission, fence=fence, rally_points=rally), notes

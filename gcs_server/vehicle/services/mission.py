@@ -1,9 +1,9 @@
 """Uploads, verifies, downloads and clears a vehicle's mission, geofence and rally points.
 
 An upload is complete when a download returns what was sent. PX4's ids (MISSION_CURRENT) are not enough: they
-are checksums of what the vehicle received, and show only that nothing has changed since. The ids after a
-verified transfer are stored; while the vehicle reports them, it has that plan, also after a restart of the
-server.
+are checksums of the items that the vehicle received, and show only that the items have not changed since
+then. The server stores the ids after a verified transfer. While the vehicle reports these ids, it has that
+plan, also after a restart of the server.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.samples import Mission
-from gcs_server.vehicle.services.held_cache import HeldCache
+from gcs_server.vehicle.services.held_cache import ItemsCache
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import (
     NAME_OF,
@@ -31,12 +31,12 @@ from gcs_server.vehicle.services.mission_dialogue import (
     Upload,
 )
 from gcs_server.vehicle.services.mission_held import (
-    HeldItems,
     Ids,
     Items,
+    ItemsOnVehicle,
     PlanReference,
     Uploaded,
-    held_text,
+    failed_upload_text,
     ids_of,
     mission_of,
 )
@@ -62,86 +62,93 @@ _MESSAGES = (
 class MissionService:
     """Transfers to and from one vehicle, one at a time.
 
-    Every method raises Refused without sending, Rejected with the vehicle's reasons, NoReply, Disconnected.
+    Every method may raise Refused (nothing was sent), Rejected (with the vehicle's reasons), NoReply and
+    Disconnected.
     """
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
-        self._doing: str | None = None
-        self.held: HeldItems | None = None
-        """The vehicle's content after the last completed transfer."""
-        self._cache: HeldCache | None = None
-        self._sought: Ids | None = None
-        """The ids that were last looked for in the cache."""
+        self._running_transfer: str | None = None
+        self.items_on_vehicle: ItemsOnVehicle | None = None
+        """The vehicle's items after the last completed transfer; None: not known."""
+        self._cache: ItemsCache | None = None
+        self._searched_ids: Ids | None = None
+        """The ids that were last searched in the cache."""
 
-    def set_cache(self, cache: HeldCache) -> None:
+    def set_cache(self, cache: ItemsCache) -> None:
         """Sets the cache, which stores known plans for the next start of the server."""
         self._cache = cache
 
-    async def set_known(self, held: HeldItems) -> None:
-        """Sets the vehicle's content, and stores it for the next start of the server."""
-        self.held = held
+    async def set_items_on_vehicle(self, on_vehicle: ItemsOnVehicle) -> None:
+        """Sets the items that the vehicle has, and stores them for the next start of the server."""
+        self.items_on_vehicle = on_vehicle
         if self._cache is not None:
-            await self._cache.store(self._vehicle.identity.system_id, held)
+            await self._cache.store(self._vehicle.identity.system_id, on_vehicle)
 
-    def reported(self) -> None:
-        """Called when the vehicle has reported its ids: after a restart of the server, finds its plan."""
+    def on_ids_reported(self) -> None:
+        """After a restart of the server, finds the vehicle's plan by the ids that the vehicle reports."""
         ids = self.ids()
-        if self.held is None and ids != self._sought and not self._vehicle.identity.replayed:
-            self._sought = ids
+        if (
+            self.items_on_vehicle is None
+            and ids != self._searched_ids
+            and not self._vehicle.identity.replayed
+        ):
+            self._searched_ids = ids
             self._vehicle.in_background("its known plan", self._restore())
 
     @property
-    def doing(self) -> str | None:
-        """Text of the running transfer."""
-        return self._doing
+    def running_transfer(self) -> str | None:
+        """Name of the running transfer, as text; None: no transfer."""
+        return self._running_transfer
 
     def ids(self) -> Ids | None:
-        """The ids that the vehicle reports for its content; None if it reports none."""
+        """The ids that the vehicle reports for its items; None if it reports no ids."""
         sample = self._vehicle.topic("mission")
         if sample is None or not isinstance(sample.value, Mission):
             return None
         return ids_of(sample.value)
 
-    def holds(self) -> Literal["plan", "another", "not_known"]:
-        """Whether the vehicle has the plan of the last transfer (`held`)."""
-        held, ids = self.held, self.ids()
+    def plan_on_vehicle(self) -> Literal["plan", "another", "not_known"]:
+        """Whether the vehicle has the plan of the last transfer (`items_on_vehicle`)."""
+        on_vehicle, ids = self.items_on_vehicle, self.ids()
         if (
-            held is None
-            or held.plan is None
+            on_vehicle is None
+            or on_vehicle.plan is None
             or ids is None
-            or not (any(ids.values()) or any(held.ids.values()))
+            or not (any(ids.values()) or any(on_vehicle.ids.values()))
         ):
             return "not_known"
-        return "plan" if ids == held.ids else "another"
+        return "plan" if ids == on_vehicle.ids else "another"
 
     async def upload(
         self, items: Items, plan: PlanReference, *, progress: ReportProgress | None = None
     ) -> Uploaded:
         """Replaces mission, geofence and rally points, and reads them back.
 
-        A part without items is cleared. If cancelled, the vehicle keeps its previous items of the current
-        part.
+        A part without items is cleared. If the upload is cancelled, the vehicle keeps its previous items of
+        the current part.
 
         Raises:
             Rejected: the vehicle refuses an item, or has other items afterwards; the text says which.
         """
         with self._transfer("an upload"):
             report = _CombinedProgress(progress, 2 * sum(len(items[part]) for part in PARTS))
-            done: list[Part] = []
-            before = await self._fresh_ids()
+            sent_parts: list[Part] = []
+            before = await self._request_ids()
             try:
                 for part in PARTS:
                     await self._send_part(part, items[part], report)
-                    done.append(part)
-                held = await self._read(report, "Verifying")
+                    sent_parts.append(part)
+                on_vehicle = await self._read(report, "Verifying")
             except GcsError as error:
-                after = None if isinstance(error, Disconnected) else await self._fresh_ids()
-                error.message += " " + held_text(done, before, after)
+                after = None if isinstance(error, Disconnected) else await self._request_ids()
+                error.message += " " + failed_upload_text(sent_parts, before, after)
                 error.args = (error.message,)
                 raise
-            self.held = held
-            found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
+            self.items_on_vehicle = on_vehicle
+            found = [
+                each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])
+            ]
             if essential := [each for each in found if each.essential]:
                 raise Rejected(
                     f"Vehicle {self._vehicle.id} has a different plan from the one sent: "
@@ -149,31 +156,33 @@ class MissionService:
                     reasons=tuple(each.text() for each in essential),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
-            known = HeldItems(held.items, held.ids, plan, held.at_unix_s)
-            await self.set_known(known)
+            known = ItemsOnVehicle(on_vehicle.items, on_vehicle.ids, plan, on_vehicle.at_unix_s)
+            await self.set_items_on_vehicle(known)
             return Uploaded(known, found)
 
-    async def download(self, *, progress: ReportProgress | None = None) -> HeldItems:
+    async def download(self, *, progress: ReportProgress | None = None) -> ItemsOnVehicle:
         """Reads mission, geofence and rally points."""
         with self._transfer("a download"):
             read = await self._read(_CombinedProgress(progress, 0), "Downloading")
-            known = self.held or await self._find_stored(read.ids)
+            known = self.items_on_vehicle or await self._find_stored(read.ids)
             same = known is not None and not any(
                 differences(part, known.items[part], read.items[part]) for part in PARTS
             )
-            self.held = HeldItems(
+            self.items_on_vehicle = ItemsOnVehicle(
                 read.items, read.ids, known.plan if known and same else None, read.at_unix_s
             )
-            return self.held
+            return self.items_on_vehicle
 
     async def clear(self) -> None:
         """Clears mission, geofence and rally points on the vehicle."""
         with self._transfer("clearing"):
             for part in PARTS:
                 await self._run_dialogue(Clear(self._target(), part), None)
-            ids = await self._fresh_ids()
+            ids = await self._request_ids()
             empty: Items = {part: () for part in PARTS}
-            self.held = HeldItems(empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s())
+            self.items_on_vehicle = ItemsOnVehicle(
+                empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s()
+            )
             if ids is not None and any(ids.values()):
                 raise Rejected(
                     f"Vehicle {self._vehicle.id} acknowledged, but still has items.",
@@ -203,30 +212,36 @@ class MissionService:
     # --- internal -------------------------------------------------------------------------------------
 
     async def _restore(self) -> None:
-        found = await self._find_stored(self._sought)
-        if found is not None and self.held is None and self._doing is None and self.ids() == found.ids:
-            self.held = found
+        found = await self._find_stored(self._searched_ids)
+        if (
+            found is not None
+            and self.items_on_vehicle is None
+            and self._running_transfer is None
+            and self.ids() == found.ids
+        ):
+            self.items_on_vehicle = found
 
-    async def _find_stored(self, ids: Ids | None) -> HeldItems | None:
-        """The content that this vehicle had with these ids before a restart of the server."""
+    async def _find_stored(self, ids: Ids | None) -> ItemsOnVehicle | None:
+        """The items that this vehicle had with these ids before a restart of the server."""
         if self._cache is None or ids is None or not any(ids.values()):
             return None
         return await self._cache.find(self._vehicle.identity.system_id, ids)
 
     @contextmanager
-    def _transfer(self, what: str) -> Generator[None]:
+    def _transfer(self, transfer: str) -> Generator[None]:
         """Ensures that only one transfer runs at a time."""
         self._vehicle.require("mission_transfer")
-        if self._doing is not None:
+        if self._running_transfer is not None:
             raise Refused(
-                f"Vehicle {self._vehicle.id} is busy with {self._doing}; only one can run at a time.",
+                f"Vehicle {self._vehicle.id} is busy with {self._running_transfer}; "
+                "only one can run at a time.",
                 remedy="Wait until it is done, or cancel it.",
             )
-        self._doing = what
+        self._running_transfer = transfer
         try:
             yield
         finally:
-            self._doing = None
+            self._running_transfer = None
 
     async def _send_part(self, part: Part, items: Sequence[WireItem], report: _CombinedProgress) -> None:
         if not items:
@@ -236,8 +251,8 @@ class MissionService:
         await self._run_dialogue(upload, report.for_dialogue(f"Sending the {NAME_OF[part]}"))
         report.add(len(items))
 
-    async def _read(self, report: _CombinedProgress, doing: str) -> HeldItems:
-        """Reads all three parts consistently: again, if the vehicle's ids changed meanwhile."""
+    async def _read(self, report: _CombinedProgress, doing: str) -> ItemsOnVehicle:
+        """Reads all three parts; repeats this once if the vehicle's ids changed meanwhile."""
         for _ in range(2):
             items: dict[Part, Sequence[WireItem]] = {}
             ids: Ids = {}
@@ -246,10 +261,10 @@ class MissionService:
                 await self._run_dialogue(download, report.for_dialogue(f"{doing} the {NAME_OF[part]}"))
                 report.add(len(download.items))
                 items[part], ids[part] = tuple(download.items), download.opaque_id or 0
-            after = await self._fresh_ids()
+            after = await self._request_ids()
             reports_ids = any(ids.values()) or not any(items.values())
             if after is None or after == ids or not reports_ids:
-                return HeldItems(items, after or ids, None, self._vehicle.clock.unix_s())
+                return ItemsOnVehicle(items, after or ids, None, self._vehicle.clock.unix_s())
             report.restart()
         raise Rejected(
             f"The plan on vehicle {self._vehicle.id} changed twice while it was read.",
@@ -258,7 +273,7 @@ class MissionService:
 
     async def _run_dialogue(self, dialogue: Dialogue, report: Callable[[Dialogue], None] | None) -> None:
         vehicle = self._vehicle
-        with vehicle.mailbox.expect(*_MESSAGES, matches=self._concerns(dialogue.kind)) as waiter:
+        with vehicle.mailbox.expect(*_MESSAGES, matches=self._matches_dialogue(dialogue.kind)) as waiter:
             try:
                 self._send(dialogue.start(vehicle.clock.monotonic_s()))
                 while not dialogue.done:
@@ -277,7 +292,7 @@ class MissionService:
                 raise
 
     async def _cancel(self, dialogue: Dialogue, waiter: Waiter) -> None:
-        """PX4 does not answer a cancel: it is sent again while the vehicle still requests items."""
+        """Sends a cancel, and repeats it while the vehicle requests items: PX4 does not acknowledge it."""
         self._send(dialogue.cancel())
         end_s = self._vehicle.clock.monotonic_s() + CANCEL_LISTEN_S
         with suppress(TimeoutError, GcsError):
@@ -286,8 +301,8 @@ class MissionService:
                     await waiter.next()
                 self._send(dialogue.cancel())
 
-    async def _fresh_ids(self) -> Ids | None:
-        """The ids that the vehicle currently reports; None if it reports none."""
+    async def _request_ids(self) -> Ids | None:
+        """The ids that the vehicle currently reports; None if it reports no ids."""
         found = await self._request_current(lambda _: True, IDS_DEADLINE_S, None)
         return None if found is None else ids_of(found)
 
@@ -297,7 +312,9 @@ class MissionService:
         """Requests MISSION_CURRENT; None if it does not arrive in time."""
         vehicle = self._vehicle
         identity = vehicle.identity
-        ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_MISSION_CURRENT), 0, 0, 0, 0, 0, 0))
+        request_current = Request(
+            d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_MISSION_CURRENT), 0, 0, 0, 0, 0, 0)
+        )
         end_s = vehicle.clock.monotonic_s() + deadline_s
         with vehicle.mailbox.expect(
             d.MAVLINK_MSG_ID_MISSION_CURRENT, matches=self._is_from_vehicle
@@ -305,7 +322,7 @@ class MissionService:
             while (left_s := end_s - vehicle.clock.monotonic_s()) > 0:
                 if request is not None:
                     vehicle.send(request)
-                vehicle.send(ask.message(identity.system_id, identity.component_id, 0, False))
+                vehicle.send(request_current.message(identity.system_id, identity.component_id, 0, False))
                 try:
                     async with asyncio.timeout(min(IDS_REQUEST_PERIOD_S, left_s)):
                         while not accepts(message := await waiter.next()):
@@ -330,7 +347,7 @@ class MissionService:
             identity.component_id,
         )
 
-    def _concerns(self, kind: int) -> Callable[[Reply], bool]:
+    def _matches_dialogue(self, kind: int) -> Callable[[Reply], bool]:
         own_ids = self._vehicle.own_ids
 
         def matches(message: Reply) -> bool:

@@ -1,8 +1,8 @@
 """Compares a vehicle's items with those that were sent. No I/O.
 
-PX4 returns items in its own form: frames with _INT, and `current` at its current item. A parameter that it
-does not store is returned as 0 or NaN: this is reported, not refused. Any other difference means another
-plan.
+PX4 returns items in its own form: frames with _INT, and `current` at its current item. PX4 returns
+a parameter that it does not store as 0 or NaN; this is reported, but no error. Any other difference means
+that the vehicle has another plan.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Difference:
 
     part: Part
     seq: int | None
-    """Index of the item in its part, from 0; None: the number of items."""
+    """Index of the item in its part, from 0; None: the difference is the number of items."""
     field: str
     """count, command, frame, x, y, z, param1 … param4, autocontinue: as MISSION_ITEM_INT has them."""
     planned: float | None
@@ -53,10 +53,12 @@ def differences(part: Part, planned: Sequence[WireItem], held: Sequence[WireItem
     result: list[Difference] = []
     for seq, (planned_item, held_item) in enumerate(zip(planned, held, strict=True)):
         for name in _FIELDS:
-            a, b = _value(planned_item, name), _value(held_item, name)
-            if a != b:
-                dropped = name.startswith("param") and b in (0.0, None)
-                result.append(Difference(part, seq, name, a, b, essential=not dropped))
+            planned_value, value_on_vehicle = _value(planned_item, name), _value(held_item, name)
+            if planned_value != value_on_vehicle:
+                dropped = name.startswith("param") and value_on_vehicle in (0.0, None)
+                result.append(
+                    Difference(part, seq, name, planned_value, value_on_vehicle, essential=not dropped)
+                )
     result.sort(key=lambda each: not each.essential)
     return result[:MAX_DIFFERENCES]
 

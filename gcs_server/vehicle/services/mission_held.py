@@ -1,4 +1,5 @@
-"""The plan on a vehicle as far as known: from the items of a transfer, and from the vehicle's ids."""
+"""What the server knows about the plan on a vehicle: the items of the last transfer, and the vehicle's
+ids."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from missions.formats.mavlink_items import WireItem
 
 Items = Mapping[Part, Sequence[WireItem]]
 Ids = dict[Part, int]
-"""By part: the vehicle's id of the stored items; 0: none."""
+"""By part: the id that the vehicle reports for its items; 0: no items."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,19 +23,19 @@ class PlanReference:
     """Identifies the plan of a transfer."""
 
     id: str | None
-    """Id of the stored plan; null: not stored on this server."""
+    """Id of the stored plan; null: the plan is not stored on this server."""
     version: int | None
     name: str | None
 
 
 @dataclass(frozen=True, slots=True)
-class HeldItems:
+class ItemsOnVehicle:
     """Items on a vehicle at the end of a transfer."""
 
     items: Items
     ids: Ids
     plan: PlanReference | None
-    """The plan, if it was uploaded from here or compared equal; None: only downloaded."""
+    """The plan, if this server has uploaded it or compared it equal; None: the items were only downloaded."""
     at_unix_s: float
 
 
@@ -42,9 +43,9 @@ class HeldItems:
 class Uploaded:
     """Result of an upload."""
 
-    held: HeldItems
+    items_on_vehicle: ItemsOnVehicle
     not_kept: list[Difference] = field(default_factory=list[Difference])
-    """Parameters that the vehicle does not store."""
+    """Item parameters that the vehicle does not store."""
 
 
 def ids_of(mission: Mission) -> Ids:
@@ -64,17 +65,20 @@ def mission_of(message: Reply) -> Mission:
     )
 
 
-def held_text(done: Sequence[Part], before: Ids | None, after: Ids | None) -> str:
+def failed_upload_text(sent_parts: Sequence[Part], before: Ids | None, after: Ids | None) -> str:
     """Sentences about the vehicle's items after a failed upload."""
     if after is None or before is None:
-        if not done:
+        if not sent_parts:
             return "The items on the vehicle are not known now: download them before you fly."
-        names = " and ".join(NAME_OF[part] for part in done)
-        return f"The {names} of the plan have arrived. The rest is not known: download it before you fly."
+        names = " and ".join(NAME_OF[part] for part in sent_parts)
+        return (
+            f"The {names} of the plan have arrived. "
+            "The other parts are not known: download them before you fly."
+        )
     changed: list[Part] = [part for part in PARTS if before[part] != after[part]]
     if not changed:
         return "The vehicle still has its previous items."
     new = " and ".join(NAME_OF[part] for part in changed)
     old = " and ".join(NAME_OF[part] for part in PARTS if part not in changed)
-    kept = f" Its {old} are as before." if old else ""
-    return f"The vehicle now has a new {new}.{kept}"
+    unchanged = f" Its {old} are as before." if old else ""
+    return f"The vehicle now has a new {new}.{unchanged}"
