@@ -33,7 +33,7 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportP
             "client_key": principal.key,
             "fraction": fraction,
         }
-        vehicle.events.add("progress", vehicle.clock.unix_s(), text, severity=DEBUG, data=data, kept=False)
+        vehicle.events.add("progress", vehicle.clock.unix_s(), text, severity=DEBUG, data=data, stored=False)
 
     return report
 

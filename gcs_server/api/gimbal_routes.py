@@ -48,7 +48,7 @@ def _journal_arguments(which: WhichGimbal, **arguments: object) -> dict[str, obj
 @router.get("", response_model=responses.GimbalView)
 async def show(vehicle: VehicleDep, station: StationDep, which: WhichDep) -> Response:
     """State and limits of the gimbal, and who controls it."""
-    service = vehicle.gimbals.at(*which)
+    service = vehicle.gimbals.service_for(*which)
     gimbal = service.reading()
     return answer(
         {
@@ -70,7 +70,7 @@ async def take(v: str, station: StationDep, principal: PrincipalDep, which: Whic
         "gimbal/take",
         v,
         _journal_arguments(which),
-        lambda x: x.gimbals.at(*which).take_control(),
+        lambda x: x.gimbals.service_for(*which).take_control(),
     )
 
 
@@ -83,7 +83,7 @@ async def release(v: str, station: StationDep, principal: PrincipalDep, which: W
         "gimbal/release",
         v,
         _journal_arguments(which),
-        lambda x: x.gimbals.at(*which).release_control(),
+        lambda x: x.gimbals.service_for(*which).release_control(),
     )
 
 
@@ -102,7 +102,7 @@ async def angles(
         "gimbal/angles",
         v,
         _journal_arguments(which, **body.model_dump(exclude_none=True)),
-        lambda x: x.gimbals.at(*which).set_angles(
+        lambda x: x.gimbals.service_for(*which).set_angles(
             body.pitch_deg, body.yaw_deg, roll_deg=body.roll_deg, yaw_lock=body.yaw_lock, wait=body.wait
         ),
         result_as="limited",
@@ -120,7 +120,7 @@ async def rates(
         "gimbal/rates",
         v,
         _journal_arguments(which, **body.model_dump()),
-        lambda x: x.gimbals.at(*which).set_rates(
+        lambda x: x.gimbals.service_for(*which).set_rates(
             body.pitch_rate_deg_s, body.yaw_rate_deg_s, yaw_lock=body.yaw_lock
         ),
     )
@@ -137,7 +137,7 @@ async def roi(
         "gimbal/roi",
         v,
         _journal_arguments(which, **body.model_dump()),
-        lambda x: x.gimbals.at(*which).set_roi(body.lat_deg, body.lon_deg, body.alt_amsl_m),
+        lambda x: x.gimbals.service_for(*which).set_roi(body.lat_deg, body.lon_deg, body.alt_amsl_m),
     )
 
 
@@ -150,5 +150,5 @@ async def clear_roi(v: str, station: StationDep, principal: PrincipalDep, which:
         "gimbal/roi/clear",
         v,
         _journal_arguments(which),
-        lambda x: x.gimbals.at(*which).clear_roi(),
+        lambda x: x.gimbals.service_for(*which).clear_roi(),
     )

@@ -13,7 +13,7 @@ from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 from gcs_server.mavlink.router import Router
-from gcs_server.vehicle.endpoint import SILENT_AFTER_S
+from gcs_server.vehicle.endpoint import NO_DATA_AFTER_S
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -85,7 +85,7 @@ class LinkGuard:
     def _has_other_link(self, vehicle: Vehicle, name: str) -> bool:
         now_s = vehicle.clock.monotonic_s()
         return any(
-            e.connection.name != name and now_s - e.received_s <= SILENT_AFTER_S for e in vehicle.endpoints
+            e.connection.name != name and now_s - e.received_s <= NO_DATA_AFTER_S for e in vehicle.endpoints
         )
 
 

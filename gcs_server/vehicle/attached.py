@@ -1,6 +1,6 @@
 """Interfaces of the objects that `streamer/` and `control/` attach to each vehicle.
 
-Code that needs the full objects gets them from `Streamer.offboard` and `Authority.control`.
+Code that needs the complete objects uses `Streamer.offboard` and `Authority.control`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class AttachedStream(Protocol):
         ...
 
     def requested_mode(self) -> str | None:
-        """The mode that an ending stream is requesting; None if it requests none."""
+        """The mode that an ending stream is requesting; None: no mode request."""
         ...
 
 
@@ -33,7 +33,7 @@ class AttachedMission(Protocol):
     """A vehicle's `offboard_mission`."""
 
     def status(self) -> object | None:
-        """Status of the newest mission; None before the first."""
+        """Status of the newest mission; None before the first mission."""
         ...
 
     @property
@@ -46,7 +46,7 @@ class AttachedFlight(Protocol):
     """A vehicle's `waypoint_flight`."""
 
     def status(self) -> object | None:
-        """Status of the newest flight of a waypoint plan; None before the first."""
+        """Status of the newest flight of a waypoint plan; None before the first flight."""
         ...
 
 

@@ -1,7 +1,7 @@
-"""This server's texts for PX4's arming checks: what is wrong, and what to do about it.
+"""This server's texts for PX4's arming checks: the cause and the remedy.
 
-Ids and names are those of PX4 v1.16 (the namespace of component 1 is in the id's top byte). They are used if
-the vehicle's own metadata is missing or has no remedy.
+Ids and names are those of PX4 v1.16 (the namespace of component 1 is in the id's top byte). These texts are
+used if the vehicle's own metadata is missing or has no remedy.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ class Check(NamedTuple):
     name: str
     """Name in PX4's metadata, for programs."""
     cause: str
-    """Why, as part of a sentence."""
+    """The cause, as part of a sentence."""
     remedy: str | None = None
-    """What to do, as a sentence."""
+    """The remedy, as a sentence."""
 
 
 STILL = "Keep the vehicle still and wait; if the problem stays, check the sensor."
@@ -25,6 +25,7 @@ SKY = "Wait at a place with a clear view of the sky."
 CALIBRATE_RC = "Calibrate the RC transmitter again."
 CALIBRATE = "Calibrate it."
 WIRING = "Check that it is connected, and restart the vehicle."
+GYRO = "Check that the gyro is connected, and restart the vehicle."
 CHARGE = "Insert a charged battery."
 BACK_INSIDE = "Bring the vehicle back inside the geofence, or change the geofence."
 
@@ -46,7 +47,7 @@ MODE_NEEDS: dict[int, Check] = {
     ),
     16856624: Check("check_modes_home_position", "there is no home position", SKY),
     27227279: Check("check_modes_attitude", "no valid attitude estimate", STILL),
-    26420585: Check("check_modes_angular_velocity", "no valid angular velocity", WIRING),
+    26420585: Check("check_modes_angular_velocity", "no valid angular velocity", GYRO),
     31525953: Check(
         "check_external_modes_unavailable", "the external mode is not registered", "Start its program."
     ),
@@ -54,7 +55,7 @@ MODE_NEEDS: dict[int, Check] = {
         "check_external_modes_unresponsive", "the external mode does not respond", "Restart its program."
     ),
 }  # fmt: skip
-"""Checks that a mode needs in order to run; the others only prevent arming."""
+"""Checks without which the vehicle cannot fly a mode; all other checks only prevent arming."""
 
 CHECKS: dict[int, Check] = MODE_NEEDS | {
     18648929: Check(
@@ -70,7 +71,8 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
         "Place the vehicle upright, then restart it."
     ),
     21326245: Check(
-        "check_failure_detector_alt", "the vehicle lost altitude unexpectedly", "Find out why first."
+        "check_failure_detector_alt", "the vehicle lost altitude unexpectedly",
+        "Find the cause before you arm."
     ),
     21039037: Check("check_failure_detector_ext", "an external system reports a failure"),
     17443695: Check("check_failure_detector_motor", "a motor failed", "Repair it before the next flight."),
@@ -142,15 +144,15 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25569984: Check("check_optical_sensor_missing", "the optical flow sensor is missing", WIRING),
     27903148: Check("check_optical_flow_sensor_invalid", "the optical flow sensor gives no data", WIRING),
     31343262: Check("check_escs_offline", "a motor controller does not answer", WIRING),
-    25968665: Check("check_escs_telem_missing", "no reports from the motor controllers", WIRING),
+    25968665: Check("check_escs_telem_missing", "a motor controller sends no reports", WIRING),
     23725705: Check("check_escs_fault", "a motor controller reports a fault", "Check the motor."),
     24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
     18447583: Check("check_avionics_power_low", "the supply voltage is too low", CHARGE),
     32067059: Check("check_avionics_power_high", "the supply voltage is too high", "Check the power module."),
     16920235: Check("check_gf_violation_custom_gf", "the vehicle is outside the geofence", BACK_INSIDE),
-    30700832: Check("check_gf_violation_max_alt", "the vehicle is above the geofence's height", BACK_INSIDE),
+    30700832: Check("check_gf_violation_max_alt", "the vehicle is above the maximum altitude", BACK_INSIDE),
     20842799: Check(
-        "check_gf_violation_max_hor_dist", "the vehicle is beyond the geofence's distance", BACK_INSIDE
+        "check_gf_violation_max_hor_dist", "the vehicle is too far from home (geofence)", BACK_INSIDE
     ),
     16901501: Check("check_gf_no_home", "a geofence with the action Return needs a home position", SKY),
     29582859: Check("check_mission_failure", "the mission cannot be flown", "Correct it; upload it again."),
@@ -173,7 +175,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25855193: Check("check_man_control_kill_engaged", "the kill switch is on", "Switch it off."),
     24661593: Check("check_man_control_rtl_engaged", "the return switch is on", "Switch it off."),
     24736883: Check(
-        "check_armable_configuration", "the vehicle is configured not to arm", "Set it up first."
+        "check_armable_configuration", "the vehicle is configured not to arm", "Complete its setup first."
     ),
     28190816: Check("check_wind_too_high", "the wind is above the limit", "Wait, or land."),
     31421834: Check("check_flight_time_limit", "the maximum flight time has been reached", "Land."),

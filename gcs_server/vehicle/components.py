@@ -13,10 +13,10 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
 
 LOST_AFTER_S = 10.0
-"""Time without a heartbeat after which a component is lost [s]; no usable link loses ten heartbeats in a
-row."""
+"""Time without a heartbeat after which a component is lost [s]; no usable link loses ten heartbeats in
+succession."""
 MAX_COMPONENTS = 16
-"""Maximum number of components of one vehicle; more are ignored."""
+"""Maximum number of components of one vehicle; further components are ignored."""
 KIND_OF_TYPE = {
     d.MAV_TYPE_GIMBAL: "gimbal",
     d.MAV_TYPE_CAMERA: "camera",
@@ -41,7 +41,7 @@ class Component:
     kind: str
     """autopilot, gimbal, camera, companion, ground station, other."""
     mav_type: int
-    """MAV_TYPE of its heartbeat."""
+    """MAV_TYPE of the component's heartbeat."""
     lost: bool
     """Whether the component is lost: no heartbeat for 10 s."""
     last_heard_unix_s: float | None
@@ -60,7 +60,7 @@ class Components:
         autopilot: the autopilot's component id.
         clock: the vehicle's clock.
         report: called with (text, whether it is a loss) when a component other than the autopilot appears, is
-            lost or is back. The autopilot's connection is reported as that of the vehicle.
+            lost or is back. The autopilot's connection is reported as the vehicle's connection.
     """
 
     def __init__(self, autopilot: int, clock: Clock, report: Callable[[str, bool], None]) -> None:
@@ -86,7 +86,7 @@ class Components:
             self._report(f"{self._name(component_id)}: connection restored", False)
 
     def tick(self) -> None:
-        """Called periodically: detects lost components."""
+        """Detects lost components; called periodically."""
         for component_id in self._last_heartbeats:
             if component_id not in self._lost and self._is_lost(component_id):
                 self._lost.add(component_id)
@@ -99,9 +99,10 @@ class Components:
         return tuple(self._view(component_id) for component_id in ids)
 
     def camera(self, component_id: int | None = None) -> int | None:
-        """The connected camera with this id, by default the lowest; None if there is none."""
+        """Component id of the connected camera with this id (None: of the first camera); None: no such
+        camera."""
         cameras = [c.component_id for c in self.all() if c.kind == "camera" and not c.lost]
-        return next((one for one in cameras if component_id in (None, one)), None)
+        return next((camera_id for camera_id in cameras if component_id in (None, camera_id)), None)
 
     def _view(self, component_id: int) -> Component:
         mav_type, received_s = self._last_heartbeats[component_id]
@@ -116,8 +117,8 @@ class Components:
     def _kind(self, component_id: int) -> str:
         if component_id == self._autopilot:
             return "autopilot"
-        of_type = KIND_OF_TYPE.get(self._last_heartbeats[component_id][0])
-        return of_type or KIND_OF_ID.get(component_id, "other")
+        kind_of_type = KIND_OF_TYPE.get(self._last_heartbeats[component_id][0])
+        return kind_of_type or KIND_OF_ID.get(component_id, "other")
 
     def _name(self, component_id: int) -> str:
         kind = self._kind(component_id)

@@ -1,7 +1,7 @@
 """Decodes payloads into samples: pure functions, one for each message.
 
-Every decoder gets full payloads (padded with zeros; several instances of a message: `instances.py`) and
-returns the value and, if the message has it, the vehicle's boot time. Returned numbers are finite and
+Every decoder gets full payloads, padded with zeros (`instances.py` explains their keys). It returns the value
+and, if the message contains it, the vehicle's boot time. Returned numbers are finite and
 plausible (`numbers.py`); other values become None. If the sample is useless without a value, the decoder
 raises Unusable. `FORMATS` repeats the layouts of the MAVLink dialect; a test compares them.
 """
@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import gimbal_decoder, ranging_decoder, samples
 from gcs_server.vehicle.instances import instance_of, message_of
-from gcs_server.vehicle.numbers import Unusable, number, on_earth, required, rotation, vector
+from gcs_server.vehicle.numbers import Unusable, number, require_on_earth, require_valid, rotation, vector
 from missions.frames import euler_from_q, q_from_euler
 
 Payloads = Mapping[int, bytes]
@@ -61,9 +61,10 @@ FORMATS: dict[int, struct.Struct] = {
 }
 
 MAX_CELL_MV = 6000
-"""No cell has more: a larger value is the total voltage of a battery, or marks an unused cell."""
+"""Maximum voltage of a cell [mV]; a larger value is the total voltage of a battery, or marks an unused
+cell."""
 UNKNOWN_CURRENTS = (-1, -100)
-"""[cA] Values that mean unknown: -1 in MAVLink, -100 (-1 A) from PX4."""
+"""Values that mean an unknown current [cA]: -1 in MAVLink, -100 (-1 A) from PX4."""
 IGNORE_AXES = (
     (
         d.POSITION_TARGET_TYPEMASK_X_IGNORE,
@@ -98,7 +99,7 @@ def attitude_quaternion(payloads: Payloads) -> Decoded:
 def attitude(payloads: Payloads) -> Decoded:
     """ATTITUDE, for vehicles that send no quaternion."""
     time_ms, roll, pitch, yaw, p, q, r = _attitude.unpack_from(payloads[d.MAVLINK_MSG_ID_ATTITUDE])
-    required("ATTITUDE: an angle", roll, pitch, yaw)
+    require_valid("ATTITUDE: an angle", roll, pitch, yaw)
     quaternion = q_from_euler(roll, pitch, yaw)
     return samples.Attitude(roll, pitch, yaw, quaternion, vector((p, q, r))), time_ms / 1e3
 
@@ -106,7 +107,7 @@ def attitude(payloads: Payloads) -> Decoded:
 def local_position(payloads: Payloads) -> Decoded:
     """LOCAL_POSITION_NED."""
     time_ms, x, y, z, vx, vy, vz = _local_position.unpack_from(payloads[d.MAVLINK_MSG_ID_LOCAL_POSITION_NED])
-    required("LOCAL_POSITION_NED: a position or velocity", x, y, z, vx, vy, vz)
+    require_valid("LOCAL_POSITION_NED: a position or velocity", x, y, z, vx, vy, vz)
     return samples.LocalPosition((x, y, z), (vx, vy, vz)), time_ms / 1e3
 
 
@@ -115,7 +116,7 @@ def global_position(payloads: Payloads) -> Decoded:
     time_ms, lat, lon, alt, relative, vx, vy, vz, heading = _global_position.unpack_from(
         payloads[d.MAVLINK_MSG_ID_GLOBAL_POSITION_INT]
     )
-    on_earth("GLOBAL_POSITION_INT", lat / 1e7, lon / 1e7)
+    require_on_earth("GLOBAL_POSITION_INT", lat / 1e7, lon / 1e7)
     value = samples.GlobalPosition(
         lat_deg=lat / 1e7,
         lon_deg=lon / 1e7,
@@ -144,7 +145,7 @@ def battery(payloads: Payloads) -> Decoded:
     """BATTERY_STATUS, or SYS_STATUS until the first BATTERY_STATUS is received."""
     status = d.MAVLINK_MSG_ID_BATTERY_STATUS
     batteries = [
-        _one_battery(instance_of(k), p) for k, p in sorted(payloads.items()) if message_of(k) == status
+        _battery_reading(instance_of(k), p) for k, p in sorted(payloads.items()) if message_of(k) == status
     ]
     if not batteries:
         return _battery_from_sys_status(payloads[d.MAVLINK_MSG_ID_SYS_STATUS]), None
@@ -164,7 +165,7 @@ def battery(payloads: Payloads) -> Decoded:
     return value, None
 
 
-def _one_battery(battery_id: int, payload: bytes) -> samples.BatteryReading:
+def _battery_reading(battery_id: int, payload: bytes) -> samples.BatteryReading:
     values = _battery.unpack_from(payload)
     consumed_mah, current_ca, remaining, time_s = values[0], values[13], values[17], values[18]
     # Cells 11 to 14 are at the end of the message: 0 means unknown, because older senders omit them.
@@ -204,7 +205,7 @@ def _battery_from_sys_status(payload: bytes) -> samples.Battery:
 def home(payloads: Payloads) -> Decoded:
     """HOME_POSITION."""
     lat, lon, alt_mm, x, y, z = _home.unpack_from(payloads[d.MAVLINK_MSG_ID_HOME_POSITION])
-    on_earth("HOME_POSITION", lat / 1e7, lon / 1e7)
+    require_on_earth("HOME_POSITION", lat / 1e7, lon / 1e7)
     return samples.Home(lat / 1e7, lon / 1e7, alt_mm / 1e3, vector((x, y, z))), None
 
 
@@ -285,7 +286,7 @@ def estimator(payloads: Payloads) -> Decoded:
 def wind(payloads: Payloads) -> Decoded:
     """WIND_COV."""
     time_us, north, east, down, *_ = _wind.unpack_from(payloads[d.MAVLINK_MSG_ID_WIND_COV])
-    required("WIND_COV: wind speed north or east", north, east)
+    require_valid("WIND_COV: wind speed north or east", north, east)
     return samples.Wind((north, east, number(down) or 0.0), math.hypot(north, east)), time_us / 1e6
 
 
@@ -295,8 +296,8 @@ def mission(payloads: Payloads) -> Decoded | None:
     if payload is None:
         return None
     current, total, _state, _mode, mission_id, fence_id, rally_id = _mission_current.unpack_from(payload)
-    passed = payloads.get(d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED)
-    reached = None if passed is None else _mission_reached.unpack_from(passed)[0]
+    reached_payload = payloads.get(d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED)
+    reached = None if reached_payload is None else _mission_reached.unpack_from(reached_payload)[0]
     return samples.Mission(current, item_count(total), reached, mission_id, fence_id, rally_id), None
 
 
@@ -324,5 +325,5 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "distance_sensors": ((d.MAVLINK_MSG_ID_DISTANCE_SENSOR,), ranging_decoder.distance_sensors),
     "obstacle_distance": ((d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,), ranging_decoder.obstacle_distance),
 }
-"""By topic: its messages and its decoder. `vehicle/state.py` decodes the others: attitude, from the newer of
-two messages, and gimbal, of which there may be several."""
+"""Messages and decoder of each topic. `vehicle/state.py` decodes the topics attitude (the newer of two
+messages) and gimbal (several gimbals)."""

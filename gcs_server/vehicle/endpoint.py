@@ -3,14 +3,14 @@
 System ids are set by hand, and duplicates are common. Therefore an endpoint is assigned to a vehicle only by
 one of these rules:
 
-1. Both autopilots have a unique uid: with equal uids they are one vehicle, with different uids two.
+1. Both autopilots have a unique uid: equal uids are one vehicle, different uids are two.
 2. On one link, two peers that both send are two vehicles, because a vehicle has one address per link. A peer
-that sends after the other has stopped sending is the same vehicle with a new port.
-3. On two links, one autopilot has one boot clock: streams whose boot time agrees are one vehicle. This also
-separates simulators, which all have the same uid.
+that starts to send after the other has stopped is the same vehicle with a new port.
+3. On two links, endpoints with the same boot time are one vehicle, because an autopilot has one boot clock.
+This also separates simulators, which all have the same uid.
 
-Until this is decided, at most `DECISION_TIMEOUT_S`, the endpoint's messages belong to no vehicle. If no rule
-applies, they are shown as two separate vehicles. A uid that arrives late corrects the decision.
+Until the decision, at most `DECISION_TIMEOUT_S`, the endpoint's messages belong to no vehicle. If no rule
+applies, the endpoints are two vehicles. A uid that arrives late corrects the decision.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 DECISION_TIMEOUT_S = 3.0
 UID_TIMEOUT_S = 2.0
 """Maximum wait for a uid before the other rules are applied [s]."""
-SILENT_AFTER_S = 3.5
+NO_DATA_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
 """Tolerance of boot times, including radio delays [s]."""
 BOOT_TIME_EVERY_S = 0.5
 REQUEST_PERIOD_S = 1.0
 MAX_REQUESTS = 5
 SLOW_REQUEST_PERIOD_S = 30.0
-"""Period of requests for the version after the first `MAX_REQUESTS`."""
+"""Period of version requests after the first `MAX_REQUESTS` requests [s]."""
 BOOT_TIME_IDS = frozenset(
     {
         d.MAVLINK_MSG_ID_ATTITUDE,
@@ -55,7 +55,7 @@ _boot_ms = struct.Struct("<I")
 MAVLINK, ROS2 = "MAVLink", "ROS 2"
 """Protocols of links."""
 RECEIVED_WITHIN_S = 1.5
-"""A link is preferred if its newest message is at most this much older than that of any other link [s]."""
+"""A link is preferred if its newest message is at most this much older than the newest of all links [s]."""
 
 
 class SameVehicle(enum.Enum):
@@ -75,7 +75,7 @@ class Endpoint:
     system_id: int
     component_id: int
     heartbeat: bytes
-    """Payload of its first heartbeat."""
+    """Payload of the endpoint's first heartbeat."""
     first_received_s: float
     received_s: float
     vehicle: Vehicle | None = None
@@ -86,8 +86,8 @@ class Endpoint:
     requests_sent: int = 0
     next_request_s: float = 0.0
     refused_until_s: float = float("-inf")
-    """Time until which new vehicles of this endpoint are refused, because there is no room
-    (`population.py`)."""
+    """Time until which new vehicles of this endpoint are refused, because a limit of
+    `population.py` is reached."""
     over_ros2: bool = field(init=False)
     """Whether its connection is one of ROS 2; stored, because it is read for each frame."""
 
@@ -128,34 +128,34 @@ class Endpoint:
         return self.version.uid if self.version is not None and self.version.unique else None
 
 
-def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint]:
-    """The connected endpoints of this protocol; all endpoints if there are none.
+def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint]:
+    """The connected endpoints of this protocol; all endpoints if no endpoint has this protocol.
 
-    A vehicle that is connected over both protocols is commanded over MAVLink, and its state is that of
-    MAVLink. Its setpoints are sent over ROS 2, which has all kinds of setpoints. They are sent over MAVLink
-    if the server does not know the versions of its ROS 2 topics for commands and setpoints.
+    For a vehicle that is connected over both protocols, commands and state use MAVLink. Setpoints use ROS 2,
+    which has all kinds of setpoints; they use MAVLink if the server does not know the versions of the
+    vehicle's ROS 2 topics for commands and setpoints.
     """
-    usable = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
-    matching = [e for e in usable if e.connection.protocol == protocol]
-    if not matching and len(usable) < len(endpoints):
-        matching = usable
+    candidates = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
+    matching = [e for e in candidates if e.connection.protocol == protocol]
+    if not matching and len(candidates) < len(endpoints):
+        matching = candidates
     if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
     return [e for e in matching if newest_s - e.received_s < RECEIVED_WITHIN_S] or endpoints
 
 
-def protocol_in_use(endpoints: Sequence[Endpoint], wanted: str) -> str:
-    """Protocol over which data are sent now if `wanted` is preferred: `MAVLINK` for telemetry and commands,
-    `ROS2` for setpoints. MAVLink for a vehicle without endpoints."""
-    newest = _newest(preferred(endpoints, wanted))
+def protocol_in_use(endpoints: Sequence[Endpoint], preferred_protocol: str) -> str:
+    """Protocol over which data are sent now if `preferred_protocol` is preferred: `MAVLINK` for telemetry and
+    commands, `ROS2` for setpoints. MAVLink for a vehicle without endpoints."""
+    newest = _newest(preferred_endpoints(endpoints, preferred_protocol))
     return MAVLINK if newest is None else newest.connection.protocol
 
 
 def unusable_topics(endpoints: Sequence[Endpoint]) -> Mapping[str, str]:
     """ROS 2 topics of the vehicle that this server cannot use, and why; empty if setpoints are sent over
     MAVLink."""
-    newest = _newest(preferred(endpoints, ROS2))
+    newest = _newest(preferred_endpoints(endpoints, ROS2))
     return {} if newest is None else _unusable(newest)
 
 
@@ -174,22 +174,22 @@ def _newest(endpoints: Sequence[Endpoint]) -> Endpoint | None:
 
 def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
     """Applies the rules of this module. No I/O."""
-    known = [e for e in vehicle.endpoints if e is not new]
-    uid = next((e.unique_uid for e in known if e.unique_uid), None)
+    assigned = [e for e in vehicle.endpoints if e is not new]
+    uid = next((e.unique_uid for e in assigned if e.unique_uid), None)
     if uid and new.unique_uid:
         return SameVehicle.YES if uid == new.unique_uid else SameVehicle.NO
     waited_s = now_s - new.first_received_s
     if new.version is None and waited_s < UID_TIMEOUT_S:
         return SameVehicle.NOT_KNOWN
-    sending = [e for e in known if now_s - e.received_s < SILENT_AFTER_S]
+    sending = [e for e in assigned if now_s - e.received_s < NO_DATA_AFTER_S]
     if not sending:
         return SameVehicle.YES
     if any(e.connection is new.connection and e.received_s > new.first_received_s for e in sending):
         return SameVehicle.NO
-    elsewhere = [e for e in sending if e.connection is not new.connection]
-    boots = [e.boot_at_s for e in elsewhere if e.boot_at_s is not None]
+    on_other_links = [e for e in sending if e.connection is not new.connection]
+    boots = [e.boot_at_s for e in on_other_links if e.boot_at_s is not None]
     if boots and new.boot_at_s is not None:
         return SameVehicle.YES if min(abs(b - new.boot_at_s) for b in boots) < SAME_BOOT_S else SameVehicle.NO
-    if elsewhere and waited_s > DECISION_TIMEOUT_S:
+    if on_other_links and waited_s > DECISION_TIMEOUT_S:
         return SameVehicle.NO
     return SameVehicle.NOT_KNOWN

@@ -1,6 +1,6 @@
-"""The texts of events from the vehicle's metadata, with the values of an event filled in.
+"""Texts of events, from the vehicle's metadata and the values of an event.
 
-`event_document.py` has already split each text into parts, so that the work for one event is limited.
+`event_document.py` has already split each text into parts, which limits the work for one event.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Template:
 
     pieces: tuple[str | Slot, ...]
 
-    def filled(self, values: list[tuple[Argument, int | float]]) -> str:
+    def fill(self, values: list[tuple[Argument, int | float]]) -> str:
         """The message with an event's values."""
         texts = (piece if isinstance(piece, str) else _value_at(piece, values) for piece in self.pieces)
         return cut("".join(texts).strip(), MAX_TEXT_LENGTH)
@@ -65,27 +65,27 @@ class Definition:
 
     @property
     def is_check(self) -> bool:
-        """Whether the event is a finding of the arming checks or about a component's health."""
+        """Whether the event is a finding of the arming checks or of a component's health."""
         return self.group in CHECK_GROUPS
 
     def text(self, arguments: bytes) -> str:
         """The message with this event's values."""
-        return self.message.filled(self.values(arguments))
+        return self.message.fill(self.values(arguments))
 
     def remedy(self, arguments: bytes) -> str | None:
-        """The description, which contains the remedy; None if there is none."""
-        return self.description.filled(self.values(arguments)) if self.description else None
+        """The description, which contains the remedy; None: no description."""
+        return self.description.fill(self.values(arguments)) if self.description else None
 
     def values(self, arguments: bytes) -> list[tuple[Argument, int | float]]:
         """The arguments' values, decoded from the message in order."""
         read: list[tuple[Argument, int | float]] = []
-        at = 0
+        offset = 0
         for each in self.arguments:
             size = struct.calcsize(f"<{each.format}")
-            if at + size > len(arguments):
+            if offset + size > len(arguments):
                 break
-            read.append((each, struct.unpack_from(f"<{each.format}", arguments, at)[0]))
-            at += size
+            read.append((each, struct.unpack_from(f"<{each.format}", arguments, offset)[0]))
+            offset += size
         return read
 
 

@@ -1,8 +1,8 @@
 """Reads the metadata document of a vehicle's events, entry by entry, within limits.
 
-Format: MAVLink's events metadata schema, version 2. Messages hold `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such as
-`<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before literal characters. Each
-message is split once, so that the work to fill in the values is proportional to its length.
+Format: MAVLink's events metadata schema, version 2. Messages contain `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such
+as `<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before literal characters.
+Each message is split once, so that filling in values takes time proportional to its length.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from typing import Annotated
 import msgspec
 
 from gcs_server.vehicle.event_definitions import Argument, Definition, Slot, Template
-from gcs_server.vehicle.metadata_limits import Document, LeftOut, cut
+from gcs_server.vehicle.metadata_limits import Document, OmittedEntries, cut
 
 TYPES: dict[str, str] = {
     "uint8_t": "B", "int8_t": "b", "uint16_t": "H", "int16_t": "h", "uint32_t": "I", "int32_t": "i",
     "uint64_t": "Q", "int64_t": "q", "float": "f",
 }  # fmt: skip
 MAX_COMPONENTS, MAX_EVENTS, MAX_ENUMS, MAX_ENUM_ENTRIES = 16, 5_000, 1_000, 256
-"""PX4 v1.16 has 2, 370, 16 and 31."""
+"""Maximum numbers; PX4 v1.16 has 2, 370, 16 and 31."""
 MAX_ARGUMENTS = 40
 """An event has 40 bytes of arguments."""
 MAX_SLOTS = 40
 MAX_MESSAGE_LENGTH, MAX_DESCRIPTION_LENGTH, MAX_LABEL_LENGTH, MAX_NAME_LENGTH = 500, 2_000, 120, 80
-"""Characters; PX4's longest are 117, 372, 60 and 50."""
+"""Maximum lengths [characters]; PX4's longest texts have 117, 372, 60 and 50."""
 MAX_ID = 0xFFFFFF
 MAX_DECIMALS = 9
 
@@ -76,8 +76,8 @@ class _Document(msgspec.Struct):
     components: dict[str, msgspec.Raw] = {}
 
 
-class _Table(msgspec.Struct, frozen=True):
-    """An enum, ready for use."""
+class _EnumTable(msgspec.Struct, frozen=True):
+    """A decoded enum."""
 
     format: str
     labels: dict[int, str]
@@ -105,9 +105,9 @@ def parse(content: bytes | str) -> Document[int, Definition]:
 
 class _Reader:
     def __init__(self) -> None:
-        self._left_out = LeftOut("entry", "entries")
-        self._enums: dict[str, _Table] = {}
-        self._found: dict[int, Definition] = {}
+        self._omitted = OmittedEntries("entry", "entries")
+        self._enums: dict[str, _EnumTable] = {}
+        self._definitions: dict[int, Definition] = {}
 
     def read(self, document: _Document) -> Document[int, Definition]:
         components: list[tuple[int, _Component]] = []
@@ -115,18 +115,18 @@ class _Reader:
             try:
                 components.append((_number(number, 255), _component.decode(raw)))
             except (ValueError, RecursionError) as error:
-                self._left_out.add(f"component {number}", error)
-        self._count_left_out(len(document.components) - MAX_COMPONENTS, "components")
+                self._omitted.add(f"component {number}", error)
+        self._count_omitted(len(document.components) - MAX_COMPONENTS, "components")
         for _, component in components:
             self._read_enums(component)
         for number, component in components:
             self._read_groups(number, component)
-        return Document(self._found, self._left_out.text())
+        return Document(self._definitions, self._omitted.text())
 
     def _read_enums(self, component: _Component) -> None:
         for name, raw in component.enums.items():
             if len(self._enums) >= MAX_ENUMS:
-                self._count_left_out(1, "enums")
+                self._count_omitted(1, "enums")
                 continue
             try:
                 enum = _enum.decode(raw)
@@ -134,9 +134,9 @@ class _Reader:
                     _number(v, 2**63): cut(e.description or e.name, MAX_LABEL_LENGTH)
                     for v, e in enum.entries.items()
                 }
-                table = _Table(TYPES[enum.type], dict(sorted(labels.items())), enum.is_bitfield)
+                table = _EnumTable(TYPES[enum.type], dict(sorted(labels.items())), enum.is_bitfield)
             except (ValueError, KeyError, RecursionError) as error:
-                self._left_out.add(f"enum {name}", error)
+                self._omitted.add(f"enum {name}", error)
                 continue
             self._enums[f"{component.namespace}::{name}"] = table
 
@@ -145,18 +145,18 @@ class _Reader:
             try:
                 group = _group.decode(raw)
             except (ValueError, RecursionError) as error:
-                self._left_out.add(f"group {name}", error)
+                self._omitted.add(f"group {name}", error)
                 continue
             for event_id, event in group.events.items():
-                if len(self._found) >= MAX_EVENTS:
-                    self._count_left_out(1, "events")
+                if len(self._definitions) >= MAX_EVENTS:
+                    self._count_omitted(1, "events")
                     continue
                 try:
-                    self._found[number << 24 | _number(event_id, MAX_ID)] = self._definition(
+                    self._definitions[number << 24 | _number(event_id, MAX_ID)] = self._definition(
                         event, name, component.namespace
                     )
                 except (ValueError, RecursionError) as error:
-                    self._left_out.add(f"event {event_id}", error)
+                    self._omitted.add(f"event {event_id}", error)
 
     def _definition(self, raw: msgspec.Raw, group: str, space: str) -> Definition:
         event = _event.decode(raw)
@@ -170,8 +170,10 @@ class _Reader:
         return Definition(
             name=name,
             group=cut(group, MAX_NAME_LENGTH),
-            message=template(name if event.message is None else event.message, MAX_MESSAGE_LENGTH),
-            description=template(event.description, MAX_DESCRIPTION_LENGTH) if event.description else None,
+            message=parse_template(name if event.message is None else event.message, MAX_MESSAGE_LENGTH),
+            description=parse_template(event.description, MAX_DESCRIPTION_LENGTH)
+            if event.description
+            else None,
             arguments=tuple(arguments),
         )
 
@@ -185,31 +187,31 @@ class _Reader:
                 return Argument(name, table.format, table.labels, table.is_bitfield)
         return None
 
-    def _count_left_out(self, count: int, kind: str) -> None:
+    def _count_omitted(self, count: int, kind: str) -> None:
         if count > 0:
-            self._left_out.add(f"more {kind}", "there are too many", count)
+            self._omitted.add(f"more {kind}", "there are too many", count)
 
 
-def template(text: str, most: int) -> Template:
-    """Splits a message into parts; the work grows only with its length.
+def parse_template(text: str, max_length: int) -> Template:
+    """Splits a message into texts and placeholders.
 
     Args:
         text: text in the document.
-        most: maximum number of characters to read.
+        max_length: maximum number of characters to read.
     """
-    text = cut(text, most)
+    text = cut(text, max_length)
     pieces: list[str | Slot] = []
-    slots = at = 0
+    slots = position = 0
     for match in _token.finditer(text):
-        _add(pieces, text[at : match.start()])
-        at = match.end()
+        _add(pieces, text[position : match.start()])
+        position = match.end()
         if match["literal"] is not None:
             _add(pieces, "\n" if match["literal"] == "n" else match["literal"])
         elif match["number"] is not None and slots < MAX_SLOTS:
             slots += 1
             decimals = None if match["decimals"] is None else min(int(match["decimals"]), MAX_DECIMALS)
             pieces.append(Slot(int(match["number"]) - 1, decimals, match["unit"]))
-    _add(pieces, text[at:])
+    _add(pieces, text[position:])
     return Template(tuple(_one_line(p) if isinstance(p, str) else p for p in pieces))
 
 
@@ -225,8 +227,8 @@ def _one_line(text: str) -> str:
     return _blank.sub(lambda blank: " " if "\n" in blank[0] else blank[0], text)
 
 
-def _number(text: str, most: int) -> int:
-    """Raises ValueError."""
-    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= most):
-        raise ValueError(f"{cut(text, 30)!r} is not a number up to {most}")
+def _number(text: str, max_value: int) -> int:
+    """A number from a text; raises ValueError if it is not a number up to `max_value`."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= max_value):
+        raise ValueError(f"{cut(text, 30)!r} is not a number up to {max_value}")
     return int(text)

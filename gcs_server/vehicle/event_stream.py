@@ -1,7 +1,7 @@
 """Puts one vehicle's EVENT messages in order, drops repeats and finds missing events to request again. No
-I/O. This is the events interface of the MAVLink guide, with 16-bit sequence numbers that wrap. Missing events
-are requested with REQUEST_EVENT; if the vehicle no longer has an event, it answers RESPONSE_EVENT_ERROR.
-CURRENT_EVENT_SEQUENCE contains the newest number.
+I/O. This is the events interface of the MAVLink guide, with 16-bit sequence numbers that wrap. The server
+requests missing events with REQUEST_EVENT; if the vehicle no longer has an event, it sends
+RESPONSE_EVENT_ERROR. CURRENT_EVENT_SEQUENCE contains the newest sequence number.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class EventStream(Generic[Item]):
     """Takes events as they arrive and returns them in order."""
 
     expected: int | None = None
-    """Sequence number of the next event; None before the first."""
+    """Sequence number of the next event; None before the first event."""
     lost: int = 0
     """Number of events that were never received."""
-    _held: dict[int, Item] = field(default_factory=dict[int, Item])
+    _buffered: dict[int, Item] = field(default_factory=dict[int, Item])
     _newest: int = 0
     """Newest sequence number known."""
     _requests: int = 0
@@ -39,47 +39,48 @@ class EventStream(Generic[Item]):
         event is missing."""
         if self.expected is None:
             self.expected, self._newest = sequence, (sequence - 1) & 0xFFFF
-        ahead = _ahead(sequence, self.expected)
-        if ahead > MAX_GAP:
+        difference = _difference(sequence, self.expected)
+        if difference > MAX_GAP:
             self._jump(sequence)
-        elif ahead < 0:
-            if ahead < -MAX_GAP:
+        elif difference < 0:
+            if difference < -MAX_GAP:
                 self._jump(sequence)  # the vehicle has restarted
             else:
                 return []
-        self._held[sequence] = item
-        self._note(sequence)
+        self._buffered[sequence] = item
+        self._update_newest(sequence)
         return self._in_order()
 
     def current(self, sequence: int, flags: int) -> None:
-        """CURRENT_EVENT_SEQUENCE: the number of the vehicle's newest event."""
+        """Applies CURRENT_EVENT_SEQUENCE, the number of the vehicle's newest event."""
         if self.expected is None or flags & RESET_FLAG:
             self.reset()
             self.expected, self._newest = (sequence + 1) & 0xFFFF, sequence
             return
-        ahead = _ahead(sequence, self.expected)
-        if abs(ahead) > MAX_GAP:
+        difference = _difference(sequence, self.expected)
+        if abs(difference) > MAX_GAP:
             self._jump((sequence + 1) & 0xFFFF)
-        elif ahead >= 0:
-            self._note(sequence)
+        elif difference >= 0:
+            self._update_newest(sequence)
 
     def skip_unavailable(self, sequence: int, oldest: int) -> list[Item]:
-        """RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest event is `oldest`."""
-        if self.expected is None or _ahead(sequence, self.expected) != 0:
+        """Applies RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest event is `oldest`.
+        Returns the events that are now in order."""
+        if self.expected is None or _difference(sequence, self.expected) != 0:
             return []
-        return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= MAX_GAP else sequence + 1)
+        return self._skip_to(oldest if 0 < _difference(oldest, self.expected) <= MAX_GAP else sequence + 1)
 
     def is_missing(self, sequence: int) -> bool:
-        """Whether this event is missing while later ones were received, or are known to exist."""
+        """Whether this event is missing, although later events were received or are known to exist."""
         return (
             self.expected is not None
-            and sequence not in self._held
-            and _ahead(sequence, self.expected) >= 0 >= _ahead(sequence, self._newest)
+            and sequence not in self._buffered
+            and _difference(sequence, self.expected) >= 0 >= _difference(sequence, self._newest)
         )
 
-    def wanted(self, now_s: float) -> tuple[int, int] | None:
-        """(first, last) sequence number to request now; None if nothing is missing, or the last request is
-        recent."""
+    def next_request(self, now_s: float) -> tuple[int, int] | None:
+        """(first, last) sequence number to request now; None: no event is missing, or the last request
+        is recent."""
         missing = self.missing
         if missing is None or now_s < self._next_request_s or self._requests >= MAX_REQUESTS:
             return None
@@ -88,7 +89,7 @@ class EventStream(Generic[Item]):
         return missing
 
     def give_up(self, now_s: float) -> list[Item]:
-        """Skips a gap after all requests for it have failed; returns the events that are then in order."""
+        """Skips a gap after all requests for it have failed; returns the events that are now in order."""
         missing = self.missing
         if missing is None or self._requests < MAX_REQUESTS or now_s < self._next_request_s:
             return []
@@ -97,21 +98,21 @@ class EventStream(Generic[Item]):
     def reset(self) -> None:
         """Resets, because the vehicle restarted or is another vehicle."""
         self.expected = None
-        self._held.clear()
+        self._buffered.clear()
         self._requests = 0
 
     @property
     def missing(self) -> tuple[int, int] | None:
-        """(first, last) sequence number of the first gap."""
-        if self.expected is None or self.expected in self._held:
+        """(first, last) sequence number of the first gap; None: no gap."""
+        if self.expected is None or self.expected in self._buffered:
             return None
-        if self._held:
-            first_held = min(self._held, key=lambda s: _ahead(s, self.expected or 0))
-            return self.expected, (first_held - 1) & 0xFFFF
-        return (self.expected, self._newest) if _ahead(self._newest, self.expected) >= 0 else None
+        if self._buffered:
+            first_buffered = min(self._buffered, key=lambda s: _difference(s, self.expected or 0))
+            return self.expected, (first_buffered - 1) & 0xFFFF
+        return (self.expected, self._newest) if _difference(self._newest, self.expected) >= 0 else None
 
-    def _note(self, sequence: int) -> None:
-        if _ahead(sequence, self._newest) > 0:
+    def _update_newest(self, sequence: int) -> None:
+        if _difference(sequence, self._newest) > 0:
             self._newest = sequence
 
     def _jump(self, sequence: int) -> None:
@@ -124,23 +125,23 @@ class EventStream(Generic[Item]):
     def _skip_to(self, sequence: int) -> list[Item]:
         assert self.expected is not None
         sequence &= 0xFFFF
-        self.lost += max(1, _ahead(sequence, self.expected))
-        for passed in [s for s in self._held if _ahead(s, sequence) < 0]:
-            del self._held[passed]
+        self.lost += max(1, _difference(sequence, self.expected))
+        for passed in [s for s in self._buffered if _difference(s, sequence) < 0]:
+            del self._buffered[passed]
         self.expected = sequence
-        self._note((sequence - 1) & 0xFFFF)
+        self._update_newest((sequence - 1) & 0xFFFF)
         self._requests = 0
         return self._in_order()
 
     def _in_order(self) -> list[Item]:
         ready: list[Item] = []
-        while self.expected is not None and self.expected in self._held:
-            ready.append(self._held.pop(self.expected))
+        while self.expected is not None and self.expected in self._buffered:
+            ready.append(self._buffered.pop(self.expected))
             self.expected = (self.expected + 1) & 0xFFFF
             self._requests = 0
         return ready
 
 
-def _ahead(sequence: int, of: int) -> int:
-    """Difference of two sequence numbers with wrap-around; -32768 to 32767."""
-    return ((sequence - of + 0x8000) & 0xFFFF) - 0x8000
+def _difference(sequence: int, reference: int) -> int:
+    """`sequence` - `reference` with wrap-around: -32768 to 32767."""
+    return ((sequence - reference + 0x8000) & 0xFFFF) - 0x8000

@@ -17,7 +17,7 @@ class Event:
     """One event; events are never merged or replaced."""
 
     index: int
-    """Number of the event in its list, increasing."""
+    """Number of the event in its list, from 1."""
     kind: str
     """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, progress,
     readiness, link, warning, group."""
@@ -47,14 +47,14 @@ class EventFeed:
         severity: int = 6,
         data: Mapping[str, object] | None = None,
         vehicle: str | None = None,
-        kept: bool = True,
+        stored: bool = True,
     ) -> Event:
-        """Appends an event and calls the subscribers. `vehicle` is given for events of another vehicle. An
-        event that is not `kept` is sent to the current subscribers only, and not stored.
+        """Appends an event and calls the subscribers. `vehicle`: the event's vehicle, if it is not
+        the feed's. If `stored` is false, only the current subscribers receive the event.
         """
         event = Event(self._next_index, kind, vehicle or self._vehicle, unix_s, severity, text, data or {})
         self._next_index += 1
-        if kept:
+        if stored:
             self._events.append(event)
         for callback in tuple(self._subscribers):
             try:
@@ -65,11 +65,11 @@ class EventFeed:
 
     @property
     def last_index(self) -> int:
-        """Index of the newest event; 0 before the first."""
+        """Index of the newest event; 0: no event yet."""
         return self._next_index - 1
 
     def since(self, index: int = 0, *, unix_s: float | None = None) -> list[Event]:
-        """Events after `index` and, if given, not older than `unix_s`; oldest first."""
+        """Events after `index` and not older than `unix_s` (None: of any age); oldest first."""
         return [e for e in self._events if e.index > index and (unix_s is None or e.unix_s >= unix_s)]
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:

@@ -1,5 +1,5 @@
-"""Detects external control of a vehicle: by another station, an RC transmitter, or a new owner of its gimbal.
-The server reports external control and never interferes with it.
+"""Detects external control of a vehicle: by another station, by an RC transmitter, or through the
+gimbal. The server reports external control and never interferes with it.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class ExternalControl:
             return None
         name, label = vehicle.mode_names.name_and_label(after.custom_mode, after.autopilot)
         own_command = self._command.recent_command(name)
-        requested = None if own_command is None else (own_command.what, own_command.by)
+        requested = None if own_command is None else (own_command.label, own_command.by)
         if requested is None and self._stream_request() == name:
             requested = (label, None)
         self.mode_cause = cause_of(
@@ -85,31 +85,32 @@ class ExternalControl:
             self.mode_cause = ModeCause("failsafe", None, "the failsafe", cause.since_unix_s)
 
     def ack(self, payload: bytes) -> None:
-        """COMMAND_ACK: the vehicle's answer to another station shows that this station commands it."""
-        answer = dict(zip(_ack.fields, _ack.unpacker.unpack(payload), strict=True))
-        target = (answer["target_system"], answer["target_component"])
+        """Handles COMMAND_ACK: an acknowledgement to another station shows that this station commands the
+        vehicle."""
+        ack_fields = dict(zip(_ack.fields, _ack.unpacker.unpack(payload), strict=True))
+        target = (ack_fields["target_system"], ack_fields["target_component"])
         own_command = target[0] in (0, self._vehicle.own_ids[0])
         if (
             not own_command
-            and answer["result"] == d.MAV_RESULT_ACCEPTED
-            and answer["command"] in MODE_COMMANDS
+            and ack_fields["result"] == d.MAV_RESULT_ACCEPTED
+            and ack_fields["command"] in MODE_COMMANDS
         ):
             self._foreign_ack = ForeignAck(*target, self._vehicle.clock.monotonic_s())
 
     def gimbal(self, component_id: int, payload: bytes) -> None:
-        """GIMBAL_MANAGER_STATUS: another station may have taken the gimbal from this server."""
+        """Handles GIMBAL_MANAGER_STATUS: another station may have taken the gimbal from this server."""
         vehicle, control = self._vehicle, control_of(payload)
-        which = (component_id, device_id_of(payload))
-        if self._gimbal_control.get(which) == vehicle.own_ids and control not in (None, vehicle.own_ids):
-            other = f"{control[0]}/{control[1]}"
+        gimbal_key = (component_id, device_id_of(payload))
+        if self._gimbal_control.get(gimbal_key) == vehicle.own_ids and control not in (None, vehicle.own_ids):
+            station = f"{control[0]}/{control[1]}"
             vehicle.events.add(
                 "control",
                 vehicle.clock.unix_s(),
-                f"Station {other} has taken the gimbal from this server.",
+                f"Station {station} has taken the gimbal from this server.",
                 severity=d.MAV_SEVERITY_WARNING,
-                data={"action": "gimbal_taken", "by": other},
+                data={"action": "gimbal_taken", "by": station},
             )
-        self._gimbal_control[which] = control
+        self._gimbal_control[gimbal_key] = control
 
     def _has_transmitter(self) -> bool:
         sample = self._vehicle.topic("health")

@@ -14,21 +14,21 @@ from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.router import FrameSink, Router
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.components import is_peripheral
-from gcs_server.vehicle.endpoint import SILENT_AFTER_S, Endpoint, SameVehicle, same_vehicle
+from gcs_server.vehicle.endpoint import NO_DATA_AFTER_S, Endpoint, SameVehicle, same_vehicle
 from gcs_server.vehicle.events import Event, EventFeed
 from gcs_server.vehicle.identity import Identity, read_version
 from gcs_server.vehicle.population import (
     MAX_ENDPOINTS_ON_LINK,
     Refusals,
-    forgettable,
     last_received_s,
-    no_room,
+    limit_reached,
+    removable_vehicle,
 )
 from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
 RECHECK_PERIOD_S = 0.25
-"""Period at which a vehicle to remove is searched on a full link [s]."""
+"""Period at which a full link is checked for endpoints to remove [s]."""
 OTHER_MARK = "~"
 """Separates system id and number in the id of a further vehicle with the same system id: `1~2`."""
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -62,7 +62,7 @@ class Fleet(FrameSink):
         self._own_ids = (router.settings.system_id, router.settings.component_id)
         self._vehicles: dict[str, Vehicle] = {}
         self._full_until_s: dict[str, float] = {}
-        """Time by link until which new vehicles are ignored, because there is no room."""
+        """By link: time until which new endpoints are ignored, because the link is full."""
         self._ordered: list[Vehicle] | None = None
         """Cached result of `all`, until a vehicle is added or removed."""
         self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
@@ -89,7 +89,7 @@ class Fleet(FrameSink):
     def all(self) -> list[Vehicle]:
         """All vehicles, in the order of their ids."""
         if self._ordered is None:
-            self._ordered = [self._vehicles[i] for i in sorted(self._vehicles, key=_order)]
+            self._ordered = [self._vehicles[i] for i in sorted(self._vehicles, key=_sort_key)]
         return list(self._ordered)
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
@@ -120,7 +120,7 @@ class Fleet(FrameSink):
                 f"Vehicle {vehicle_id} belongs to a recording.",
                 remedy="Close its replay; this removes the vehicle.",
             )
-        if self._clock.monotonic_s() - last_received_s(vehicle) <= SILENT_AFTER_S:
+        if self._clock.monotonic_s() - last_received_s(vehicle) <= NO_DATA_AFTER_S:
             raise Refused(
                 f"Vehicle {vehicle_id} is connected on {', '.join(vehicle.links)}: it would be added again.",
                 remedy="Switch it off, or close the link. Only a disconnected vehicle can be removed.",
@@ -174,7 +174,7 @@ class Fleet(FrameSink):
         vehicle.receive(frame, endpoint)
 
     def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """Removes the peer's endpoints; a vehicle stays listed, a replayed one is removed with its link."""
+        """Removes the peer's endpoints; a replayed vehicle is removed with its link, other vehicles stay."""
         for key, endpoint in list(self._endpoints.items()):
             if key[0] is connection and key[1] == peer.name:
                 self._forget(endpoint)
@@ -185,7 +185,7 @@ class Fleet(FrameSink):
                         self._remove(vehicle, "its recording was closed or jumped to another time")
 
     def tick(self) -> None:
-        """Called four times a second: the periodic work."""
+        """Does the periodic work; called four times a second."""
         now_s = self._clock.monotonic_s()
         for endpoint in list(self._endpoints.values()):
             if endpoint.vehicle is None:
@@ -222,29 +222,32 @@ class Fleet(FrameSink):
         return endpoint
 
     def _may_have_endpoint(self, connection: Connection, now_s: float) -> bool:
-        """Whether a link has room for one more endpoint; silent endpoints without a vehicle are dropped."""
+        """Whether a link may have one more endpoint; drops endpoints that have no vehicle and send
+        nothing."""
         if now_s < self._full_until_s.get(connection.name, float("-inf")):
             return False
-        here = [e for e in self._endpoints.values() if e.connection is connection]
-        if len(here) < MAX_ENDPOINTS_ON_LINK:
+        on_link = [e for e in self._endpoints.values() if e.connection is connection]
+        if len(on_link) < MAX_ENDPOINTS_ON_LINK:
             return True
-        silent = [e for e in here if e.vehicle is None and now_s - e.received_s > SILENT_AFTER_S]
-        for endpoint in silent:
+        inactive = [e for e in on_link if e.vehicle is None and now_s - e.received_s > NO_DATA_AFTER_S]
+        for endpoint in inactive:
             self._forget(endpoint)
-        if not silent:
+        if not inactive:
             self._full_until_s[connection.name] = now_s + RECHECK_PERIOD_S
-        return bool(silent)
+        return bool(inactive)
 
-    def _has_room(self, endpoint: Endpoint) -> bool:
-        """Whether there is room for one more vehicle; a long-silent vehicle may be removed for it."""
+    def _may_add_vehicle(self, endpoint: Endpoint) -> bool:
+        """Whether one more vehicle may be added; may remove a vehicle that sent nothing for a long time."""
         now_s = self._clock.monotonic_s()
-        found = no_room(endpoint, self.all())
+        found = limit_reached(endpoint, self.all())
         if found is None:
             return True
         why, others = found
-        removable = forgettable(others, now_s)
-        if removable is not None:
-            self._drop(removable, "no message came from it for a long time, and its slot was needed")
+        to_remove = removable_vehicle(others, now_s)
+        if to_remove is not None:
+            self._drop(
+                to_remove, "it sent no message for a long time, and the maximum number of vehicles is reached"
+            )
             return True
         text = self._refusals.refuse(endpoint, why, now_s)
         if text is not None:
@@ -264,14 +267,16 @@ class Fleet(FrameSink):
         for candidate in candidates:
             verdict = same_vehicle(endpoint, candidate, now_s)
             if verdict is SameVehicle.YES:
-                for old in candidate.endpoints:  # a silent endpoint is assigned again when it sends again
-                    if now_s - old.received_s > SILENT_AFTER_S:
+                for old in (
+                    candidate.endpoints
+                ):  # an endpoint without messages is assigned again when it sends again
+                    if now_s - old.received_s > NO_DATA_AFTER_S:
                         self._forget(old)
                         candidate.detach(old)
                 candidate.attach(endpoint)
                 return
             undecided = undecided or verdict is SameVehicle.NOT_KNOWN
-        if not undecided and self._has_room(endpoint):
+        if not undecided and self._may_add_vehicle(endpoint):
             self._add(endpoint)
 
     def _may_belong_to(self, endpoint: Endpoint, vehicle: Vehicle) -> bool:
@@ -304,11 +309,11 @@ class Fleet(FrameSink):
         self._ordered = None
         for callback in self._on_added:
             callback(vehicle)
-        where = f"{endpoint.connection.name} ({endpoint.peer.name})"
+        connection_text = f"{endpoint.connection.name} ({endpoint.peer.name})"
         self.events.add(
             "vehicle_added",
             self._clock.unix_s(),
-            f"Vehicle {vehicle_id} on {where}",
+            f"Vehicle {vehicle_id} on {connection_text}",
             vehicle=vehicle_id,
             data={"replayed": identity.replayed},
         )
@@ -342,7 +347,7 @@ class Fleet(FrameSink):
             if uid is None or other is vehicle or not self._may_belong_to(endpoint, other):
                 continue
             if any(e.unique_uid == uid for e in other.endpoints):
-                first, second = sorted((vehicle, other), key=lambda v: _order(v.id))
+                first, second = sorted((vehicle, other), key=lambda v: _sort_key(v.id))
                 self._merge(first, second)
                 return
 
@@ -380,16 +385,16 @@ class Fleet(FrameSink):
             callback(event)
 
     def _link_changed(self, info: LinkInfo) -> None:
-        now = (info.state, info.detail)
-        if self._link_states.get(info.name) == now:
+        state = (info.state, info.detail)
+        if self._link_states.get(info.name) == state:
             return
-        self._link_states[info.name] = now
+        self._link_states[info.name] = state
         text = f"Link {info.name}: {info.state}{'. ' + info.detail if info.detail else ''}"
         severity = d.MAV_SEVERITY_WARNING if info.state == "waiting" else d.MAV_SEVERITY_INFO
         data: dict[str, object] = {"link": info.name, "state": info.state}
         self.events.add("link", self._clock.unix_s(), text, severity=severity, data=data)
 
 
-def _order(vehicle_id: str) -> tuple[int, int]:
+def _sort_key(vehicle_id: str) -> tuple[int, int]:
     base, _, number = vehicle_id.partition(OTHER_MARK)
     return int(base), int(number or 1)

@@ -1,9 +1,9 @@
-"""The gimbal's sample, combined from its manager's and its device's messages.
+"""Decodes a gimbal from the messages of its manager and its device.
 
 Frames, as PX4 v1.16 sends them: the quaternion of GIMBAL_DEVICE_ATTITUDE_STATUS and the yaw of
-MOUNT_ORIENTATION (sent ten times as often) are both relative to north while yaw is locked, else to the nose.
-MOUNT_ORIENTATION.yaw_absolute adds the heading in either case and is not used. The limits in
-GIMBAL_MANAGER_INFORMATION are degrees; those of roll are meaningless.
+MOUNT_ORIENTATION (sent ten times as often) are relative to north while yaw is locked, otherwise to the nose.
+MOUNT_ORIENTATION.yaw_absolute adds the heading in either case and is not used. In GIMBAL_MANAGER_INFORMATION
+PX4 sends the limits in degrees; the limits of roll are meaningless.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def gimbal(
     status = payloads.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS)
     if device is None and mount is None:
         return None
-    flags, primary, secondary = _manager(status)
+    flags, primary, secondary = _manager_status(status)
     time_ms, q, roll, pitch, yaw = -1, None, 0.0, 0.0, 0.0
     if device is not None:
         values = _device.unpack_from(device)
@@ -111,7 +111,8 @@ def gimbal(
 
 
 def yaw_in_earth_frame(flags: int) -> bool:
-    """Whether a device's yaw is relative to north: by the frame's flag, or without one by the yaw lock."""
+    """Whether a device's yaw is relative to north: by the frame flags, or without them by the
+    yaw lock."""
     if flags & EARTH_FRAME:
         return True
     return False if flags & VEHICLE_FRAME else bool(flags & YAW_LOCK)
@@ -119,7 +120,7 @@ def yaw_in_earth_frame(flags: int) -> bool:
 
 def control_of(status: bytes) -> tuple[int, int] | None:
     """The primary controller, from GIMBAL_MANAGER_STATUS."""
-    return _manager(status)[1]
+    return _manager_status(status)[1]
 
 
 def device_id_of(status: bytes) -> int:
@@ -127,7 +128,7 @@ def device_id_of(status: bytes) -> int:
     return _status.unpack_from(status)[2]
 
 
-def _manager(status: bytes | None) -> tuple[int, tuple[int, int] | None, tuple[int, int] | None]:
+def _manager_status(status: bytes | None) -> tuple[int, tuple[int, int] | None, tuple[int, int] | None]:
     if status is None:
         return 0, None, None
     _, flags, _, system, component, second_system, second_component = _status.unpack_from(status)
@@ -160,5 +161,5 @@ def _limits(information: bytes | None) -> tuple[float | None, float | None, floa
 
 
 def _range(low: float, high: float) -> tuple[float | None, float | None]:
-    sane = high - low > MIN_RANGE_RAD
-    return (low, high) if sane and max(-low, high) <= MAX_ANGLE_RAD else (None, None)
+    is_plausible = high - low > MIN_RANGE_RAD
+    return (low, high) if is_plausible and max(-low, high) <= MAX_ANGLE_RAD else (None, None)

@@ -1,8 +1,8 @@
 """Finds the gimbals of a vehicle, and the messages that belong to each.
 
 A gimbal is commanded at its manager (a component, usually the autopilot) by the device id that the manager
-gives it. Device ids 1 to 6 are devices without a MAVLink component of their own, attached to the component
-that names them; a larger one is the device's own component. A device with its own component sends id 0.
+gives it. Device ids 1 to 6 are devices without an own MAVLink component, attached to the component that names
+them; a larger id is the id of the device's own component. A device with an own component sends id 0.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from gcs_server.mavlink.codec import Frame
 from gcs_server.vehicle.instances import component_of, instance_of
 
 MAX_ATTACHED_ID = 6
-SILENT_AFTER_S = 3.0
-"""Time without an attitude after which a gimbal is left out, while another gimbal is connected [s]."""
+NO_DATA_AFTER_S = 3.0
+"""Time without an attitude after which a gimbal is ignored, while another gimbal is connected [s]."""
 MANAGER_IDS = (d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS, d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
 ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 ATTITUDE_IDS = (ATTITUDE_ID, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
@@ -40,38 +40,41 @@ def device_of(component_id: int, device_id: int) -> Device:
     return (component_id, device_id) if device_id <= MAX_ATTACHED_ID else (device_id, 0)
 
 
-def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalAddress, dict[int, Frame]]]:
+def frames_by_gimbal(
+    frames: Mapping[int, Frame], autopilot: int
+) -> list[tuple[GimbalAddress, dict[int, Frame]]]:
     """The gimbals whose attitude is received, with the newest frame of each message; the autopilot's gimbals
-    are first. If several components send the same message about one device, the autopilot's is used, or else
-    that of the lowest component id. If the used attitude is no longer received, the next one is used.
+    are first. If several components send the same message about one device, the autopilot's message is used,
+    or else the message of the lowest component id. If this component no longer sends, the next component's
+    message is used.
 
     Args:
         frames: the gimbal messages (`gimbal_decoder.IDS`), by key.
         autopilot: the autopilot's component id.
     """
     managed: dict[Device, tuple[int, GimbalAddress, dict[int, Frame]]] = {}
-    for key, frame in _in_order(frames, MANAGER_IDS):
+    for key, frame in _sorted_frames(frames, MANAGER_IDS):
         device = device_of(frame.component_id, instance_of(key))
         address = GimbalAddress(frame.component_id, instance_of(key))
         _, manager, messages = managed.setdefault(device, (component_of(key), address, {}))
         if manager == address:
             messages[frame.msg_id] = frame
     attitudes_of: dict[Device, list[Frame]] = {}
-    for key, frame in _in_order(frames, ATTITUDE_IDS):
+    for key, frame in _sorted_frames(frames, ATTITUDE_IDS):
         attitudes_of.setdefault(_known_device(frame.component_id, instance_of(key), managed), []).append(
             frame
         )
     newest_s = max((f.received_monotonic_s for each in attitudes_of.values() for f in each), default=0.0)
     found: list[tuple[tuple[int, int, int], GimbalAddress, dict[int, Frame]]] = []
     for device, attitudes in attitudes_of.items():
-        if newest_s - max(f.received_monotonic_s for f in attitudes) > SILENT_AFTER_S:
+        if newest_s - max(f.received_monotonic_s for f in attitudes) > NO_DATA_AFTER_S:
             continue
         unmanaged = GimbalAddress(autopilot, device[1] or (device[0] if device[0] != autopilot else 0))
         order, address, messages = managed.get(device, (0, unmanaged, {}))
         for msg_id in ATTITUDE_IDS:
-            sent = [f for f in attitudes if f.msg_id == msg_id]
-            received_s = max((f.received_monotonic_s for f in sent), default=0.0)
-            recent = [f for f in sent if received_s - f.received_monotonic_s <= SILENT_AFTER_S]
+            frames_of_message = [f for f in attitudes if f.msg_id == msg_id]
+            received_s = max((f.received_monotonic_s for f in frames_of_message), default=0.0)
+            recent = [f for f in frames_of_message if received_s - f.received_monotonic_s <= NO_DATA_AFTER_S]
             if recent:
                 messages = {**messages, msg_id: recent[0]}
         found.append(((order, *device), address, messages))
@@ -79,27 +82,30 @@ def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalA
 
 
 def is_attitude_of(address: GimbalAddress, component_id: int, device_id: int) -> bool:
-    """Whether an attitude from this component with this device id is of that gimbal."""
+    """Whether an attitude from this component with this device id belongs to the gimbal at `address`."""
     device = device_of(address.component_id, address.device_id)
     return device_of(component_id, device_id) == device or (
         device_id == 0 and component_id == address.component_id
     )
 
 
-def _in_order(frames: Mapping[int, Frame], msg_ids: tuple[int, ...]) -> Iterable[tuple[int, Frame]]:
-    """Of these messages: the autopilot's first, then by component and device."""
-    wanted = [(key, frame) for key, frame in frames.items() if frame.msg_id in msg_ids]
-    return sorted(wanted, key=lambda each: each[0] >> 24)
+def _sorted_frames(frames: Mapping[int, Frame], msg_ids: tuple[int, ...]) -> Iterable[tuple[int, Frame]]:
+    """The frames of these messages: the autopilot's first, then by component and device."""
+    selected = [(key, frame) for key, frame in frames.items() if frame.msg_id in msg_ids]
+    return sorted(selected, key=lambda each: each[0] >> 24)
 
 
 def _known_device(
     component_id: int, device_id: int, managed: Mapping[Device, tuple[int, GimbalAddress, dict[int, Frame]]]
 ) -> Device:
-    """The device of an attitude; one without a device id from a manager is that manager's first device."""
+    """The device of an attitude. An attitude without a device id from a manager belongs to the manager's
+    first device."""
     device = device_of(component_id, device_id)
     if device in managed:
         return device
     if device_id == 0:
-        own = [each for each, (_, address, _) in managed.items() if address.component_id == component_id]
-        return min(own, default=device)
+        devices_of_manager = [
+            each for each, (_, address, _) in managed.items() if address.component_id == component_id
+        ]
+        return min(devices_of_manager, default=device)
     return (component_id, 0) if (component_id, 0) in managed else device

@@ -1,4 +1,4 @@
-"""The last minutes of a vehicle as raw frames, decoded only on request.
+"""Stores the last minutes of a vehicle as raw frames, which are decoded only on request.
 
 Frames are stored as tuples of numbers and bytes, which Python's garbage collector does not track. With
 objects, the history of fifty vehicles would make each full collection stall the process.
@@ -16,12 +16,12 @@ from gcs_server.vehicle.instances import message_of
 
 HISTORY_S = 300.0
 
-_Kept = tuple[float, int, float, int, int, int, bytes]
-"""(kept_s, key, received_s, system, component, sequence number, raw); keys: `instances.py`."""
+_StoredFrame = tuple[float, int, float, int, int, int, bytes]
+"""(stored_s, key, received_s, system, component, sequence number, raw); keys: `instances.py`."""
 
 
 class History:
-    """Stores the newest frame of each message at each `keep` call.
+    """Stores the newest frame of each message at each call of `store`.
 
     Args:
         msg_ids: the messages to store.
@@ -29,22 +29,23 @@ class History:
 
     def __init__(self, msg_ids: Iterable[int]) -> None:
         self._msg_ids = frozenset(msg_ids)
-        self._kept: dict[int, deque[_Kept]] = {}
+        self._stored: dict[int, deque[_StoredFrame]] = {}
         self._last: dict[int, Frame] = {}
 
-    def keep(self, latest: dict[int, Frame], now_s: float) -> None:
+    def store(self, latest: dict[int, Frame], now_s: float) -> None:
         """Stores new frames, and drops frames older than `HISTORY_S`.
 
-        One older frame of each message is kept, because it was valid at the start of the stored time. A
-        message that is no longer received keeps its history until it is sent again.
+        One older frame of each message stays stored, because it was valid at the start of the stored time.
+        The history of a message that is no longer received is dropped only when the message is received
+        again.
         """
-        before_s, kept, last = now_s - HISTORY_S, self._kept, self._last
+        before_s, stored, last = now_s - HISTORY_S, self._stored, self._last
         for key, frame in latest.items():
             if frame is last.get(key) or message_of(key) not in self._msg_ids:
                 continue
             last[key] = frame
-            past = kept.setdefault(key, deque())
-            past.append(
+            frames = stored.setdefault(key, deque())
+            frames.append(
                 (
                     now_s,
                     key,
@@ -55,14 +56,14 @@ class History:
                     frame.raw,
                 )
             )
-            while len(past) > 1 and past[1][0] < before_s:
-                past.popleft()
+            while len(frames) > 1 and frames[1][0] < before_s:
+                frames.popleft()
 
     def frames(self, keys: tuple[int, ...]) -> Iterator[tuple[float, tuple[Frame | None, ...]]]:
         """(time [s], newest frame of each key at that time) for each time with a new frame; oldest first."""
         newest: dict[int, Frame] = {}
-        kept = heapq.merge(*(self._kept.get(key, ()) for key in dict.fromkeys(keys)))
-        for kept_s, together in itertools.groupby(kept, key=lambda item: item[0]):
-            for _, key, received_s, system_id, component_id, seq, raw in together:
+        stored = heapq.merge(*(self._stored.get(key, ()) for key in dict.fromkeys(keys)))
+        for stored_s, simultaneous in itertools.groupby(stored, key=lambda item: item[0]):
+            for _, key, received_s, system_id, component_id, seq, raw in simultaneous:
                 newest[key] = Frame(message_of(key), system_id, component_id, seq, raw, received_s)
-            yield kept_s, tuple(map(newest.get, keys))
+            yield stored_s, tuple(map(newest.get, keys))

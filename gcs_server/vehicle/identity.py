@@ -1,7 +1,7 @@
 """Identity of a vehicle, and whether this server may command it.
 
 PX4 reads its uid from the processor. PX4 on Linux, including its simulator, reports a constant instead.
-Therefore this constant means "simulator" and does not distinguish vehicles.
+Therefore this constant identifies simulators and does not distinguish vehicles.
 """
 
 from __future__ import annotations
@@ -40,13 +40,14 @@ class Identity:
     vehicle_type: int
     """MAV_TYPE: 2 is a quadrotor."""
     uid: str | None
-    """Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if the
-    vehicle has none."""
+    """Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None: not received yet, or the
+    vehicle has no uid."""
     simulated: bool | None
-    """None until AUTOPILOT_VERSION is received, and for other autopilots than PX4."""
+    """Whether the vehicle is simulated; None until AUTOPILOT_VERSION is received, and for autopilots other
+    than PX4."""
     replayed: bool
     firmware: str | None
-    """`1.16.0` or None."""
+    """Version, as `1.16.0`; None until AUTOPILOT_VERSION is received."""
     capabilities: int | None
     """MAV_PROTOCOL_CAPABILITY."""
     warnings: tuple[str, ...] = ()
@@ -59,7 +60,7 @@ class Identity:
 
     @property
     def commandable(self) -> bool:
-        """Whether it is a multicopter with PX4, for which commands are verified."""
+        """Whether the vehicle is a multicopter with PX4; commands are verified only for these."""
         return self.autopilot == d.MAV_AUTOPILOT_PX4 and self.vehicle_type in COMMANDABLE_TYPES
 
 

@@ -1,7 +1,7 @@
 """Distinguishes the instances of a message: batteries 0 and 1, main and auxiliary outputs, several gimbals.
 
-A message is kept by (component, message, instance), so that neither two batteries nor two components ever
-overwrite each other. A key has the message's id in bits 0 to 23, the instance in bits 24 to 31, and the
+A message is stored by (component, message, instance), so that the messages of two batteries or two components
+never replace each other. A key has the message's id in bits 0 to 23, the instance in bits 24 to 31, and the
 component from bit 32 on (0: the autopilot). For instance 0 of the autopilot, the key is the id itself.
 """
 
@@ -13,7 +13,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, payload_byte
 from gcs_server.vehicle import gimbal_decoder
 
-INSTANCE_AT = {
+INSTANCE_OFFSET = {
     d.MAVLINK_MSG_ID_BATTERY_STATUS: 32,
     d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 20,
     d.MAVLINK_MSG_ID_DISTANCE_SENSOR: 11,
@@ -26,10 +26,10 @@ ANY_COMPONENT = frozenset(gimbal_decoder.IDS)
 """Messages that are stored from every component; all other messages are stored from the autopilot only."""
 MAX_INSTANCES = 8
 """Maximum number of instances of one message from the autopilot, and from all other components together; PX4
-has at most four batteries. More are ignored, so that other components cannot displace the autopilot's
-instances."""
-SILENT_AFTER_S = 10.0
-"""Time after which a silent instance is dropped, while another instance is received [s]."""
+has at most four batteries. Further instances are ignored, so that other components cannot displace the
+autopilot's instances."""
+NO_DATA_AFTER_S = 10.0
+"""Time without a message after which an instance is ignored, while another instance is received [s]."""
 ID_MASK = 0xFFFFFF
 
 
@@ -60,19 +60,19 @@ class Instances:
         self._keys: dict[int, tuple[int, ...]] = {}
 
     def key_of(self, frame: Frame) -> int | None:
-        """Key of a frame; None if it is not kept."""
-        msg_id, at = frame.msg_id, INSTANCE_AT.get(frame.msg_id)
-        own = frame.component_id == self._autopilot
-        if own and at is None:
+        """Key of a frame; None if the frame is not stored."""
+        msg_id, instance_offset = frame.msg_id, INSTANCE_OFFSET.get(frame.msg_id)
+        from_autopilot = frame.component_id == self._autopilot
+        if from_autopilot and instance_offset is None:
             return msg_id
-        if not own and msg_id not in ANY_COMPONENT:
+        if not from_autopilot and msg_id not in ANY_COMPONENT:
             return None
-        component = 0 if own else frame.component_id
-        instance = 0 if at is None else payload_byte(frame, at)
+        component = 0 if from_autopilot else frame.component_id
+        instance = 0 if instance_offset is None else payload_byte(frame, instance_offset)
         key = msg_id | instance << 24 | component << 32
         known = self._keys.get(msg_id, ())
         if key not in known:
-            if sum((component_of(k) == 0) == own for k in known) >= MAX_INSTANCES:
+            if sum((component_of(k) == 0) == from_autopilot for k in known) >= MAX_INSTANCES:
                 return None
             self._keys[msg_id] = tuple(sorted((*known, key)))
         return key
@@ -82,15 +82,15 @@ class Instances:
         return tuple([k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,))])
 
 
-def without_silent(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
-    """Frames by key, without instances that are silent while another instance is received."""
-    kept = dict(frames)
+def active_instances(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
+    """Frames by key, without instances that are no longer received while another instance is received."""
+    by_key = dict(frames)
     newest: dict[int, float] = {}
-    for key, frame in kept.items():
+    for key, frame in by_key.items():
         msg_id = message_of(key)
         newest[msg_id] = max(newest.get(msg_id, float("-inf")), frame.received_monotonic_s)
     return {
         key: frame
-        for key, frame in kept.items()
-        if newest[message_of(key)] - frame.received_monotonic_s <= SILENT_AFTER_S
+        for key, frame in by_key.items()
+        if newest[message_of(key)] - frame.received_monotonic_s <= NO_DATA_AFTER_S
     }

@@ -1,5 +1,5 @@
-"""Unpacks, checks and reads a vehicle's metadata files within limits. All of it runs in a process of its own
-(`metadata_process.py`), except for the small general file.
+"""Unpacks, checks and reads a vehicle's metadata files within limits, in a separate process
+(`metadata_process.py`). Only the small general file is read in the server.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import msgspec
 
 from gcs_server.vehicle import event_document, param_document
 from gcs_server.vehicle.event_definitions import Definition
-from gcs_server.vehicle.metadata_limits import Document, LeftOut, cut
+from gcs_server.vehicle.metadata_limits import Document, OmittedEntries, cut
 from gcs_server.vehicle.param_metadata import ParamMetadata
 
 PARAMETERS, EVENTS = 1, 4
@@ -23,9 +23,9 @@ MAX_PACKED_BYTES, MAX_BYTES = 2_000_000, 8_000_000
 """Limits of a file; PX4's largest file has 60 kB, and 0.8 MB unpacked."""
 MAX_GENERAL_PACKED_BYTES, MAX_GENERAL_BYTES = 16_000, 64_000
 MAX_GENERAL_ENTRIES, MAX_URI_LENGTH = 32, 200
-MAX_ANSWER_BYTES = 3_000_000
-"""Size of the encoded answer; it takes about three times as much memory in the server. PX4's largest has 0.6
-MB."""
+MAX_OUTPUT_BYTES = 3_000_000
+"""Maximum size of the encoded document, which takes about three times as much memory in the server. PX4's
+largest has 0.6 MB."""
 BATCH = 50
 """Number of entries decoded at a time while the event loop waits."""
 MAX_PROBLEM_LENGTH = 200
@@ -35,7 +35,7 @@ XZ_MAGIC = b"\xfd7zXZ\0"
 
 
 class Damaged(ValueError):
-    """The file differs from the announced one: it may have been damaged in transfer."""
+    """The file does not match its checksum or is incomplete, perhaps because of a damaged transfer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,18 +59,18 @@ class _FileEntry(msgspec.Struct, rename="camel"):
     file_crc: int = 0
 
 
-class Answer(msgspec.Struct, frozen=True):
-    """Answer of the process."""
+class ReaderOutput(msgspec.Struct, frozen=True):
+    """Output of the reading process."""
 
     problem: str | None = None
     """Why the file cannot be used."""
     is_damaged: bool = False
-    left_out: str | None = None
+    omission_text: str | None = None
     batches: tuple[bytes, ...] = ()
     """Encoded entries, `BATCH` each."""
 
 
-_answer = msgspec.msgpack.Decoder(Answer)
+_output = msgspec.msgpack.Decoder(ReaderOutput)
 _encoder = msgspec.msgpack.Encoder()
 _parsers: dict[int, Callable[[bytes], Document[Any, Any]]] = {
     PARAMETERS: param_document.parse,
@@ -87,13 +87,13 @@ def crc32(data: bytes) -> int:
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def unpacked(packed: bytes, crc: int, most_bytes: int = MAX_BYTES) -> bytes:
+def unpacked(packed: bytes, crc: int, max_bytes: int = MAX_BYTES) -> bytes:
     """Unpacks a file, if it is packed.
 
     Args:
         packed: the file.
         crc: checksum of the file, or of its content as in PX4's general file; 0: no checksum.
-        most_bytes: larger content is refused before it is completely unpacked.
+        max_bytes: larger content is refused before it is completely unpacked.
 
     Raises:
         Damaged: the checksum differs, or the file cannot be unpacked.
@@ -103,20 +103,20 @@ def unpacked(packed: bytes, crc: int, most_bytes: int = MAX_BYTES) -> bytes:
     if packed.startswith(XZ_MAGIC):
         unpacker = lzma.LZMADecompressor(memlimit=DICTIONARY_BYTES)
         try:
-            content = unpacker.decompress(packed, max_length=most_bytes + 1)
+            content = unpacker.decompress(packed, max_length=max_bytes + 1)
         except lzma.LZMAError as error:
             raise Damaged(f"it cannot be unpacked ({error})") from error
-        if len(content) <= most_bytes and not unpacker.eof:
+        if len(content) <= max_bytes and not unpacker.eof:
             raise Damaged("it is incomplete")
-    if len(content) > most_bytes:
-        raise ValueError(f"unpacked it has more than {most_bytes:,} bytes")
+    if len(content) > max_bytes:
+        raise ValueError(f"unpacked it has more than {max_bytes:,} bytes")
     if crc and crc not in (crc32(packed), crc32(content)):
         raise Damaged("its checksum does not match")
     return content
 
 
 def read_general(packed: bytes, crc: int) -> list[FileEntry]:
-    """Reads the general file, which lists the other files. It is small enough for any thread.
+    """Reads the general file, which lists the other files. The file is small enough for any thread.
 
     Raises:
         Damaged: see `unpacked`.
@@ -134,42 +134,43 @@ def read_general(packed: bytes, crc: int) -> list[FileEntry]:
     return found
 
 
-def answer(kind: int, packed: bytes, crc: int) -> bytes:
-    """Reads a complete file; problems are part of the answer. Used by `metadata_process.py`."""
+def encode_document(kind: int, packed: bytes, crc: int) -> bytes:
+    """Reads a file and encodes its entries; a problem is part of the output. Runs in
+    `metadata_process.py`."""
     try:
         document = _parsers[kind](unpacked(packed, crc))
     except (ValueError, RecursionError, MemoryError) as error:
         problem = cut(str(error) or type(error).__name__, MAX_PROBLEM_LENGTH)
-        return _encoder.encode(Answer(problem, isinstance(error, Damaged)))
+        return _encoder.encode(ReaderOutput(problem, isinstance(error, Damaged)))
     batches: list[bytes] = []
-    size = kept = 0
+    size = encoded_count = 0
     items = list(document.items())
-    while kept < len(items):
-        batch = _encoder.encode(items[kept : kept + BATCH])
-        if size + len(batch) > MAX_ANSWER_BYTES:
+    while encoded_count < len(items):
+        batch = _encoder.encode(items[encoded_count : encoded_count + BATCH])
+        if size + len(batch) > MAX_OUTPUT_BYTES:
             break
         batches.append(batch)
         size += len(batch)
-        kept = min(kept + BATCH, len(items))
-    words = document.left_out
-    if kept < len(items):
-        left_out = LeftOut("entry", "entries")
-        left_out.add("the rest", "together they are too large", len(items) - kept)
-        words = " ".join(w for w in (words, left_out.text()) if w)
-    return _encoder.encode(Answer(left_out=words, batches=tuple(batches)))
+        encoded_count = min(encoded_count + BATCH, len(items))
+    omission_text = document.omission_text
+    if encoded_count < len(items):
+        omitted = OmittedEntries("entry", "entries")
+        omitted.add("the rest", "together they are too large", len(items) - encoded_count)
+        omission_text = " ".join(w for w in (omission_text, omitted.text()) if w)
+    return _encoder.encode(ReaderOutput(omission_text=omission_text, batches=tuple(batches)))
 
 
-def read_answer(kind: int, data: bytes) -> Document[Any, Any]:
-    """Reads the output of `answer`.
+def decode_document(kind: int, data: bytes) -> Document[Any, Any]:
+    """Reads the output of `encode_document`.
 
     Raises:
-        Damaged: the file differs from the announced one.
+        Damaged: see `unpacked`.
         ValueError: the file cannot be read; the text is the reason.
     """
-    given = _answer.decode(data)
-    if given.problem is not None:
-        raise (Damaged if given.is_damaged else ValueError)(given.problem)
+    output = _output.decode(data)
+    if output.problem is not None:
+        raise (Damaged if output.is_damaged else ValueError)(output.problem)
     entries: dict[Any, Any] = {}
-    for batch in given.batches:
+    for batch in output.batches:
         entries.update(_decoders[kind].decode(batch))
-    return Document(entries, given.left_out, sum(map(len, given.batches)))
+    return Document(entries, output.omission_text, sum(map(len, output.batches)))

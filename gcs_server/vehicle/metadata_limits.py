@@ -1,4 +1,4 @@
-"""Limits for a vehicle's own metadata: texts are cut, numbers are checked, dropped entries are counted."""
+"""Limits of a vehicle's own metadata: long texts are shortened, and omitted entries are counted."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ MAX_REASONS = 3
 MAX_REASON_LENGTH = 160
 
 
-def cut(text: str, most: int) -> str:
+def cut(text: str, max_length: int) -> str:
     """The text, limited to this number of characters with an ellipsis."""
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return text if len(text) <= max_length else text[: max_length - 1] + "…"
 
 
-class LeftOut:
-    """Counts entries beyond the limits and keeps the first reasons.
+class OmittedEntries:
+    """Counts entries that are omitted because of a limit or an error, with the first reasons.
 
     Args:
-        one: singular name of an entry ("parameter").
-        several: plural name.
+        singular: name of an entry ("parameter").
+        plural: name of several entries.
     """
 
-    def __init__(self, one: str, several: str) -> None:
-        self._one, self._several = one, several
+    def __init__(self, singular: str, plural: str) -> None:
+        self._singular, self._plural = singular, plural
         self._reasons: list[str] = []
-        self._given = 0
+        self._reason_count = 0
         self.count = 0
 
     def add(self, name: str, reason: object, count: int = 1) -> None:
-        """Adds one dropped entry, or several for one reason."""
+        """Adds one omitted entry, or several entries with the same reason."""
         self.count += count
-        self._given += 1
+        self._reason_count += 1
         if len(self._reasons) < MAX_REASONS:
             self._reasons.append(cut(f"{cut(name, 40)} ({reason})", MAX_REASON_LENGTH))
 
     def text(self) -> str | None:
-        """A sentence; None if nothing was dropped."""
+        """The omitted entries as a sentence; None: no entry was omitted."""
         if not self.count:
             return None
-        more = ", …" if self._given > len(self._reasons) else ""
-        what = self._one if self.count == 1 else self._several
-        return f"Left out {self.count:,} {what}: {', '.join(self._reasons)}{more}."
+        more = ", …" if self._reason_count > len(self._reasons) else ""
+        noun = self._singular if self.count == 1 else self._plural
+        return f"Left out {self.count:,} {noun}: {', '.join(self._reasons)}{more}."
 
 
 class Document(Mapping[Key, Entry]):
@@ -52,15 +52,15 @@ class Document(Mapping[Key, Entry]):
 
     Args:
         entries: entries within the limits.
-        left_out: dropped entries and the reasons; None if nothing was dropped.
+        omission_text: omitted entries and the reasons, as a sentence; None: no entry was omitted.
         size_bytes: size of the encoded entries, as a measure of their memory.
     """
 
     def __init__(
-        self, entries: Mapping[Key, Entry], left_out: str | None = None, size_bytes: int = 0
+        self, entries: Mapping[Key, Entry], omission_text: str | None = None, size_bytes: int = 0
     ) -> None:
         self._entries = entries
-        self.left_out = left_out
+        self.omission_text = omission_text
         self.size_bytes = size_bytes
 
     def __getitem__(self, key: Key) -> Entry:

@@ -1,8 +1,8 @@
 """Reads a metadata file in a separate process (`python -m gcs_server.vehicle.metadata_process KIND CRC`).
 
 The file comes from a vehicle and is untrusted. The process has limits of memory, computing time and total
-time; if it exceeds one, it ends and the server reports it. The file comes on its standard input, the answer
-(`metadata_files.answer`) goes to its standard output.
+time; if it exceeds a limit, it ends and the server reports this. It reads the file from standard input, and
+writes the encoded document (`metadata_files.encode_document`) to standard output.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ COMPUTING_S = 5
 TIMEOUT_S = 20.0
 """Time limit for one document, on a busy machine."""
 MAX_BUFFERED_BYTES = 24_000_000
-"""Maximum total size of the encoded documents of all vehicles; those of ten different firmwares have 8 MB."""
+"""Maximum total size of the encoded documents of all vehicles; ten different firmwares need 8 MB."""
 LIMIT_EXCEEDED = "reading it took more memory or time than allowed"
 
 
@@ -34,13 +34,13 @@ class DocumentReader:
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="vehicle metadata")
-        self._held: weakref.WeakSet[Document[Any, Any]] = weakref.WeakSet()
+        self._documents: weakref.WeakSet[Document[Any, Any]] = weakref.WeakSet()
 
     async def read(self, kind: int, packed: bytes, crc: int) -> Document[Any, Any]:
         """Reads a file; waits for its turn and for the process.
 
         Raises:
-            metadata_files.Damaged: the file differs from the announced one.
+            metadata_files.Damaged: see `metadata_files.unpacked`.
             ValueError: the file cannot be used; the text is the reason.
         """
         job = _Job(kind, packed, crc)
@@ -49,9 +49,9 @@ class DocumentReader:
         except asyncio.CancelledError:
             job.stop()
             raise
-        if sum(held.size_bytes for held in self._held) + document.size_bytes > MAX_BUFFERED_BYTES:
+        if sum(each.size_bytes for each in self._documents) + document.size_bytes > MAX_BUFFERED_BYTES:
             raise ValueError("the metadata of all vehicles exceeds the server's limit")
-        self._held.add(document)
+        self._documents.add(document)
         return document
 
 
@@ -62,10 +62,10 @@ class _Job:
         self._stopped = False
 
     def run(self) -> Document[Any, Any]:
-        """Runs in the reader's thread; raises as `DocumentReader.read`."""
+        """Runs the process, in the reader's thread; raises the errors of `DocumentReader.read`."""
         if self._stopped:
             raise ValueError(LIMIT_EXCEEDED)
-        return metadata_files.read_answer(self._kind, self._output())
+        return metadata_files.decode_document(self._kind, self._output())
 
     def stop(self) -> None:
         """Stops the process, because its result is not needed any more."""
@@ -97,7 +97,7 @@ def main(arguments: list[str]) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (COMPUTING_S, COMPUTING_S))
     packed = sys.stdin.buffer.read(metadata_files.MAX_PACKED_BYTES + 1)
-    sys.stdout.buffer.write(metadata_files.answer(int(arguments[0]), packed, int(arguments[1])))
+    sys.stdout.buffer.write(metadata_files.encode_document(int(arguments[0]), packed, int(arguments[1])))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Finds the cause of a vehicle's mode: this server's command, the vehicle itself, its pilot or another
 station. No I/O.
 
-The vehicle does not report the cause. It is inferred from this server's commands, the vehicle's
+The vehicle does not report the cause. The server infers it from this server's commands, the vehicle's
 acknowledgements to other stations, the intended mode and the current mode, and the RC link.
 """
 
@@ -51,8 +51,8 @@ class ModeCause:
     """The inferred cause of the current mode."""
 
     source: Source
-    """command (this server's), vehicle (the vehicle itself), failsafe, pilot (its transmitter), station
-    (another one), unknown."""
+    """command (of this server), vehicle (the vehicle itself), failsafe, pilot (RC transmitter), station
+    (another ground station), unknown."""
     who: str | None
     """Client or other station."""
     text: str
@@ -83,17 +83,17 @@ def cause_of(
         requested: (command, client) of this server's newest command for this mode.
         foreign: newest acknowledgement to another station.
         has_transmitter: whether an RC transmitter is connected.
-        now_s: monotonic.
-        unix_s: time for the display.
+        now_s: current time [s, monotonic].
+        unix_s: current time [s since 1970 UTC].
     """
     if requested is not None:
-        what, client = requested
-        return ModeCause("command", client, f"{client or 'this server'} commanded {what}", unix_s)
+        command, client = requested
+        return ModeCause("command", client, f"{client or 'this server'} commanded {command}", unix_s)
     if foreign is not None and now_s - foreign.received_s <= FOREIGN_ACK_S:
         who = f"station {foreign.system}/{foreign.component}"
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
-    # a heartbeat has no intended mode: the previous one still applies
+    # a heartbeat has no intended mode, so the intended mode may be outdated
     has_intended_mode = after.heartbeat_s == before.heartbeat_s
     if (has_intended_mode and is_overruled(after)) or after.system_status in (
         d.MAV_STATE_CRITICAL,

@@ -48,7 +48,7 @@ MODES: tuple[Mode, ...] = (
     Mode("offboard", "Offboard", 6, 0, 14),
     Mode("stabilized", "Stabilized", 7, 0, 15),
     Mode("termination", "Termination", 10, 0, 13, settable=False),
-    # Only v1.17 has this mode; v1.16 accepts its number and keeps its current mode.
+    # Only v1.17 has this mode; v1.16 accepts its number, but stays in its current mode.
     Mode("altitude_cruise", "Altitude cruise", 11, 0, 8, settable=False),
 )
 BY_NAME = {mode.name: mode for mode in MODES}
@@ -65,7 +65,7 @@ LANDED_STATES = {
 
 
 def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
-    """Name and label of a mode; its numbers if it is not a known PX4 mode."""
+    """Name and label of a mode; its numbers if the mode is not a known PX4 mode."""
     if autopilot != dialect.MAV_AUTOPILOT_PX4:
         return f"custom_{custom_mode}", f"Mode {custom_mode}"
     mode = BY_CUSTOM_MODE.get(custom_mode)
@@ -77,7 +77,8 @@ def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
 
 @dataclass(slots=True)
 class ModeNames:
-    """The names of one vehicle's modes; those of external modes are given when they are registered."""
+    """The names of one vehicle's modes; external modes get their names when they are
+    registered."""
 
     external: dict[str, str] = field(default_factory=dict[str, str])
     """Names of this server's external modes, by mode (`external_1` …)."""
@@ -87,12 +88,12 @@ class ModeNames:
     def name_and_label(self, custom_mode: int, autopilot: int) -> tuple[str, str]:
         """Name and label of a mode; see `name_and_label`."""
         name, label = name_and_label(custom_mode, autopilot)
-        return name, self.named(name, label)
+        return name, self.name_or_label(name, label)
 
     def label(self, mode: Mode) -> str:
         """The label of a mode."""
-        return self.named(mode.name, mode.label)
+        return self.name_or_label(mode.name, mode.label)
 
-    def named(self, name: str, label: str) -> str:
-        """The name that was given to a mode when it was registered; otherwise its label."""
+    def name_or_label(self, name: str, label: str) -> str:
+        """The name with which a mode was registered; otherwise its label."""
         return self.external.get(name) or self.announced.get(name, label)

@@ -1,7 +1,7 @@
 """Checks that a vehicle's numbers are finite and plausible before they are used.
 
 MAVLink's floats may be NaN ("not set"), infinite, or of any size. Each number is checked once, when it is
-decoded. Up to `MAX_MAGNITUDE`, no later square, sum or conversion to an integer can overflow.
+decoded. For numbers up to `MAX_MAGNITUDE`, later squares, sums and conversions to integers cannot overflow.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from missions.frames import Quaternion, Vector3
 
 MAX_MAGNITUDE = 1e7
-"""No value of a flight exceeds this in metres, m/s, radians or degrees (pole to equator: 10,000 km)."""
-ROTATION_WITHIN = 0.1
+"""Maximum valid value in m, m/s, rad or degrees; a flight has no larger one (pole to equator: 10,000 km)."""
+LENGTH_TOLERANCE = 0.1
 """Tolerance of a quaternion's length, which should be one."""
 
 
@@ -26,8 +26,8 @@ def number(value: float) -> float | None:
     return value if -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE else None
 
 
-def required(what: str, *values: float) -> None:
-    """Raises Unusable if one of the values is not usable; `what` names the message and its fields."""
+def require_valid(field: str, *values: float) -> None:
+    """Raises Unusable if one of the values is invalid; `field` names the message and its fields."""
     for value in values:
         if not -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
             problem = (
@@ -35,11 +35,11 @@ def required(what: str, *values: float) -> None:
                 if not math.isfinite(value)
                 else f"is {value:.3g}, which is not plausible"
             )
-            raise Unusable(f"{what} {problem}")
+            raise Unusable(f"{field} {problem}")
 
 
 def vector(values: Sequence[float]) -> Vector3 | None:
-    """Three values; None if one of them is not usable."""
+    """Three values; None if one of them is invalid."""
     x, y, z = values
     low, high = -MAX_MAGNITUDE, MAX_MAGNITUDE
     return (x, y, z) if low <= x <= high and low <= y <= high and low <= z <= high else None
@@ -49,10 +49,10 @@ def rotation(values: Sequence[float]) -> Quaternion | None:
     """A unit quaternion (w, x, y, z); None if the values are not a rotation, such as four zeros."""
     w, x, y, z = values
     length = math.hypot(w, x, y, z)
-    return (w, x, y, z) if abs(length - 1.0) <= ROTATION_WITHIN else None
+    return (w, x, y, z) if abs(length - 1.0) <= LENGTH_TOLERANCE else None
 
 
-def on_earth(what: str, lat_deg: float, lon_deg: float) -> None:
+def require_on_earth(field: str, lat_deg: float, lon_deg: float) -> None:
     """Raises Unusable if the position does not exist on the earth."""
     if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0):
-        raise Unusable(f"{what} is not a position on the earth ({lat_deg:.7g}°, {lon_deg:.7g}°)")
+        raise Unusable(f"{field} is not a position on the earth ({lat_deg:.7g}°, {lon_deg:.7g}°)")

@@ -1,7 +1,7 @@
 """Reads the metadata document of a vehicle's parameters, entry by entry, within limits.
 
-Format: MAVLink's parameter metadata schema, version 1. An entry that does not conform to the schema is left
-out and the reason recorded; long texts are shortened.
+Format: MAVLink's parameter metadata schema, version 1. An entry that does not conform to the schema is
+omitted, and the reason is recorded. Long texts are shortened.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from typing import Annotated
 
 import msgspec
 
-from gcs_server.vehicle.metadata_limits import Document, LeftOut, cut
+from gcs_server.vehicle.metadata_limits import Document, OmittedEntries, cut
 from gcs_server.vehicle.param_metadata import Choice, ParamMetadata
 
 MAX_PARAMETERS = 5_000
-"""PX4 v1.16 describes 1,821."""
+"""Maximum number of entries; PX4 v1.16 has 1,821."""
 MAX_LABEL_LENGTH, MAX_WORD_LENGTH, MAX_TITLE_LENGTH, MAX_DETAILS_LENGTH = 300, 60, 300, 3_000
-"""Characters; PX4's longest are 258, 35, 132 and 968."""
+"""Maximum lengths [characters]; PX4's longest texts have 258, 35, 132 and 968."""
 MAX_MAGNITUDE = 3.5e38
-"""No 32-bit float is larger."""
+"""Larger than every 32-bit float."""
 
 _Number = (
     Annotated[int, msgspec.Meta(ge=-(2**32), le=2**32)]
@@ -78,19 +78,19 @@ def parse(content: bytes) -> Document[str, ParamMetadata]:
     document = _document.decode(content)  # msgspec's errors are ValueErrors
     if document.version != 1:
         raise ValueError(f"parameter document version {document.version} is not supported, only version 1")
-    left_out = LeftOut("parameter", "parameters")
+    omitted = OmittedEntries("parameter", "parameters")
     found: dict[str, ParamMetadata] = {}
     for raw in document.parameters[:MAX_PARAMETERS]:
         try:
             entry = _entry.decode(raw)
         except (ValueError, RecursionError) as error:
-            left_out.add(_name_of(raw), error)
+            omitted.add(_name_of(raw), error)
             continue
         found[entry.name] = _metadata_of(entry)
     more = len(document.parameters) - MAX_PARAMETERS
     if more > 0:
-        left_out.add("the rest", f"more than {MAX_PARAMETERS:,}", more)
-    return Document(found, left_out.text())
+        omitted.add("the rest", f"more than {MAX_PARAMETERS:,}", more)
+    return Document(found, omitted.text())
 
 
 def _name_of(raw: msgspec.Raw) -> str:

@@ -10,7 +10,7 @@ from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.metadata_limits import Document, cut
 
 MAX_NAMED, MAX_NAMED_LENGTH = 20, 60
-"""Maximum number of choices in an error text, and maximum number of characters of each."""
+"""Maximum number of choices in an error text, and maximum length of a choice [characters]."""
 FORCE = 'Send "force": true to set it anyway.'
 
 
@@ -19,7 +19,7 @@ class Choice:
     """A value or a bit with a name."""
 
     value: int | float
-    """The value; of a bit mask, the bit's number."""
+    """The value; for a bit mask, the number of the bit."""
     label: str
     """Label in the metadata."""
 
@@ -31,7 +31,7 @@ class ParamMetadata:
     name: str
     """Name as in MAVLink."""
     is_integer: bool
-    """Whether it is a 32-bit integer; otherwise a 32-bit float."""
+    """Whether the parameter is a 32-bit integer; otherwise it is a 32-bit float."""
     group: str
     """Group in the metadata."""
     category: str
@@ -55,7 +55,7 @@ class ParamMetadata:
     choices: tuple[Choice, ...] = ()
     """The documented values, if only these are valid."""
     bits: tuple[Choice, ...] = ()
-    """The documented bits, if it is a bit mask."""
+    """The documented bits, if the parameter is a bit mask."""
     reboot_required: bool = False
     """Whether a change takes effect only after a restart."""
     volatile: bool = False
@@ -68,22 +68,24 @@ class ParamMetadata:
             InvalidRequest: the value does not fit; the error contains the range or the choices.
         """
         if self.choices:
-            if not any(_same(value, choice.value) for choice in self.choices):
-                known = _named((c.value, c.label) for c in self.choices)
-                raise InvalidRequest("value", f"{self.name} is one of {known}; not {value:g}.", remedy=FORCE)
+            if not any(_is_equal(value, choice.value) for choice in self.choices):
+                choices_text = _choices_text((c.value, c.label) for c in self.choices)
+                raise InvalidRequest(
+                    "value", f"{self.name} is one of {choices_text}; not {value:g}.", remedy=FORCE
+                )
             return
         if self.bits:
             known_bits = 0
             for bit in self.bits:
                 known_bits |= 1 << int(bit.value)
             if value < 0 or value != int(value) or int(value) & ~known_bits:
-                names = _named((1 << int(b.value), b.label) for b in self.bits)
+                names = _choices_text((1 << int(b.value), b.label) for b in self.bits)
                 raise InvalidRequest(
                     "value", f"{self.name} is a sum of {names}; not {value:g}.", remedy=FORCE
                 )
             return
-        too_low = self.min is not None and value < self.min and not _same(value, self.min)
-        too_high = self.max is not None and value > self.max and not _same(value, self.max)
+        too_low = self.min is not None and value < self.min and not _is_equal(value, self.min)
+        too_high = self.max is not None and value > self.max and not _is_equal(value, self.max)
         if too_low or too_high:
             raise InvalidRequest(
                 "value", f"{self.name} must be {self.range_text()}, not {value:g}.", remedy=FORCE
@@ -102,18 +104,18 @@ class ParamMetadata:
 MetadataByName = Document[str, ParamMetadata]
 
 
-def _named(choices: Iterable[tuple[float, str]]) -> str:
-    words = [f"{value:g} ({cut(label, MAX_NAMED_LENGTH)})" for value, label in choices]
-    more = len(words) - MAX_NAMED
-    return ", ".join(words[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+def _choices_text(choices: Iterable[tuple[float, str]]) -> str:
+    texts = [f"{value:g} ({cut(label, MAX_NAMED_LENGTH)})" for value, label in choices]
+    more = len(texts) - MAX_NAMED
+    return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def is_default(metadata: ParamMetadata, value: float) -> bool | None:
     """Whether a value is the firmware's default; None if the default is unknown."""
-    return None if metadata.default is None else _same(value, metadata.default)
+    return None if metadata.default is None else _is_equal(value, metadata.default)
 
 
-def _same(a: float, b: float) -> bool:
+def _is_equal(a: float, b: float) -> bool:
     """Compares with the 32-bit precision in which the vehicle stores values."""
     if a == b:
         return True

@@ -39,7 +39,7 @@ class ParamReport:
 
     param: Param
     index: int
-    """Index in the vehicle's list; 65535 if it has none."""
+    """Index in the vehicle's list; 65535: no index."""
     count: int
     """Length of the list."""
 
@@ -51,14 +51,14 @@ def read_report(payload: bytes) -> ParamReport | None:
     name = raw_name.split(b"\0", 1)[0].decode("ascii", "replace")
     if kind == d.MAV_PARAM_TYPE_REAL32:
         return ParamReport(Param(name, _float.unpack(bits)[0], False), index, count)
-    form = _integers.get(kind)
-    if form is None:
+    number_format = _integers.get(kind)
+    if number_format is None:
         return None
-    return ParamReport(Param(name, struct.unpack_from(form, bits)[0], True), index, count)
+    return ParamReport(Param(name, struct.unpack_from(number_format, bits)[0], True), index, count)
 
 
 def checksum_of(param: Param) -> int | None:
-    """The vehicle's checksum from `_HASH_CHECK`; None if it is not a number."""
+    """The vehicle's checksum from `_HASH_CHECK`; None if the value is not a number."""
     return int(param.value) & 0xFFFFFFFF if math.isfinite(param.value) else None
 
 
@@ -71,19 +71,19 @@ class ParamTable:
 
     def __init__(self) -> None:
         self._values: dict[str, Param] = {}
-        self._filled: set[int] = set()
+        self._received: set[int] = set()
         self.count: int | None = None
         """Length of the vehicle's list; None if unknown."""
         self.hash: int | None = None
         """The vehicle's checksum over names and values."""
-        self.left_out = 0
-        """Number of entries that cannot be kept."""
+        self.omitted_count = 0
+        """Number of entries with an invalid name, or beyond the limit."""
 
     def __len__(self) -> int:
         return len(self._values)
 
     def get(self, name: str) -> Param | None:
-        """A parameter; None if it was not received."""
+        """A parameter; None if not received."""
         return self._values.get(name)
 
     def all(self) -> list[Param]:
@@ -91,44 +91,44 @@ class ParamTable:
         return [self._values[name] for name in sorted(self._values)]
 
     @property
-    def filled(self) -> int:
+    def received_count(self) -> int:
         """Number of received indexes."""
-        return len(self._filled)
+        return len(self._received)
 
     @property
     def complete(self) -> bool:
         """Whether the whole list was received."""
-        return self.count is not None and len(self._filled) >= self.count
+        return self.count is not None and len(self._received) >= self.count
 
-    def missing(self, most: int) -> list[int]:
+    def missing(self, max_count: int) -> list[int]:
         """The first missing indexes."""
         found: list[int] = []
         for index in range(self.count or 0):
-            if index not in self._filled:
+            if index not in self._received:
                 found.append(index)
-                if len(found) == most:
+                if len(found) == max_count:
                     break
         return found
 
     def put(self, report: ParamReport) -> bool:
-        """Stores a value; returns False if the length of the list has changed, because the indexes have then
-        changed, too."""
+        """Stores a value; returns False if the length of the list has changed; the indexes have then changed,
+        too."""
         name = report.param.name
         if name == HASH_NAME:
             self.hash = checksum_of(report.param)
             return True
-        is_new = report.index not in self._filled
-        moved = self.count is not None and report.count != self.count and report.index != NO_INDEX
+        is_new = report.index not in self._received
+        length_changed = self.count is not None and report.count != self.count and report.index != NO_INDEX
         if report.index != NO_INDEX:
             self.count = report.count
             if report.index < report.count:
-                self._filled.add(report.index)
+                self._received.add(report.index)
         has_room = name in self._values or len(self._values) < MAX_PARAMETERS
         if has_room and _name.fullmatch(name):
             self._values[name] = report.param
         elif is_new and report.index < report.count:
-            self.left_out += 1
-        return not moved
+            self.omitted_count += 1
+        return not length_changed
 
     def dump(self) -> bytes:
         """Content for the cache."""
@@ -137,22 +137,22 @@ class ParamTable:
         return json.dumps(content).encode()
 
     @classmethod
-    def load(cls, content: bytes, wanted_hash: int, count: int) -> ParamTable | None:
+    def load(cls, content: bytes, expected_hash: int, count: int) -> ParamTable | None:
         """The table from the cache; None if it does not match the vehicle's state or is damaged."""
         try:
-            kept = json.loads(content)
-            if not isinstance(kept, dict):
+            cached = json.loads(content)
+            if not isinstance(cached, dict):
                 return None
-            if (kept["version"], kept["hash"], kept["count"]) != (CACHE_VERSION, wanted_hash, count):
+            if (cached["version"], cached["hash"], cached["count"]) != (CACHE_VERSION, expected_hash, count):
                 return None
             table = cls()
-            for name, value, is_integer in kept["values"]:
-                exact = int(value) if is_integer else float(value)
-                table._values[str(name)] = Param(str(name), exact, bool(is_integer))
+            for name, value, is_integer in cached["values"]:
+                typed_value = int(value) if is_integer else float(value)
+                table._values[str(name)] = Param(str(name), typed_value, bool(is_integer))
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return None
         if len(table) != count or not all(_name.fullmatch(name) for name in table._values):
             return None
-        table.count, table.hash = count, wanted_hash
-        table._filled = set(range(count))
+        table.count, table.hash = count, expected_hash
+        table._received = set(range(count))
         return table

@@ -1,7 +1,7 @@
 """Limits the number of vehicles, and selects a vehicle to remove for a new one. Any sender of datagrams can
-claim any system id from any port, so the number of vehicles is limited. Known vehicles stay, and a new one is
-refused if there is no room. Only a vehicle that has never answered a request and has been silent for a long
-time is removed for a new one; this never applies to a vehicle in use.
+claim any system id from any port, so the number of vehicles is limited. At the limit, a new vehicle is
+refused, unless a known vehicle can be removed: one that has never answered a request, has sent nothing for a
+long time and is not in use.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ if TYPE_CHECKING:
 
 MAX_VEHICLES = 200
 MAX_ON_LINK = 120
-MAX_OF_ONE_ID = 6
+MAX_WITH_SAME_ID = 6
 """Maximum number of vehicles with the same system id; even two are a configuration error."""
 MAX_ENDPOINTS_ON_LINK = 400
 """Maximum number of endpoints (peer, system id), including those without a vehicle."""
 TRY_AGAIN_S = 5.0
-"""Period after which a refused endpoint is tried again."""
-FORGETTABLE_AFTER_S = 60.0
+"""Time after which a refused endpoint is tried again [s]."""
+REMOVABLE_AFTER_S = 60.0
 WARNED_FOR_S = 60.0
 """Time for which a refusal is shown in the warnings [s]."""
 
 
-def no_room(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehicle]] | None:
-    """Why another vehicle cannot be added, and which vehicles use the room; None if it can.
+def limit_reached(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehicle]] | None:
+    """Why another vehicle cannot be added, and the vehicles that count towards the limit; None if it can be
+    added.
 
     Args:
         endpoint: endpoint of the new vehicle.
@@ -35,7 +36,7 @@ def no_room(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehi
     """
     system_id, replayed = endpoint.system_id, endpoint.connection.link.replay
     same_id = [v for v in vehicles if v.identity.system_id == system_id and v.identity.replayed == replayed]
-    if len(same_id) >= MAX_OF_ONE_ID:
+    if len(same_id) >= MAX_WITH_SAME_ID:
         return f"{len(same_id)} vehicles already use system id {system_id}", same_id
     on_link = [v for v in vehicles if any(e.connection is endpoint.connection for e in v.endpoints)]
     if len(on_link) >= MAX_ON_LINK:
@@ -45,18 +46,18 @@ def no_room(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehi
     return None
 
 
-def forgettable(vehicles: Iterable[Vehicle], now_s: float) -> Vehicle | None:
-    """The longest-silent vehicle that may be removed; None if there is none."""
-    silent = [
+def removable_vehicle(vehicles: Iterable[Vehicle], now_s: float) -> Vehicle | None:
+    """The vehicle that may be removed and has sent nothing for the longest time; None: no such vehicle."""
+    inactive = [
         v
         for v in vehicles
         if not v.identity.replayed
         and v.identity.firmware is None  # the vehicle has never answered
         and not v.flight_state.armed
-        and now_s - last_received_s(v) > FORGETTABLE_AFTER_S
+        and now_s - last_received_s(v) > REMOVABLE_AFTER_S
         and not v.in_use
     ]
-    return min(silent, key=last_received_s, default=None)
+    return min(inactive, key=last_received_s, default=None)
 
 
 def last_received_s(vehicle: Vehicle) -> float:
@@ -65,7 +66,7 @@ def last_received_s(vehicle: Vehicle) -> float:
 
 
 class Refusals:
-    """Vehicles for which there was no room, reported once per link."""
+    """Refused vehicles, reported once per link."""
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[float, str]] = {}

@@ -1,7 +1,7 @@
 """Texts of PX4's EVENT messages, from the vehicle's metadata if available, or else from this server.
 
 The ids are those of PX4 v1.16; the top byte is the component of the event's namespace (1: autopilot). The
-first arguments of an arming check are a bit mask of the modes that it concerns, and the health component.
+first arguments of an arming check are a bit mask of the affected modes, and the health component.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _event = struct.Struct("<IIHBBB40s")
 ARMING_SUMMARY_ID = 27825120
 HEALTH_SUMMARY_ID = 18691879
 LEVEL_PROTOCOL = 8
-"""This level and higher ones are internal to the events protocol."""
+"""Lowest level that is internal to the events protocol."""
 
 TEXTS: dict[int, str] = {
     16910493: "Arming denied: the vehicle's checks failed",
@@ -77,7 +77,7 @@ class VehicleEvent:
     remedy: str | None
     """Remedy, if known."""
     boot_ms: int
-    """Time of the event on the vehicle's boot clock."""
+    """Time of the event on the vehicle's boot clock [ms]."""
     arguments: bytes
     is_described: bool = True
     """Whether the vehicle's metadata or this server has a text for it."""
@@ -106,8 +106,8 @@ def has_description(event_id: int, definitions: Definitions | None) -> bool:
 def describe(
     event_id: int, arguments: bytes, definitions: Definitions | None = None
 ) -> tuple[str, str, str | None]:
-    """(text, name, remedy) of an event, from the vehicle's metadata, or else from this server, or else with
-    the id only."""
+    """(text, name, remedy) of an event, from the vehicle's metadata or from this server; otherwise a text
+    with the id."""
     check = CHECKS.get(event_id)
     defined = definitions.get(event_id) if definitions else None
     if defined is not None:

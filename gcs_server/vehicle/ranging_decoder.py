@@ -1,7 +1,7 @@
 """Decodes distance measurements: DISTANCE_SENSOR of each sensor, and OBSTACLE_DISTANCE all around.
 
-A distance beyond the sensor's range means that there is no obstacle within it; an unknown one is None.
-Directions are relative to the body (FRD), or to north if the message states this.
+A distance beyond the sensor's range means that no obstacle is within range; None: unknown. Directions are
+relative to the body (FRD), or to north if the message states this.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from gcs_server.vehicle.samples import DistanceSensor, DistanceSensors, Obstacle
 from missions.frames import Vector3, rotate
 
 _distance = struct.Struct("<I3H4B2f4fB")
-_around = struct.Struct("<Q72H2H2B2fB")
+_obstacle_distance = struct.Struct("<Q72H2H2B2fB")
 
 FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance,
-    d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: _around,
+    d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: _obstacle_distance,
 }
 SECTORS = 72
 UNKNOWN_CM = 0xFFFF
 INVALID_SIGNAL = 1
-"""DISTANCE_SENSOR.signal_quality; 0 means unknown."""
+"""DISTANCE_SENSOR.signal_quality of an invalid measurement; 0 means unknown."""
 MAX_WIDTH_RAD = math.pi
 _SIDE = math.sqrt(0.5)
 DIRECTIONS_FRD: dict[int, Vector3] = {
@@ -46,11 +46,11 @@ def distance_sensors(payloads: Mapping[int, bytes]) -> tuple[DistanceSensors, fl
     """DISTANCE_SENSOR of all sensors whose direction is known.
 
     Raises:
-        Unusable: there is no such sensor.
+        Unusable: no sensor has a known direction.
     """
-    read = [_distance.unpack_from(payload) for _, payload in sorted(payloads.items())]
-    newest_ms = max(values[0] for values in read)
-    sensors = tuple(sensor for values in read if (sensor := _sensor(values, newest_ms)) is not None)
+    unpacked = [_distance.unpack_from(payload) for _, payload in sorted(payloads.items())]
+    newest_ms = max(values[0] for values in unpacked)
+    sensors = tuple(sensor for values in unpacked if (sensor := _sensor(values, newest_ms)) is not None)
     if not sensors:
         raise Unusable("DISTANCE_SENSOR: no sensor reports its direction and range")
     return DistanceSensors(sensors), newest_ms / 1e3
@@ -58,20 +58,20 @@ def distance_sensors(payloads: Mapping[int, bytes]) -> tuple[DistanceSensors, fl
 
 def _sensor(values: tuple[float, ...], newest_ms: float) -> DistanceSensor | None:
     """The measurement of one sensor; None if its direction or range is unknown."""
-    time_ms, least_cm, most_cm, measured_cm, _, sensor_id, orientation, _, width_rad, *rest = values
+    time_ms, min_cm, max_cm, measured_cm, _, sensor_id, orientation, _, width_rad, *rest = values
     direction = DIRECTIONS_FRD.get(int(orientation))
     if orientation == d.MAV_SENSOR_ROTATION_CUSTOM:
-        turned = rotation(rest[1:5])
-        direction = None if turned is None else rotate(turned, (1.0, 0.0, 0.0))
-    if direction is None or most_cm == 0:
+        sensor_rotation = rotation(rest[1:5])
+        direction = None if sensor_rotation is None else rotate(sensor_rotation, (1.0, 0.0, 0.0))
+    if direction is None or max_cm == 0:
         return None
     reported_width_rad = number(width_rad)
     return DistanceSensor(
         sensor_id=int(sensor_id),
         direction_frd=direction,
         distance_m=None if rest[5] == INVALID_SIGNAL else measured_cm / 100,
-        range_min_m=least_cm / 100,
-        range_max_m=most_cm / 100,
+        range_min_m=min_cm / 100,
+        range_max_m=max_cm / 100,
         width_rad=reported_width_rad
         if reported_width_rad is not None and 0.0 < reported_width_rad <= MAX_WIDTH_RAD
         else None,
@@ -85,16 +85,16 @@ def obstacle_distance(payloads: Mapping[int, bytes]) -> tuple[ObstacleDistance, 
     Raises:
         Unusable: the message has no range, or its sectors have no width.
     """
-    values = _around.unpack_from(payloads[d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE])
-    measured, (least_cm, most_cm, _, step, step_f, offset, frame) = values[1:73], values[73:80]
+    values = _obstacle_distance.unpack_from(payloads[d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE])
+    measured, (min_cm, max_cm, _, step, step_f, offset, frame) = values[1:73], values[73:80]
     step_deg = number(step_f) or float(step)
     first_deg = number(offset)
     if not 0.1 <= abs(step_deg) <= 180.0 or first_deg is None or abs(first_deg) > 360.0:
         raise Unusable("OBSTACLE_DISTANCE: its sectors have no width or no direction")
-    if most_cm == 0:
+    if max_cm == 0:
         raise Unusable("OBSTACLE_DISTANCE: it has no range")
     count = min(SECTORS, round(360.0 / abs(step_deg)))
     distances = tuple(None if cm == UNKNOWN_CM else cm / 100 for cm in measured[:count])
     frame_name = "body" if frame == d.MAV_FRAME_BODY_FRD else "north"
-    value = ObstacleDistance(frame_name, first_deg, step_deg, distances, least_cm / 100, most_cm / 100)
+    value = ObstacleDistance(frame_name, first_deg, step_deg, distances, min_cm / 100, max_cm / 100)
     return value, values[0] / 1e6

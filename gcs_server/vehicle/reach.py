@@ -1,8 +1,9 @@
-"""Protocols over which a vehicle is connected, the protocol used for each kind of data, and what the links do
-not carry.
+"""Protocols over which a vehicle is connected, the protocol of each kind of data, and the features that the
+links do not carry.
 
-ROS 2 carries what PX4 bridges by default: telemetry, commands and setpoints. Everything in `NEEDS_MAVLINK`
-is a MAVLink protocol without a ROS 2 topic. This is the only place that decides what a vehicle's links carry.
+ROS 2 carries what PX4 bridges by default: telemetry, commands and setpoints. The features in
+`NEEDS_MAVLINK` are MAVLink protocols without ROS 2 topics. Only this module decides what a vehicle's links
+carry.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 from gcs_server.errors import Refused
-from gcs_server.vehicle.endpoint import MAVLINK, ROS2, SILENT_AFTER_S, Endpoint, protocol_in_use
+from gcs_server.vehicle.endpoint import MAVLINK, NO_DATA_AFTER_S, ROS2, Endpoint, protocol_in_use
 
 Feature = Literal["parameters", "mission_transfer", "files", "gimbal", "camera", "arming_report"]
-"""What only MAVLink carries."""
+"""A feature that only MAVLink carries."""
 NEEDS_MAVLINK: Final[dict[Feature, str]] = {
     "parameters": "parameters",
     "mission_transfer": "missions, geofences and rally points",
@@ -41,13 +42,14 @@ class Reach:
     setpoints: str | None
     """Protocol over which setpoints are sent."""
     missing: tuple[Feature, ...]
-    """What the vehicle's links do not carry; requests for it are refused immediately. Empty over MAVLink."""
+    """Features that the vehicle's links do not carry; such requests are refused immediately. Empty over
+    MAVLink."""
 
 
 def reach_of(endpoints: Sequence[Endpoint]) -> Reach:
     """The protocols of a vehicle with these endpoints."""
     newest_s = max((endpoint.received_s for endpoint in endpoints), default=0.0)
-    protocols = {e.connection.protocol for e in endpoints if newest_s - e.received_s < SILENT_AFTER_S}
+    protocols = {e.connection.protocol for e in endpoints if newest_s - e.received_s < NO_DATA_AFTER_S}
     commands = protocol_in_use(endpoints, MAVLINK) if endpoints else None
     return Reach(
         protocols=tuple(sorted(protocols)),
@@ -66,11 +68,11 @@ def require_feature(vehicle_id: str, endpoints: Sequence[Endpoint], feature: Fea
     """
     if feature not in reach_of(endpoints).missing:
         return
-    silent = sorted({e.connection.name for e in endpoints if e.connection.protocol == MAVLINK})
-    if silent:
+    inactive_links = sorted({e.connection.name for e in endpoints if e.connection.protocol == MAVLINK})
+    if inactive_links:
         raise Refused(
-            f"ROS 2 carries no {NEEDS_MAVLINK[feature]}, and vehicle {vehicle_id} is silent on its MAVLink "
-            f"link {', '.join(silent)}. Nothing was sent.",
+            f"ROS 2 carries no {NEEDS_MAVLINK[feature]}, and vehicle {vehicle_id} sends nothing on its "
+            f"MAVLink link {', '.join(inactive_links)}. Nothing was sent.",
             remedy="Restore the MAVLink link, then try again.",
         )
     raise Refused(

@@ -1,6 +1,6 @@
-"""Joins and describes the health and arming report of a vehicle: why it cannot arm or fly each of its modes.
+"""Joins and describes a vehicle's health and arming report: for each mode, why the vehicle cannot arm or fly.
 
-A report is a summary, its findings and a second summary (PX4 sends it after a change, or on request). A long
+A report is a summary, the findings and a second summary; PX4 sends it after a change, or on request. A long
 report is sent in chunks of the same form, numbered from 0; the restrictions of all chunks apply. The size of
 a report is limited; further findings are dropped and counted.
 """
@@ -19,17 +19,17 @@ from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 ALL_MODES = 0xFFFFFFFF
 LEVEL_ERROR, LEVEL_WARNING = 3, 4
 STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 8, 10, 15))
-"""Manual, Altitude, Position, Position slow, Acro, Stabilized: modes that need an RC transmitter (as recorded
-reports show; the finding itself names all modes)."""
+"""Modes that need an RC transmitter: Manual, Altitude, Position, Position slow, Altitude cruise, Acro,
+Stabilized. The mask comes from recorded reports, because the finding itself names all modes."""
 MAX_FINDINGS = 64
 """Maximum number of findings of one report."""
 MAX_CAUSES = 6
 """Maximum number of causes per mode."""
 MAX_CAUSE_LENGTH, MAX_REMEDY_LENGTH = 240, 480
-"""Characters."""
+"""Maximum lengths [characters]."""
 SUGGESTED_MODES = ("hold", "position")
 """Modes that are suggested if the vehicle cannot be armed in its current mode, best first."""
-NOT_SHOWN = frozenset({"ready", "termination", "vtol_takeoff"})
+HIDDEN_MODES = frozenset({"ready", "termination", "vtol_takeoff"})
 EXTERNAL = "external_"
 
 _arming = struct.Struct("<BIIII")
@@ -46,7 +46,7 @@ class Finding:
     name: str
     """Name in PX4's metadata; `event_…` if unknown."""
     level: int
-    """MAV_SEVERITY: up to 3 is an error, 4 a warning, above it information."""
+    """MAV_SEVERITY: up to 3 error, 4 warning, from 5 information."""
     modes_mask: int
     """Affected modes: bit mask over nav states."""
     component: str | None
@@ -80,14 +80,14 @@ class HealthReport:
     can_run: int
     findings: tuple[Finding, ...] = ()
     errors: int = 0
-    """Bit mask over components, like the next two."""
+    """Bit mask over components; the same for the next two fields."""
     warnings: int = 0
     present: int = 0
-    left_out: int = 0
+    omitted_count: int = 0
     """Number of findings beyond `MAX_FINDINGS`."""
 
     def causes(self, nav_state: int, *, running: bool = False) -> tuple[Finding, ...]:
-        """What prevents arming in a mode (or flying it), most severe first."""
+        """Findings that prevent arming in a mode (with `running`: flying it), most severe first."""
         if (self.can_run if running else self.can_arm) >> nav_state & 1:
             return ()
         concerned = [f for f in self.findings if f.concerns(nav_state)]
@@ -98,37 +98,37 @@ class HealthReport:
 
 
 class ReportJoiner:
-    """Joins the events of one vehicle, given in order, into reports."""
+    """Joins the events of one vehicle, in their order, into reports."""
 
     def __init__(self) -> None:
         self._findings: list[Finding] | None = None
         self._chunk: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
-        self._whole: HealthReport | None = None
+        self._joined_chunks: HealthReport | None = None
         """Chunks joined so far."""
         self._next_chunk = 0
-        self._left_out = 0
+        self._omitted_count = 0
 
     def begin(self, arguments: bytes) -> None:
         """Begins a chunk with its first summary."""
         self._chunk = _arming.unpack_from(arguments)
         if self._chunk[0] == 0:
-            self._whole, self._next_chunk, self._left_out = None, 0, 0
+            self._joined_chunks, self._next_chunk, self._omitted_count = None, 0, 0
         self._findings = [] if self._chunk[0] == self._next_chunk else None
 
     @property
     def collecting(self) -> bool:
-        """Whether findings are expected."""
+        """Whether a chunk is open, so that findings are expected."""
         return self._findings is not None
 
     def add(self, finding: Finding) -> None:
         """Adds a finding to the chunk."""
         if self._findings is None:
             return
-        before = 0 if self._whole is None else len(self._whole.findings)
+        before = 0 if self._joined_chunks is None else len(self._joined_chunks.findings)
         if before + len(self._findings) < MAX_FINDINGS:
             self._findings.append(finding)
         else:
-            self._left_out += 1
+            self._omitted_count += 1
 
     def end(self, arguments: bytes) -> HealthReport | None:
         """Ends the chunk with its second summary. Returns the chunks joined so far; None if the first
@@ -143,17 +143,17 @@ class ReportJoiner:
         )
         self._findings = None
         self._next_chunk += 1
-        before = self._whole
-        whole = chunk if before is None else _joined(before, chunk)
-        self._whole = replace(whole, left_out=self._left_out)
-        return self._whole
+        before = self._joined_chunks
+        joined = chunk if before is None else _join(before, chunk)
+        self._joined_chunks = replace(joined, omitted_count=self._omitted_count)
+        return self._joined_chunks
 
     def discard(self) -> None:
         """Discards an incomplete report, because one of its events was lost."""
-        self._findings, self._whole, self._next_chunk = None, None, 0
+        self._findings, self._joined_chunks, self._next_chunk = None, None, 0
 
 
-def _joined(a: HealthReport, b: HealthReport) -> HealthReport:
+def _join(a: HealthReport, b: HealthReport) -> HealthReport:
     return HealthReport(
         a.can_arm & b.can_arm,
         a.can_run & b.can_run,
@@ -164,7 +164,7 @@ def _joined(a: HealthReport, b: HealthReport) -> HealthReport:
     )
 
 
-def head_of(arguments: bytes) -> tuple[int, str | None]:
+def modes_and_component(arguments: bytes) -> tuple[int, str | None]:
     """(bit mask of the modes, name of the component), from the first arguments of a finding."""
     modes, component = _finding.unpack_from(arguments)
     return modes, COMPONENTS[component] if 0 < component < len(COMPONENTS) - 1 else None
@@ -184,7 +184,7 @@ class Cause:
     severity: str
     """`error`, `warning` or `info`."""
     modes: tuple[str, ...] | None
-    """Modes concerned; null: all."""
+    """Affected modes; null: all modes."""
     component: str | None
     """The affected part of the vehicle."""
     cause: str
@@ -222,7 +222,7 @@ class Offer:
     label: str
     """Label of that mode."""
     text: str
-    """Why, and what to do."""
+    """Reason and action, as sentences."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,15 +238,15 @@ class Readiness:
     modes: tuple[ModeReadiness, ...]
     """All modes of the vehicle."""
     findings: tuple[Cause, ...]
-    """All findings, also those that block nothing."""
+    """All findings, including findings that prevent nothing."""
     components_with_errors: tuple[str, ...]
     """Parts of the vehicle that report errors."""
     components_with_warnings: tuple[str, ...]
     """Parts of the vehicle that report warnings."""
     left_out: str | None = None
-    """Text about findings beyond the limit of a report; null: none."""
+    """Text about findings beyond the limit of a report; null: no such findings."""
     offers: tuple[Offer, ...] = ()
-    """Actions that help now; empty if none is needed or none helps."""
+    """Actions that can help the vehicle to arm now; may be empty."""
 
 
 NOTHING_KNOWN = Readiness(False, None, "own", (), (), (), ())
@@ -285,25 +285,25 @@ def readiness_of(
         findings,
         _components(report.errors),
         _components(report.warnings),
-        _left_out(report, unusable_texts),
+        _omission_text(report, unusable_texts),
     )
 
 
-def _left_out(report: HealthReport, unusable_texts: str | None) -> str | None:
+def _omission_text(report: HealthReport, unusable_texts: str | None) -> str | None:
     findings = None
-    if report.left_out:
+    if report.omitted_count:
         findings = (
-            f"The vehicle reported {report.left_out + len(report.findings):,} findings; "
+            f"The vehicle reported {report.omitted_count + len(report.findings):,} findings; "
             f"{len(report.findings)} of them are shown."
         )
     return " ".join(text for text in (findings, unusable_texts) if text) or None
 
 
 def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -> tuple[Offer, ...]:
-    """Actions that help now.
+    """Actions that can help the vehicle to arm now.
 
-    PX4 stays in Offboard (or Land, or Return) after it has landed and disarmed, and arms in none of them:
-    another mode must be chosen.
+    After landing and disarming, PX4 stays in Offboard, Land or Return, and does not arm in these modes, so
+    the pilot must select another mode.
 
     Args:
         report: the newest complete report; None: the vehicle has sent none.
@@ -313,10 +313,10 @@ def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -
     if report is None or mode is None or armed is not False or report.can_arm >> mode.nav_state & 1:
         return ()
     for name in SUGGESTED_MODES:
-        other = BY_NAME[name]
-        if report.can_arm >> other.nav_state & 1:
-            text = f"The vehicle is in {mode.label} and cannot be armed in it. Choose {other.label}."
-            return (Offer("choose_mode", other.name, other.label, text),)
+        suggested = BY_NAME[name]
+        if report.can_arm >> suggested.nav_state & 1:
+            text = f"The vehicle is in {mode.label} and cannot be armed in it. Choose {suggested.label}."
+            return (Offer("choose_mode", suggested.name, suggested.label, text),)
     return ()
 
 
@@ -327,9 +327,9 @@ def sentence(text: str) -> str:
 
 
 def _is_shown(mode: Mode, report: HealthReport) -> bool:
-    """External modes are shown only if one is registered or a finding names it."""
+    """Whether a mode is shown. An external mode is shown only if it is registered or a finding names it."""
     if not mode.name.startswith(EXTERNAL):
-        return mode.name not in NOT_SHOWN
+        return mode.name not in HIDDEN_MODES
     named = any(f.modes_mask != ALL_MODES and f.concerns(mode.nav_state) for f in report.findings)
     return named or bool((report.can_arm | report.can_run) >> mode.nav_state & 1)
 
@@ -356,7 +356,7 @@ def _components(mask: int) -> tuple[str, ...]:
     return tuple(name for bit, name in enumerate(COMPONENTS[:-1]) if bit and mask >> bit & 1)
 
 
-def unchanged(new: HealthReport, old: HealthReport | None) -> bool:
+def is_unchanged(new: HealthReport, old: HealthReport | None) -> bool:
     """Whether two reports are equal, apart from the order of their findings."""
     return (
         old is not None

@@ -1,8 +1,8 @@
-"""Topics of a vehicle: one frozen sample class per topic, with the names of the JSON.
+"""Topics of a vehicle: one frozen sample class per topic, with the field names of the JSON.
 
 Frames: NED from the vehicle's own local origin, FRD body. SI units, radians; degrees only for
-latitude, longitude and fields that end in `_deg`. `q_ned_frd` (w, x, y, z) takes FRD vectors to NED. Every
-number is finite; unknown is None.
+latitude, longitude and fields that end in `_deg`. `q_ned_frd` (w, x, y, z) rotates FRD vectors to NED. All
+numbers are finite; None: unknown.
 
 `TOPICS` maps a topic's name (in REST, WebSocket and Python alike) to its class.
 """
@@ -16,7 +16,7 @@ from missions.frames import Quaternion, Vector3
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """ATTITUDE_QUATERNION, or ATTITUDE if that is newer."""
+    """ATTITUDE_QUATERNION, or ATTITUDE if it is newer."""
 
     roll_rad: float
     pitch_rad: float
@@ -69,13 +69,13 @@ class BatteryReading:
     consumed_mah: int | None
     time_remaining_s: int | None
     cell_voltages_v: tuple[float, ...] | None = None
-    """[V] of each cell; null if only the sum is known."""
+    """Voltage of each cell; null if only the sum is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """BATTERY_STATUS (SYS_STATUS until the first one): of several batteries, the one with the least
-    charge."""
+    """BATTERY_STATUS (SYS_STATUS until the first one): of several batteries, the battery with the
+    least charge."""
 
     remaining_percent: int | None
     voltage_v: float | None
@@ -83,7 +83,7 @@ class Battery:
     consumed_mah: int | None
     time_remaining_s: int | None
     cell_voltages_v: tuple[float, ...] | None = None
-    """[V] of each cell; null if only the sum is known."""
+    """Voltage of each cell; null if only the sum is known."""
     battery_id: int | None = None
     """Id of this battery, from 0; None if the values are from SYS_STATUS."""
     batteries: tuple[BatteryReading, ...] = ()
@@ -105,7 +105,7 @@ class GimbalReading:
     """One gimbal."""
 
     gimbal_device_id: int
-    """Device id at its manager; 0 if the manager does not report it."""
+    """Device id at the gimbal's manager; 0 if the manager does not report it."""
     roll_rad: float
     pitch_rad: float
     yaw_frd_rad: float | None
@@ -126,7 +126,7 @@ class GimbalReading:
     yaw_min_rad: float | None
     yaw_max_rad: float | None
     component_id: int
-    """MAVLink component of its gimbal manager, which takes its commands."""
+    """MAVLink component id of the gimbal's manager, to which commands are sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ class OutputGroup:
 
 @dataclass(frozen=True, slots=True)
 class Motors:
-    """SERVO_OUTPUT_RAW: of several groups, that of the lowest port (the main outputs)."""
+    """SERVO_OUTPUT_RAW: of several groups, the group with the lowest port (the main outputs)."""
 
     pwm_us: tuple[int, ...]
     groups: tuple[OutputGroup, ...] = ()
@@ -217,9 +217,9 @@ class Mission:
     count: int | None
     """Number of items of the mission; null if unknown."""
     reached: int | None
-    """Index of the item last reported as reached, from 0, in the mission at that time; null: none."""
+    """Index of the item that the vehicle last reported as reached, from 0; null: no item yet."""
     mission_id: int
-    """The vehicle's checksum of its mission; 0: none or unknown."""
+    """The vehicle's checksum of its mission; 0: no mission, or unknown."""
     fence_id: int
     """The vehicle's checksum of its geofence."""
     rally_points_id: int
@@ -234,10 +234,10 @@ class Status:
     mode: str
     """Name of the mode in the API: hold, takeoff, land, rtl, position, offboard, mission, …"""
     mode_label: str
-    """For people: Hold, Take off, Return, …"""
+    """Label for the display: Hold, Take off, Return, …"""
     custom_mode: int
     intended_custom_mode: int | None
-    """Intended mode of CURRENT_MODE: the requested mode while a failsafe flies another one."""
+    """Intended mode of CURRENT_MODE: the requested mode, also while a failsafe flies another mode."""
     landed_state: str
     """unknown, on_ground, in_air, taking_off, landing."""
     system_status: int
@@ -254,7 +254,7 @@ class DistanceSensor:
 
     sensor_id: int
     direction_frd: Vector3
-    """Unit vector from the body."""
+    """Direction of the measurement, as a unit vector."""
     distance_m: float | None
     """More than `range_max_m`: no obstacle within range; null: unknown."""
     range_min_m: float
@@ -262,7 +262,7 @@ class DistanceSensor:
     width_rad: float | None
     """Horizontal field of view; null if unknown."""
     behind_s: float
-    """Age of this measurement relative to the newest of the vehicle's sensors."""
+    """Age of this measurement relative to the newest measurement of the vehicle's sensors [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +293,7 @@ class Wind:
     """WIND_COV: the wind estimate of the vehicle; a multicopter seldom has one."""
 
     wind_ned_m_s: Vector3
-    """Velocity of the air; its vertical part is 0 if it is not reported."""
+    """Velocity of the air; the vertical part is 0 if the vehicle does not report it."""
     speed_m_s: float
     """Speed of the air over the ground."""
 

@@ -10,9 +10,9 @@ from gcs_server.clock import Clock
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.vehicle import decoders, gimbal_decoder
-from gcs_server.vehicle.gimbals import GimbalAddress, by_gimbal
+from gcs_server.vehicle.gimbals import GimbalAddress, frames_by_gimbal
 from gcs_server.vehicle.history import HISTORY_S, History
-from gcs_server.vehicle.instances import INSTANCE_AT, Instances, instance_of, without_silent
+from gcs_server.vehicle.instances import INSTANCE_OFFSET, Instances, active_instances, instance_of
 from gcs_server.vehicle.modes import ModeNames, name_and_label
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
@@ -22,8 +22,8 @@ log = logging.getLogger(__name__)
 
 LINK_LOST_AFTER_S = 3.5
 """Time without any message of the autopilot after which the connection is lost [s]. QGroundControl counts
-only heartbeats, but on a link with 20 % loss three in a row are lost every two minutes, and a lost connection
-ends the setpoint stream."""
+only heartbeats. On a link with 20 % loss, however, three heartbeats in a row are lost every two minutes, and
+a lost connection ends the setpoint stream."""
 HEARTBEAT_OVERDUE_AFTER_S = 10.0
 """Time without a heartbeat after which the connection is lost [s], because only heartbeats report the armed
 state."""
@@ -43,10 +43,10 @@ TOPICS_OF_MESSAGE: dict[int, tuple[str, ...]] = {
     for msg_id in {msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids}
 }
 """The topics that depend on each message."""
-PAIR_WITHIN_S = 1.0
-KEEPS_LAST = frozenset({"home"})
-"""Topics whose last valid value is kept, because limits refer to home, and one invalid message must not
-remove them."""
+MAX_ATTITUDE_DELAY_S = 1.0
+KEEPS_LAST_VALUE = frozenset({"home"})
+"""Topics whose last valid value stays stored: limits refer to home, and one invalid message must not remove
+the limits."""
 Frames = tuple[Frame | None, ...]
 
 
@@ -54,9 +54,9 @@ class VehicleState:
     """State of one vehicle. Only `take` changes it; samples are decoded and cached when they are read.
 
     Args:
-        component_id: component id of the autopilot. Frames of other components are ignored, except those of
+        component_id: component id of the autopilot. Frames of other components are ignored, except frames of
             gimbals.
-        mode_names: names of the vehicle's external modes; default: none is known.
+        mode_names: names of the vehicle's external modes; None: no names.
     """
 
     def __init__(self, component_id: int, clock: Clock, mode_names: ModeNames | None = None) -> None:
@@ -71,27 +71,27 @@ class VehicleState:
         self._clock = clock
         self._cache: dict[str, Sample | None] = {}
         self._decoded: set[str] = set()
-        """Decoded topics without a new message since then."""
+        """Topics that were decoded and have no newer message."""
         self._inputs: set[int] = set()
         """Ids of the messages from which topics were decoded, until the next such message."""
         self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
         self._received_s = float("-inf")
-        """Time of the last heartbeat, or of a later message that followed without a gap."""
+        """Time of the last heartbeat, or of the last message that followed it without a gap."""
         self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
         """(time, flight state, whether the connection is lost, sample) of the last minutes."""
 
     def take(self, frame: Frame) -> bool:
-        """Stores a frame; returns False if it is ignored, because another component sent it."""
-        msg_id, own = frame.msg_id, frame.component_id == self._component_id
+        """Stores a frame; returns False if the frame is ignored, because another component sent it."""
+        msg_id, from_autopilot = frame.msg_id, frame.component_id == self._component_id
         if not frame.known:  # storing all 16 million possible ids would fill the memory
-            return own
-        if own:
-            self._note_received(msg_id, frame.received_monotonic_s)
+            return from_autopilot
+        if from_autopilot:
+            self._update_received_time(msg_id, frame.received_monotonic_s)
             if msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
                 self.topic("home")  # decode the previous frame before the new one replaces it
-        key = msg_id if own and msg_id not in INSTANCE_AT else self._instances.key_of(frame)
+        key = msg_id if from_autopilot and msg_id not in INSTANCE_OFFSET else self._instances.key_of(frame)
         if key is None:
-            return own
+            return from_autopilot
         self.latest[key] = frame
         if msg_id in self._inputs:
             self._inputs.remove(msg_id)
@@ -101,9 +101,9 @@ class VehicleState:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
         return True
 
-    def _note_received(self, msg_id: int, now_s: float) -> None:
+    def _update_received_time(self, msg_id: int, now_s: float) -> None:
         within_time = now_s - self._received_s <= LINK_LOST_AFTER_S
-        if within_time or msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:  # only this restores a lost connection
+        if within_time or msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:  # only a heartbeat restores the link
             self._received_s = now_s
 
     @property
@@ -116,8 +116,8 @@ class VehicleState:
             self._received_s + LINK_LOST_AFTER_S, self.flight_state.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S
         )
 
-    def silence(self) -> str:
-        """Text about how long the connection has been lost."""
+    def reason_lost(self) -> str:
+        """Why the connection counts as lost, as text."""
         now_s = self._clock.monotonic_s()
         if self._received_s == float("-inf"):
             return "no message received"
@@ -151,7 +151,7 @@ class VehicleState:
         )
 
     def topic(self, name: str) -> Sample | None:
-        """The newest sample of a topic; None if there is none, or if the newest message cannot be used.
+        """The newest sample of a topic; None: no sample, or the newest message is unusable.
 
         Raises:
             KeyError: there is no such topic.
@@ -167,7 +167,7 @@ class VehicleState:
             sample = self._decode(name, keys, frames)
         except Unusable as error:
             self.unusable[name] = str(error)
-            sample = self._cache.get(name) if name in KEEPS_LAST else None
+            sample = self._cache.get(name) if name in KEEPS_LAST_VALUE else None
         except Exception as error:  # a fault of this program affects only this topic
             if name not in self._cache or self._cache[name] is not None:
                 log.exception("topic %s could not be decoded", name)
@@ -179,8 +179,8 @@ class VehicleState:
         return sample
 
     def newest(self, msg_id: int, component_id: int | None, instance: int | None) -> Frame | None:
-        """The newest frame of a message from a component and instance. By default the autopilot's frame is
-        used, or else that of the lowest component and instance."""
+        """The newest frame of a message from a component and instance. By default the autopilot's frame,
+        or else the frame of the lowest component and instance."""
         for key in self._instances.keys((msg_id,)):
             frame = self.latest.get(key)
             if (
@@ -200,11 +200,11 @@ class VehicleState:
         """The connected gimbals, the autopilot's first."""
         keys = self._instances.keys(gimbal_decoder.IDS)
         frames = {key: self.latest[key] for key in keys if key in self.latest}
-        return tuple(address for address, _ in by_gimbal(frames, self._component_id))
+        return tuple(address for address, _ in frames_by_gimbal(frames, self._component_id))
 
     def topic_received_s(self, name: str) -> float | None:
-        """Time of reception of the topic's newest sample [s, monotonic]; None if there is none. For the
-        status this is much faster than `topic`, which creates a new sample at each call.
+        """Time of reception of the topic's newest sample [s, monotonic]; None: no sample. For
+        the status this is much faster than `topic`, which creates a new sample at each call.
         """
         if name == "status":
             changed_s = self._status_since_s()
@@ -212,10 +212,10 @@ class VehicleState:
         sample = self._cache[name] if name in self._decoded else self.topic(name)
         return None if sample is None else sample.received_monotonic_s
 
-    def remember(self) -> None:
-        """Called at up to 4 Hz: stores new frames for `history` without decoding."""
+    def store_history(self) -> None:
+        """Stores new frames for `history`, without decoding; called at up to 4 Hz."""
         now_s = self._clock.monotonic_s()
-        self._history.keep(self.latest, now_s)
+        self._history.store(self.latest, now_s)
         statuses, lost = self._statuses, self.link_lost
         if not statuses or statuses[-1][1] is not self.flight_state or statuses[-1][2] != lost:
             sample = self.topic("status")
@@ -235,7 +235,9 @@ class VehicleState:
             else:
                 keys = self._instances.keys(INPUT_MESSAGES[name])
                 history = self._history.frames(keys)
-                past_samples = [self._past(name, keys, frames) for at_s, frames in history if at_s >= since_s]
+                past_samples = [
+                    self._decode_past(name, keys, frames) for at_s, frames in history if at_s >= since_s
+                ]
             samples += [s for s in past_samples if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
@@ -245,7 +247,7 @@ class VehicleState:
         lost_s = self._lost_from_s() if self.link_lost else float("-inf")
         return max(flight_state.heartbeat_s, flight_state.mode_s, flight_state.landed_s, lost_s)
 
-    def _past(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
+    def _decode_past(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
         """A sample of the history; None if it cannot be decoded."""
         try:
             return self._decode(name, keys, frames)
@@ -253,41 +255,45 @@ class VehicleState:
             return None
 
     def _decode(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
-        read = {key: frame for key, frame in zip(keys, frames, strict=True) if frame is not None}
-        if not read:
+        frame_by_key = {key: frame for key, frame in zip(keys, frames, strict=True) if frame is not None}
+        if not frame_by_key:
             return None
         if name != "gimbal" and len(keys) > len(INPUT_MESSAGES[name]):
-            read = without_silent(read.items())
+            frame_by_key = active_instances(frame_by_key.items())
         message_ids = TOPIC_MESSAGES[name]
-        present = [frame for frame in read.values() if frame.msg_id in message_ids]
-        if not present:
+        topic_frames = [frame for frame in frame_by_key.values() if frame.msg_id in message_ids]
+        if not topic_frames:
             return None
-        payloads = {key: full_payload(frame) for key, frame in read.items()}
+        payloads = {key: full_payload(frame) for key, frame in frame_by_key.items()}
         if name == "gimbal":
-            decoded = self._gimbal(read)
+            decoded = self._gimbal(frame_by_key)
         elif name == "attitude":
-            decoded = self._attitude(present, payloads)
+            decoded = self._attitude(topic_frames, payloads)
         else:
             decoded = decoders.DECODERS[name][1](payloads)
         if decoded is None:
             return None
-        received_s = max([f.received_monotonic_s for f in present])
+        received_s = max([f.received_monotonic_s for f in topic_frames])
         return self._sample(name, decoded[0], decoded[1], received_s)
 
-    def _gimbal(self, read: dict[int, Frame]) -> decoders.Decoded | None:
-        """The first gimbal, with a list of all gimbals if there are several. A gimbal whose messages cannot
-        be used is left out."""
-        vehicle = {msg_id: full_payload(read.pop(msg_id)) for msg_id in ATTITUDE_IDS if msg_id in read}
+    def _gimbal(self, frame_by_key: dict[int, Frame]) -> decoders.Decoded | None:
+        """The first gimbal, with a list of all gimbals if there are several. A gimbal with unusable messages
+        is omitted."""
+        vehicle = {
+            msg_id: full_payload(frame_by_key.pop(msg_id))
+            for msg_id in ATTITUDE_IDS
+            if msg_id in frame_by_key
+        }
         readings: list[tuple[GimbalReading, float]] = []
         fault: Unusable | None = None
-        for address, frames in by_gimbal(read, self._component_id):
+        for address, frames in frames_by_gimbal(frame_by_key, self._component_id):
             payloads = {msg_id: full_payload(frame) for msg_id, frame in frames.items()}
             try:
-                one = gimbal_decoder.gimbal(payloads | vehicle, address.component_id, address.device_id)
+                decoded = gimbal_decoder.gimbal(payloads | vehicle, address.component_id, address.device_id)
             except Unusable as error:
                 fault = error
             else:
-                readings += [one] if one is not None else []
+                readings += [decoded] if decoded is not None else []
         if not readings:
             if fault is not None:
                 raise fault
@@ -298,17 +304,17 @@ class VehicleState:
         ), readings[0][1]
 
     @staticmethod
-    def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
-        """Selects one of two attitude messages: the quaternion, unless it is no longer received or
-        invalid."""
-        received_s = {f.msg_id: f.received_monotonic_s for f in present}
+    def _attitude(topic_frames: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
+        """Selects one of two attitude messages: the quaternion, unless it is invalid or no longer
+        received."""
+        received_s = {f.msg_id: f.received_monotonic_s for f in topic_frames}
         quaternion_s, angles_s = [received_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS]
-        if angles_s - quaternion_s > PAIR_WITHIN_S:
+        if angles_s - quaternion_s > MAX_ATTITUDE_DELAY_S:
             return decoders.attitude(payloads)
         try:
             return decoders.attitude_quaternion(payloads)
         except Unusable:
-            if quaternion_s - angles_s > PAIR_WITHIN_S:
+            if quaternion_s - angles_s > MAX_ATTITUDE_DELAY_S:
                 raise
             return decoders.attitude(payloads)
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 _text = struct.Struct("<B50sHB")
 WAIT_FOR_CHUNKS_S = 1.0
 MAX_PENDING = 8
-"""Maximum number of texts whose chunks are awaited. If there is one more, the oldest is published
-incomplete."""
+"""Maximum number of texts whose chunks are awaited. If there is one more, the oldest text is
+published incomplete."""
 MAX_CHUNKS = 20
-"""Maximum number of chunks of 50 bytes in one text; more are ignored."""
+"""Maximum number of chunks of 50 bytes in one text; further chunks are ignored."""
 MAX_BURST_LINES, MAX_LINES_PER_S = 200.0, 20.0
-"""Maximum number of lines of one vehicle at once, and per second after that. PX4 sends about 60 lines when it
+"""Maximum number of lines of one vehicle in a burst, and average per second. PX4 sends about 60 lines when it
 starts."""
 
 
@@ -26,7 +26,7 @@ class _Pending:
 
 
 class TextJoiner:
-    """Chunks with one id become one text; a lost chunk shows as ‹…›."""
+    """Joins chunks with the same id to one text; a lost chunk is shown as ‹…›."""
 
     def __init__(self) -> None:
         self._pending: dict[int, _Pending] = {}
@@ -37,34 +37,34 @@ class TextJoiner:
         is_last = b"\0" in raw
         part = raw.split(b"\0", 1)[0]
         if text_id == 0:
-            return [*self.expire(now_s), (severity, _decoded(part))]
+            return [*self.expire(now_s), (severity, _decode(part))]
         if chunk >= MAX_CHUNKS:
             return []
-        out: list[tuple[int, str]] = []
+        texts: list[tuple[int, str]] = []
         pending = self._pending.get(text_id)
         if pending is not None and chunk in pending.chunks and pending.chunks[chunk] != part:
-            out.append(self._finish(text_id))  # the id was reused
+            texts.append(self._finish(text_id))  # the id was reused
             pending = None
         if pending is None:
             if len(self._pending) >= MAX_PENDING:
-                out.append(self._finish(next(iter(self._pending))))
+                texts.append(self._finish(next(iter(self._pending))))
             pending = self._pending[text_id] = _Pending(severity, now_s)
         pending.chunks[chunk] = part
         last = max(pending.chunks)
         pending.complete = pending.complete or is_last
         if pending.complete and len(pending.chunks) == last + 1:
-            out.append(self._finish(text_id))
-        return out
+            texts.append(self._finish(text_id))
+        return texts
 
     def expire(self, now_s: float) -> list[tuple[int, str]]:
         """Texts whose missing chunks have not arrived in time."""
-        late = [i for i, p in self._pending.items() if now_s - p.began_s > WAIT_FOR_CHUNKS_S]
-        return [self._finish(text_id) for text_id in late]
+        expired = [i for i, p in self._pending.items() if now_s - p.began_s > WAIT_FOR_CHUNKS_S]
+        return [self._finish(text_id) for text_id in expired]
 
     def _finish(self, text_id: int) -> tuple[int, str]:
         pending = self._pending.pop(text_id)
         parts = [
-            _decoded(pending.chunks[i]) if i in pending.chunks else "‹…›"
+            _decode(pending.chunks[i]) if i in pending.chunks else "‹…›"
             for i in range(max(pending.chunks) + 1)
         ]
         if not pending.complete:
@@ -101,5 +101,5 @@ class LineRateLimiter:
         return count
 
 
-def _decoded(raw: bytes) -> str:
+def _decode(raw: bytes) -> str:
     return raw.decode("utf-8", errors="replace")

@@ -18,7 +18,7 @@ from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.attached import AttachedControl, AttachedFlight, AttachedMission, AttachedStream
 from gcs_server.vehicle.components import Components
-from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, preferred
+from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, preferred_endpoints
 from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
@@ -42,17 +42,17 @@ from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 log = logging.getLogger(__name__)
 
 STAY_ON_LINK_S = 0.4
-"""The link in use is kept until the newest message of another link is newer by this time [s]. It is well
-below PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
+"""The server changes the link when the newest message of another link is newer by this time [s]. The time is
+much shorter than PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
 
 
 class Vehicle:
     """One vehicle; only calls by the router change its state.
 
     Args:
-        vehicle_id: "1", or "1~2" for a second one that claims system 1.
+        vehicle_id: "1", or "1~2" for a second vehicle with system id 1.
         own_ids: this server's (system id, component id).
-        supervisor: owns its background tasks.
+        supervisor: runs the vehicle's background tasks.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class Vehicle:
         self.mailbox = Mailbox(decode)
         self.events = EventFeed(vehicle_id)
         self.offboard: AttachedStream | None = None
-        """Its setpoint stream; set by `Streamer.attach`."""
+        """The vehicle's setpoint stream; set by `Streamer.attach`."""
         self.offboard_mission: AttachedMission | None = None
-        """Its offboard mission; set by `OffboardMissions`."""
+        """The vehicle's offboard mission; set by `OffboardMissions`."""
         self.waypoint_flight: AttachedFlight | None = None
-        """Its flight of a waypoint plan; set by `WaypointFlights`."""
+        """The vehicle's flight of a waypoint plan; set by `WaypointFlights`."""
         self.control: AttachedControl | None = None
-        """Its control; set by `Authority`."""
+        """Control of the vehicle; set by `Authority`."""
         self._identity = identity
         self.mode_names = ModeNames()
         self._state = VehicleState(identity.component_id, clock, self.mode_names)
@@ -121,7 +121,7 @@ class Vehicle:
 
     @property
     def identity(self) -> Identity:
-        """Its identity."""
+        """Identity of the vehicle."""
         return self._identity
 
     @property
@@ -151,12 +151,12 @@ class Vehicle:
 
     @property
     def streaming(self) -> bool:
-        """Whether setpoints are being sent to it."""
+        """Whether setpoints are being sent to the vehicle."""
         return self.offboard is not None and self.offboard.status().streaming
 
     @property
     def in_use(self) -> bool:
-        """Whether it has a setpoint stream, or a client controls it."""
+        """Whether the vehicle has a setpoint stream, or a client controls it."""
         return self.streaming or (self.control is not None and self.control.status().holder is not None)
 
     @property
@@ -172,7 +172,7 @@ class Vehicle:
 
     @property
     def reach(self) -> Reach:
-        """Over which protocols it is reached, and what its links do not carry."""
+        """The protocols over which the vehicle is connected, and the features that its links do not carry."""
         return reach_of(self._endpoints)
 
     @property
@@ -181,11 +181,11 @@ class Vehicle:
         return frozenset(self._known_links)
 
     def topic(self, name: str) -> Sample | None:
-        """The newest sample of a topic, decoded now; None before the first."""
+        """The newest sample of a topic, decoded now; None before the first sample."""
         return self._state.topic(name)
 
     def topic_received_s(self, name: str) -> float | None:
-        """When the newest sample of a topic was received [s, monotonic]; None before the first."""
+        """When the newest sample of a topic was received [s, monotonic]; None before the first sample."""
         return self._state.topic_received_s(name)
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
@@ -201,8 +201,8 @@ class Vehicle:
     def newest_payload(
         self, msg_id: int, component_id: int | None = None, instance: int | None = None
     ) -> tuple[bytes, float] | None:
-        """The newest full-length payload of a message, and its time of reception [s, monotonic]: of this
-        component and instance if they are given, else the autopilot's."""
+        """The newest full-length payload of a message, and its time of reception [s, monotonic]: by
+        default the autopilot's."""
         frame = self._state.newest(msg_id, component_id, instance)
         return None if frame is None else (full_payload(frame), frame.received_monotonic_s)
 
@@ -222,12 +222,13 @@ class Vehicle:
             )
         if self._state.link_lost:
             raise Disconnected(
-                f"Vehicle {self.id} is not connected: {self._state.silence()}.",
+                f"Vehicle {self.id} is not connected: {self._state.reason_lost()}.",
                 remedy="Check its link; nothing was sent.",
             )
 
     def require(self, feature: Feature) -> None:
-        """Raises as `require_commandable`, and Refused if none of its links carries the feature."""
+        """Raises the errors of `require_commandable`, and Refused if no link of the vehicle carries the
+        feature."""
         self.require_commandable()
         require_feature(self.id, self._endpoints, feature)
 
@@ -235,30 +236,32 @@ class Vehicle:
         """Packs and sends a message on the vehicle's best link, from any thread; False if nothing was sent.
 
         Args:
-            until_s: the message is dropped if the link cannot send it by then (monotonic).
+            until_s: the message is dropped if the link cannot send it by this time [s, monotonic].
         """
         return self.send_payload(message.get_msgId(), encode_payload(message), until_s=until_s)
 
     def send_payload(
         self, msg_id: int, payload: bytes, *, created_s: float | None = None, until_s: float | None = None
     ) -> bool:
-        """Like `send`, for an already packed payload of the streamer, made at `created_s`."""
+        """Like `send`, for a packed payload that was created at `created_s` [s, monotonic]; None: now."""
         if self._identity.replayed:
             return False
-        chosen = self._choose_endpoint(preferred(self._endpoints, MAVLINK))
-        if chosen is None:
+        endpoint = self._choose_endpoint(preferred_endpoints(self._endpoints, MAVLINK))
+        if endpoint is None:
             return False
-        others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.received_s)
+        other_endpoints = sorted(
+            (e for e in self._endpoints if e is not endpoint), key=lambda e: -e.received_s
+        )
         return any(
             e.connection.sender.send(msg_id, payload, e.peer, created_s=created_s, until_s=until_s)
-            for e in (chosen, *others)
+            for e in (endpoint, *other_endpoints)
         )
 
     def send_path(self) -> Endpoint | None:
         """Link and peer to which setpoints are sent now; None if nothing may be sent to the vehicle."""
         if self._identity.replayed:
             return None
-        ros2 = preferred(self._endpoints, ROS2)
+        ros2 = preferred_endpoints(self._endpoints, ROS2)
         if len(ros2) < len(self._endpoints):
             return max(ros2, key=lambda e: e.received_s)
         return self._choose_endpoint(self._endpoints)
@@ -271,7 +274,7 @@ class Vehicle:
                 await work
 
         task = self._supervisor.spawn(f"vehicle {self.id}: {name}", without_errors())
-        task.add_done_callback(lambda _: work.close())  # cancelled before its first step
+        task.add_done_callback(lambda _: work.close())  # if the task was cancelled before its first step
 
     def _fetch_metadata(self) -> None:
         self.in_background("metadata of its events", self.health.read_texts(self.metadata))
@@ -283,9 +286,9 @@ class Vehicle:
         if (
             endpoint.over_ros2
             and frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK
-            and endpoint not in preferred(self._endpoints, MAVLINK)
+            and endpoint not in preferred_endpoints(self._endpoints, MAVLINK)
         ):
-            return  # MAVLink has the same data; with the delays of both links, each change would appear twice
+            return  # MAVLink has the same data; because of different delays, each change would appear twice
         state, msg_id = self._state, frame.msg_id
         if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
             self.components.heartbeat(frame)
@@ -336,8 +339,8 @@ class Vehicle:
         self._identity = replace(self._identity, warnings=())
 
     def tick(self) -> None:
-        """Called four times a second: updates history, waiting texts and the age of the link."""
-        self._state.remember()
+        """Updates history, waiting texts and the connection's state; called four times a second."""
+        self._state.store_history()
         self.components.tick()
         self._event_logger.tick()
         self.health.tick()
@@ -346,14 +349,14 @@ class Vehicle:
         if self._state.link_lost and not self._lost:
             self._lost = True
             self.events.add("link", self.clock.unix_s(), "Connection lost", severity=d.MAV_SEVERITY_WARNING)
-            self.disconnected(self._state.silence())
+            self.disconnected(self._state.reason_lost())
 
     def _report_component(self, text: str, loss: bool) -> None:
         severity = d.MAV_SEVERITY_WARNING if loss else d.MAV_SEVERITY_INFO
         self.events.add("component", self.clock.unix_s(), text, severity=severity)
 
     def disconnected(self, why: str) -> None:
-        """Ends all pending requests immediately with an error."""
+        """Ends all pending requests immediately with an error; `why` is part of a sentence."""
         self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost before it answered: {why}."))
 
     def _heartbeat(self) -> None:

@@ -230,7 +230,7 @@ def test_two_devices_of_one_manager_are_distinguished(jump):
         await repeated(2, each)
         flying = asyncio.ensure_future(repeated(6, each))
         autopilot.control, autopilot.gimbal = (255, 190), True
-        await vehicle.gimbals.at(1, 2).set_rates(1, 2)
+        await vehicle.gimbals.service_for(1, 2).set_rates(1, 2)
         await vehicle.gimbal.set_rates(3, 4)
         flying.cancel()
         assert [(m.param3, m.param7) for m in autopilot.commands(1000)] == [(1, 2), (3, 1)]

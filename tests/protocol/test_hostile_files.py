@@ -3,7 +3,7 @@
 import pytest
 
 from gcs_server.errors import NoReply
-from gcs_server.vehicle.services.ftp import LIST_TIMEOUT_S, MIN_BYTES_S, TIME_SPARE_S, FtpService
+from gcs_server.vehicle.services.ftp import LIST_TIMEOUT_S, MIN_BYTES_S, EXTRA_TIME_S, FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
 from tests.protocol.hostile_files import BURST, READ, HostileFiles
 from tests.protocol.one_vehicle import flight
@@ -20,7 +20,7 @@ def read_until_error(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=N
         with pytest.raises(error, match=words):
             await FtpService(vehicle).read("etc/file")
         seen.update(files.requests)
-        limit_s = TIME_SPARE_S + size / MIN_BYTES_S if within_s is None else within_s
+        limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 
     flight(kit, jump, scenario)

@@ -78,11 +78,12 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, j
                 return work()
 
             async def read(kind, packed, crc):
-                return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
+                return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
             vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read
-            definitions = metadata_files.read_answer(
-                metadata_files.EVENTS, metadata_files.answer(metadata_files.EVENTS, BUILT_IN[EVENTS](), 0)
+            definitions = metadata_files.decode_document(
+                metadata_files.EVENTS,
+                metadata_files.encode_document(metadata_files.EVENTS, BUILT_IN[EVENTS](), 0),
             )
             event_id = next(
                 i for i, e in definitions.items() if i not in TEXTS and not e.is_check and not e.arguments

@@ -22,7 +22,7 @@ async def inline(work):
 
 
 async def read_inline(kind, packed, crc):
-    return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
+    return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
 
 def scenario(jump, work):

@@ -24,7 +24,7 @@ async def inline(scenario):
 
 
 async def read_inline(kind, packed, crc):
-    return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
+    return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
 
 def run_with_vehicle(kit, jump, scenario, *, loss=0.0, seed=0, cache=None):

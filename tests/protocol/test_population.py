@@ -9,10 +9,10 @@ from gcs_server.errors import Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload
 from gcs_server.vehicle.population import (
-    FORGETTABLE_AFTER_S,
-    MAX_OF_ONE_ID,
     MAX_ON_LINK,
     MAX_VEHICLES,
+    MAX_WITH_SAME_ID,
+    REMOVABLE_AFTER_S,
 )
 from tests.protocol.memory_world import run_test
 from tests.protocol.offboard_world import OffboardWorld, stream_request
@@ -34,7 +34,7 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
             await asyncio.sleep(1.0)
         grown = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
-        assert len(world.fleet.all()) == MAX_OF_ONE_ID
+        assert len(world.fleet.all()) == MAX_WITH_SAME_ID
         assert grown < 10e6, f"{grown / 1e6:.1f} MB"
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "too_many"]
         assert (warning.link, "system id 9" in warning.text) == ("memory", True)
@@ -57,7 +57,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
             for n, link in enumerate(links):
                 for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
                     send_heartbeat(link, system, f"10.0.0.2:{system}")
-            await asyncio.sleep(FORGETTABLE_AFTER_S + 5.0)
+            await asyncio.sleep(REMOVABLE_AFTER_S + 5.0)
         assert len(world.fleet.all()) == MAX_VEHICLES
         assert world.fleet.get("1") is real
         autopilot.alive = True
@@ -78,7 +78,7 @@ def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
         world.autopilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
         assert "1" not in [v.id for v in world.fleet.all()], "all others are connected"
-        await asyncio.sleep(FORGETTABLE_AFTER_S)
+        await asyncio.sleep(REMOVABLE_AFTER_S)
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_ON_LINK
 
@@ -118,10 +118,10 @@ def test_equal_system_ids_give_one_warning(jump):
     async def scenario(world):
         link = world.link()
         for second in range(60):
-            for n in range(MAX_OF_ONE_ID):
+            for n in range(MAX_WITH_SAME_ID):
                 if second > 8 * n:
                     send_heartbeat(link, 9, f"10.0.0.1:{n}")
             await asyncio.sleep(1.0)
-        assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_OF_ONE_ID
+        assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_WITH_SAME_ID
 
     run_test(jump, scenario, OffboardWorld)

@@ -93,7 +93,7 @@ def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(jump: Any)
         world.mavlink_on = False
         await asyncio.sleep(4.0)
         assert (vehicle.reach.protocols, vehicle.reach.commands) == (("ROS 2",), "ROS 2")
-        with pytest.raises(GcsError, match="vehicle 1 is silent on its MAVLink link mavlink"):
+        with pytest.raises(GcsError, match="vehicle 1 sends nothing on its MAVLink link mavlink"):
             await vehicle.params.get("MPC_XY_VEL_MAX")
 
         world.mavlink_on = True

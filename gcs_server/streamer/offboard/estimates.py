@@ -166,7 +166,7 @@ class VehicleEstimates:
             local.position_ned_m if local is not None and has_valid_position else None,
             local.velocity_ned_m_s if local is not None else None,
             attitude.yaw_ned_rad if attitude is not None else None,
-            None if command is None else f"{command.by or 'The server'} commanded {command.what!r}",
+            None if command is None else f"{command.by or 'The server'} commanded {command.label!r}",
             estimate_s=self._received_s("local_position") if has_valid_position else None,
             armed=status.armed,
             lost=status.link_lost or not vehicle.endpoints,

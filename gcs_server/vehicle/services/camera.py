@@ -12,7 +12,7 @@ from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import RESULT_TEXT, Request
 
 ATTEMPTS = 3
-ANSWER_TIMEOUT_S = 0.7
+ACK_TIMEOUT_S = 0.7
 
 
 class CameraService:
@@ -29,12 +29,12 @@ class CameraService:
         picture.
 
         Args:
-            component: MAVLink component id of the camera; default: the lowest that is connected.
+            component: MAVLink component id of the camera; None: the connected camera with the lowest id.
 
         Raises:
             InvalidRequest: no camera with this id is connected.
-            Rejected: the camera refuses.
-            NoReply: no camera answers.
+            Rejected: the camera refuses the request.
+            NoReply: no camera acknowledges the request.
         """
         vehicle = self._vehicle
         vehicle.require("camera")
@@ -52,17 +52,17 @@ class CameraService:
             for attempt in range(ATTEMPTS):
                 vehicle.send(request.message(vehicle.identity.system_id, camera, attempt, False))
                 try:
-                    async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                        answer = await waiter.next()
+                    async with asyncio.timeout(ACK_TIMEOUT_S):
+                        ack = await waiter.next()
                 except TimeoutError:
                     continue
-                if answer.result == d.MAV_RESULT_ACCEPTED:
+                if ack.result == d.MAV_RESULT_ACCEPTED:
                     return
-                reason = RESULT_TEXT.get(answer.result, f"result {answer.result}")
+                reason = RESULT_TEXT.get(ack.result, f"result {ack.result}")
                 raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {reason}.")
         raise NoReply(
-            f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_TIMEOUT_S:.1f} s.",
-            deadline_s=ATTEMPTS * ANSWER_TIMEOUT_S,
+            f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ACK_TIMEOUT_S:.1f} s.",
+            deadline_s=ATTEMPTS * ACK_TIMEOUT_S,
             remedy=f"The request went to MAVLink component {camera}. Check that the camera is switched on.",
         )
 

@@ -11,10 +11,10 @@ from gcs_server.vehicle.services.port import VehiclePort
 MAX_POSITION_AGE_S = 3.0
 """Maximum age of a position [s]."""
 MIN_CLIMB_M = 0.2
-"""PX4 does not climb to a take-off altitude less than this above the vehicle [m]."""
+"""PX4 does not climb if the take-off altitude is less than this above the vehicle [m]."""
 
 
-def number(field: str, value: float, low: float, high: float) -> float:
+def check_range(field: str, value: float, low: float, high: float) -> float:
     """Returns `value` if it is a number within the range.
 
     Raises:
@@ -61,15 +61,15 @@ def home_of(vehicle: VehiclePort) -> Home:
 
 
 def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: float) -> float:
-    """Checks that a take-off makes the vehicle climb; returns its altitude above sea level [m].
+    """Checks that a take-off makes the vehicle climb; returns the take-off altitude above mean sea level [m].
 
-    PX4 also accepts a take-off altitude below the vehicle ("Already higher than takeoff altitude"). It then
-    arms without climbing: it disarms after some seconds, or hovers just above the ground.
+    PX4 also accepts a take-off altitude below the vehicle ("Already higher than takeoff altitude"). PX4
+    then arms without climbing: it disarms after some seconds, or the vehicle hovers just above the ground.
 
     Args:
         vehicle: the vehicle, on the ground.
-        alt_home_m: the altitude above home.
-        home_alt_amsl_m: altitude of home.
+        alt_home_m: the take-off altitude above home [m].
+        home_alt_amsl_m: altitude of home above mean sea level [m].
 
     Raises:
         InvalidRequest: the vehicle would not climb.

@@ -1,9 +1,9 @@
 """Commands to a vehicle; each succeeds when the vehicle's own state shows the result.
 
 Deadlines are sufficient at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every
-repeated message requests a state or names a target, so a second copy changes nothing. A newer command ends an
-older one that is still waiting, and nothing of the older one is sent afterwards. Only Stop motors
-(`stop_motors.py`) cannot be ended.
+repeated message requests a state or names a target, so a second copy has no effect. A newer command ends a
+waiting older command, whose messages are then no longer sent. Only Stop motors (`stop_motors.py`) cannot be
+ended.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
-from gcs_server.vehicle.services.checks import home_of, number, position_of, require_climb
+from gcs_server.vehicle.services.checks import check_range, home_of, position_of, require_climb
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
@@ -27,9 +27,9 @@ from missions.geodesy import distance_m
 GOTO_MAX_DISTANCE_M = 1000.0
 TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
 STATE_DEADLINE_S = 6.0
-LIFT_DEADLINE_S = 12.0
+LIFT_OFF_DEADLINE_S = 12.0
 HOME_DEADLINE_S = 3.0
-MODE_CHANGE_WITHIN_S = STATE_DEADLINE_S + HOME_DEADLINE_S
+MAX_MODE_DELAY_S = STATE_DEADLINE_S + HOME_DEADLINE_S
 """Maximum time between a command and its mode change [s]."""
 NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
@@ -41,14 +41,14 @@ _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 @dataclass(frozen=True, slots=True)
 class ModeCommand:
     """This server's newest command that changes the mode. A change to this mode within
-    `MODE_CHANGE_WITHIN_S` counts as its result."""
+    `MAX_MODE_DELAY_S` counts as the command's result."""
 
-    what: str
+    label: str
     """Label of the command for messages."""
     mode: str
-    """As in `Status.mode`."""
+    """The requested mode, as in `Status.mode`."""
     by: str | None
-    """The client."""
+    """The client that sent the command."""
     since_s: float
 
 
@@ -64,27 +64,27 @@ class CommandService:
         self._vehicle = vehicle
         self._newest = 0
         """Number of the newest command; a command with an older number ends."""
-        self._newest_what = ""
+        self._newest_label = ""
         self._newest_command: ModeCommand | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
-        """Called before a mode other than Offboard is requested, so that the stream does not request a mode
+        """Called before a mode other than Offboard is requested, so that the setpoint stream requests no mode
         meanwhile."""
         self._stop_motors = StopMotors(vehicle)
-        self._waiting: list[int] = []
+        self._running_commands: list[int] = []
         """MAV_CMD of each running request."""
 
     def recent_command(self, mode: str) -> ModeCommand | None:
-        """This server's command that may have caused this mode; None if there was none recently."""
+        """This server's command that may have caused this mode; None: no recent command."""
         newest = self._newest_command
         if newest is None or newest.mode != mode:
             return None
-        return newest if self._vehicle.clock.monotonic_s() - newest.since_s <= MODE_CHANGE_WITHIN_S else None
+        return newest if self._vehicle.clock.monotonic_s() - newest.since_s <= MAX_MODE_DELAY_S else None
 
-    def record_executor_request(self, what: str, mode: str, by: str) -> None:
+    def record_executor_request(self, label: str, mode: str, by: str) -> None:
         """Records that the executor of an external mode requests this mode; raises Refused during Stop
         motors."""
-        self.require_no_kill(what)
-        self._newest_command = ModeCommand(what, mode, by, self._vehicle.clock.monotonic_s())
+        self.require_no_kill(label)
+        self._newest_command = ModeCommand(label, mode, by, self._vehicle.clock.monotonic_s())
         self.on_mode_command()
 
     async def arm(self, *, progress: ReportProgress | None = None) -> None:
@@ -93,7 +93,7 @@ class CommandService:
         await self._arm(self._begin("arm"), progress)
 
     async def disarm(self, *, progress: ReportProgress | None = None) -> None:
-        """Disarms; returns once the vehicle reports that it is disarmed. PX4 refuses it in flight."""
+        """Disarms (on the ground); returns once the vehicle reports that it is disarmed."""
         self._vehicle.require_commandable()
         goal = Goal(
             "disarm",
@@ -106,8 +106,8 @@ class CommandService:
     async def set_mode(
         self, name: str, *, by: str | None = None, progress: ReportProgress | None = None
     ) -> None:
-        """Changes the mode; returns once the vehicle reports it. `name` as in `Status.mode`, `by` the
-        client."""
+        """Changes the mode; returns once the vehicle reports the mode. `name` as in `Status.mode`, `by`
+        the client."""
         mode = BY_NAME.get(name)
         if mode is None or not mode.settable:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
@@ -122,7 +122,7 @@ class CommandService:
     ) -> None:
         """Arms if needed and takes off; returns once the vehicle is taking off, before it reaches the
         altitude."""
-        number("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
+        check_range("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
         vehicle = self._vehicle
         vehicle.require_commandable()
         if vehicle.flight_state.armed and vehicle.flight_state.landed_state in AIRBORNE:
@@ -140,7 +140,7 @@ class CommandService:
             except GcsError:
                 await self._hold_if_disarmed(token)
                 raise
-            # sent again, because PX4 may drop an altitude that it received while disarmed
+            # sent again, because a disarmed PX4 may drop the altitude
             again = Goal(
                 "take off to that altitude", _never, STATE_DEADLINE_S, requested_ids=(), ack_is_enough=True
             )
@@ -148,7 +148,7 @@ class CommandService:
         lifted = Goal(
             "take off",
             lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
-            LIFT_DEADLINE_S,
+            LIFT_OFF_DEADLINE_S,
             requested_ids=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
         )
         if progress is not None:
@@ -158,8 +158,7 @@ class CommandService:
     async def start_mission(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Starts the vehicle's mission at its current item; arms if needed.
 
-        Returns once the vehicle is armed in Mission. Both requests name a state, so repeating them changes
-        nothing.
+        Returns once the vehicle is armed in Mission. Both requests name a state; a repetition has no effect.
         """
         mission = BY_NAME["mission"]
         self._vehicle.require_commandable()
@@ -173,7 +172,7 @@ class CommandService:
                 raise
 
     async def land(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
-        """Lands at the current position; returns once it is landing (or has landed and disarmed)."""
+        """Lands at the current position; returns once the vehicle is landing, or has landed and disarmed."""
         await self._land_or_return(BY_NAME["land"], by, progress)
 
     async def rtl(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
@@ -181,7 +180,7 @@ class CommandService:
         await self._land_or_return(BY_NAME["rtl"], by, progress)
 
     async def hold(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
-        """Switches to Hold: the vehicle stops and holds its position."""
+        """Switches to Hold: the vehicle stops and keeps its position."""
         self._vehicle.require_commandable()
         await self._set_mode(self._begin("hold", BY_NAME["hold"], by), BY_NAME["hold"], progress)
 
@@ -197,18 +196,20 @@ class CommandService:
         by: str | None = None,
         progress: ReportProgress | None = None,
     ) -> None:
-        """Flies to a position in Hold mode; exactly one altitude. Returns once the vehicle has the target,
-        before it arrives."""
-        number("lat_deg", lat_deg, -90.0, 90.0)
-        number("lon_deg", lon_deg, -180.0, 180.0)
-        number("max_distance_m", max_distance_m, 1.0, 100_000.0)
-        yaw_rad = NAN if yaw_ned_deg is None else math.radians(number("yaw_ned_deg", yaw_ned_deg, -360, 360))
+        """Flies to a position in Hold mode, at exactly one of the two altitudes. Returns once the vehicle has
+        the target, before it arrives."""
+        check_range("lat_deg", lat_deg, -90.0, 90.0)
+        check_range("lon_deg", lon_deg, -180.0, 180.0)
+        check_range("max_distance_m", max_distance_m, 1.0, 100_000.0)
+        yaw_rad = (
+            NAN if yaw_ned_deg is None else math.radians(check_range("yaw_ned_deg", yaw_ned_deg, -360, 360))
+        )
         if (alt_amsl_m is None) == (alt_home_m is None):
             raise InvalidRequest("alt_amsl_m", "Give exactly one altitude: alt_amsl_m or alt_home_m.")
         if alt_amsl_m is not None:
-            number("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
+            check_range("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
         if alt_home_m is not None:
-            number("alt_home_m", alt_home_m, -500.0, 10_000.0)
+            check_range("alt_home_m", alt_home_m, -500.0, 10_000.0)
         vehicle = self._vehicle
         vehicle.require_commandable()
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
@@ -235,19 +236,19 @@ class CommandService:
 
     async def kill(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Stops the motors immediately, even in flight: the vehicle falls. Ends every waiting command, and
-        refuses all others until it has ended. Returns once the vehicle reports that it is disarmed; the
-        command is repeated until then or until the deadline, even if the vehicle refuses or the link is lost.
+        refuses all other commands until it has ended. Returns once the vehicle reports that it is disarmed.
+        The command is repeated until then or the deadline, even if the vehicle refuses or the link is lost.
         """
         with suppress(Disconnected):  # also sent on a lost link
             self._vehicle.require_commandable()
-        arming = d.MAV_CMD_COMPONENT_ARM_DISARM in self._waiting
+        arming = d.MAV_CMD_COMPONENT_ARM_DISARM in self._running_commands
         self._supersede("stop motors")
         self.on_mode_command()
         await self._stop_motors.run(by=by, arming=arming, progress=progress)
 
-    def require_no_kill(self, what: str) -> None:
-        """Raises Refused for `what` while Stop motors is not confirmed."""
-        self._stop_motors.require_none(what)
+    def require_no_kill(self, label: str) -> None:
+        """Raises Refused for the command `label` while Stop motors is not confirmed."""
+        self._stop_motors.require_none(label)
 
     async def wait_for_kill(self) -> None:
         """Returns once no Stop motors command is waiting for confirmation."""
@@ -273,8 +274,8 @@ class CommandService:
             d.MAV_CMD_DO_SET_MODE,
             (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
         )
-        what = f"switch to {self._vehicle.mode_names.label(mode)}"
-        await self._run(token, request, Goal(what, reached, STATE_DEADLINE_S), progress)
+        label = f"switch to {self._vehicle.mode_names.label(mode)}"
+        await self._run(token, request, Goal(label, reached, STATE_DEADLINE_S), progress)
 
     async def _takeoff_mode(self, token: int, request: Request, progress: ReportProgress | None) -> None:
         takeoff = BY_NAME["takeoff"].custom_mode
@@ -285,7 +286,7 @@ class CommandService:
         await self._run(token, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
 
     async def _home_alt_amsl_m(self, token: int) -> float:
-        """PX4 sends its home only every two seconds, so an unknown home is requested."""
+        """Altitude of home [m]; requests an unknown home, because PX4 sends it only every two seconds."""
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
             home = (d.MAVLINK_MSG_ID_HOME_POSITION,)
@@ -301,8 +302,8 @@ class CommandService:
         return home_of(vehicle).alt_amsl_m
 
     async def _hold_if_disarmed(self, token: int) -> None:
-        """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming it later would start the
-        climb."""
+        """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming the vehicle later
+        would start the climb."""
         if token == self._newest and not self._vehicle.flight_state.armed:
             with suppress(GcsError):
                 await self._set_mode(token, BY_NAME["hold"], None)
@@ -326,12 +327,12 @@ class CommandService:
 
     def _check_distance(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, max_m: float) -> None:
         here = position_of(self._vehicle)
-        far_m = math.hypot(
+        target_distance_m = math.hypot(
             distance_m(here.lat_deg, here.lon_deg, lat_deg, lon_deg), alt_amsl_m - here.alt_amsl_m
         )
-        if far_m > max_m:
+        if target_distance_m > max_m:
             raise Refused(
-                f"The target is {far_m:.0f} m away, more than the allowed {max_m:.0f} m.",
+                f"The target is {target_distance_m:.0f} m away, more than the allowed {max_m:.0f} m.",
                 remedy="Check the coordinates, or raise max_distance_m if this is intended.",
             )
 
@@ -347,8 +348,8 @@ class CommandService:
             if newest is None or newest[1] <= since_s:
                 return False
             _, lat, lon, alt_m, *_ = _target.unpack(newest[0])
-            off_m = distance_m(lat / 1e7, lon / 1e7, lat_deg, lon_deg)
-            return off_m < SAME_POSITION_M and abs(alt_m - alt_amsl_m) < SAME_POSITION_M
+            offset_m = distance_m(lat / 1e7, lon / 1e7, lat_deg, lon_deg)
+            return offset_m < SAME_POSITION_M and abs(alt_m - alt_amsl_m) < SAME_POSITION_M
 
         return reached
 
@@ -356,35 +357,35 @@ class CommandService:
         mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
         return self._vehicle.health.arming_problems(mode.nav_state if mode else None)
 
-    def _begin(self, what: str, mode: Mode | None = None, by: str | None = None) -> int:
-        self.require_no_kill(what)
-        self._supersede(what)
+    def _begin(self, label: str, mode: Mode | None = None, by: str | None = None) -> int:
+        self.require_no_kill(label)
+        self._supersede(label)
         if mode is not None:
-            self._newest_command = ModeCommand(what, mode.name, by, self._vehicle.clock.monotonic_s())
+            self._newest_command = ModeCommand(label, mode.name, by, self._vehicle.clock.monotonic_s())
             if mode.name != "offboard":
                 self.on_mode_command()
         return self._newest
 
-    def _supersede(self, what: str) -> None:
-        """Ends waiting commands, because `what` replaces them."""
+    def _supersede(self, label: str) -> None:
+        """Ends waiting commands, because the command `label` replaces them."""
         self._newest += 1
-        self._newest_what = what
+        self._newest_label = label
 
     async def _run(
         self, token: int, request: Request | None, goal: Goal, progress: ReportProgress | None
     ) -> None:
         def superseded() -> str | None:
-            return self._newest_what if token != self._newest else None
+            return self._newest_label if token != self._newest else None
 
         if request is None:
             await Transaction(self._vehicle, None, goal, progress, superseded).run()
             return
-        replaces_request = request.command in self._waiting
-        self._waiting.append(request.command)
+        replaces_request = request.command in self._running_commands
+        self._running_commands.append(request.command)
         try:
             await Transaction(self._vehicle, request, goal, progress, superseded, replaces_request).run()
         finally:
-            self._waiting.remove(request.command)
+            self._running_commands.remove(request.command)
 
 
 REQUEST_HEARTBEAT = (d.MAVLINK_MSG_ID_HEARTBEAT,)

@@ -1,11 +1,11 @@
 """Reads files of the vehicle over links that lose packets.
 
-One operation at a time, because PX4 has one session per link. An unanswered request is sent again with the
-same sequence number; then the vehicle repeats its answer. Nothing is written to the vehicle. A burst
+Operations run one at a time, because PX4 has one session per link. An unanswered request is sent again with
+the same sequence number, so that the vehicle repeats its reply. Nothing is written to the vehicle. A burst
 transfers most of a file; lost parts are read one by one.
 
-The vehicle's answers are untrusted: a transfer has limits of bytes, answers and time, and fails with a reason
-if the vehicle exceeds one.
+The vehicle's replies are untrusted: a transfer has limits of bytes, replies and time, and fails with a reason
+if the vehicle exceeds a limit.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from gcs_server.vehicle.services.port import VehiclePort
 
 FIRST_TIMEOUT_S = 0.25
 MAX_TIMEOUT_S = 1.5
-TRIES = 12
-"""With 20 % loss each way, one request in 200,000 fails."""
+MAX_ATTEMPTS = 12
+"""Maximum number of attempts; with 20 % loss each way, one request in 200,000 fails."""
 BURST_SILENCE_S = 0.6
-"""Pause after which a burst has ended, or its end was lost [s]."""
+"""Time without a reply after which a burst has ended, or its last packet was lost [s]."""
 MAX_EMPTY_BURSTS = 3
-BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
+BUSY_ATTEMPTS, BUSY_PAUSE_S = 4, 3.0
 """Attempts to open a file while all sessions are in use, and the pause between them [s]; PX4 closes
 an unused session after this pause."""
 MAX_BYTES = 8_000_000
 MAX_ENTRIES = 10_000
-ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
-"""Maximum number of answers per 239 bytes of a file (two are needed with 20 % loss), and additional answers
-for any file."""
-MIN_BYTES_S, TIME_SPARE_S = 400, 60.0
+REPLIES_PER_FULL_PIECE, EXTRA_REPLIES = 16, 256
+"""Maximum number of replies per 239 bytes of a file (with 20 % loss, two replies are needed), and additional
+replies for any file."""
+MIN_BYTES_S, EXTRA_TIME_S = 400, 60.0
 """Minimum average speed of a transfer [bytes/s], and additional time for any file [s]."""
 LIST_TIMEOUT_S = 120.0
-YIELD_AFTER_ANSWERS = 32
-"""Waiting answers handled at a time, before the event loop does other work."""
+YIELD_AFTER_REPLIES = 32
+"""Number of replies that are handled before the event loop does other work."""
 
 ReportBytes = Callable[[int, int], None]
 """Called with (bytes received, total bytes)."""
@@ -58,8 +58,8 @@ class FtpService:
         self._may_be_open = True
         """Whether a session of this server, or of its previous run, may still be open."""
         self._supports_burst = True
-        self._answers_left = 0
-        """Number of further answers that are accepted for the current file."""
+        self._replies_left = 0
+        """Number of further replies that are accepted for the current file."""
 
     async def list(self, path: str) -> list[DirectoryEntry]:
         """Lists a folder.
@@ -69,19 +69,17 @@ class FtpService:
             NoReply: the vehicle stopped answering.
         """
         self._vehicle.require("files")
-        async with self._lock, _within(LIST_TIMEOUT_S, path, "Listing"):
+        async with self._lock, _time_limit(LIST_TIMEOUT_S, path, "Listing"):
             return await self._list(path)
 
     async def crc32(self, path: str) -> int:
-        """Requests MAVLink's checksum of a file from the vehicle; raises as `list`."""
+        """Requests MAVLink's checksum of a file from the vehicle; raises the errors of `list`."""
         self._vehicle.require("files")
         async with self._lock:
-            answer = await self._request(
-                codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking"
-            )
-        if len(answer.data) < 4:
+            reply = await self._request(codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking")
+        if len(reply.data) < 4:
             raise FtpFailed(f"Checking {path}: the answer is incomplete.", path=path)
-        return int.from_bytes(answer.data[:4], "little")
+        return int.from_bytes(reply.data[:4], "little")
 
     async def read(
         self, path: str, *, max_bytes: int = MAX_BYTES, progress: ReportBytes | None = None
@@ -91,7 +89,7 @@ class FtpService:
         Args:
             path: path on the vehicle.
             max_bytes: a larger file is not read.
-            progress: called as the file grows.
+            progress: called with the progress.
 
         Raises:
             FtpFailed: the vehicle refused, the file is too large, or it arrives in too many pieces, too
@@ -108,8 +106,8 @@ class FtpService:
                     raise FtpFailed(
                         f"{path} has {size:,} bytes; more than {max_bytes:,} are not read.", path=path
                     )
-                self._answers_left = ANSWERS_SPARE + ANSWERS_PER_FULL_PIECE * (size // codec.DATA_BYTES)
-                async with _within(TIME_SPARE_S + size / MIN_BYTES_S, path, "Reading"):
+                self._replies_left = EXTRA_REPLIES + REPLIES_PER_FULL_PIECE * (size // codec.DATA_BYTES)
+                async with _time_limit(EXTRA_TIME_S + size / MIN_BYTES_S, path, "Reading"):
                     return await self._transfer(path, opened.session, Pieces(size), progress)
             except Disconnected:
                 disconnected = True
@@ -126,12 +124,12 @@ class FtpService:
         while offset < MAX_ENTRIES:
             request = codec.request(Opcode.LIST_DIRECTORY, 0, path=path, offset=offset)
             try:
-                answer = await self._request(request, path, "Listing")
+                reply = await self._request(request, path, "Listing")
             except FtpFailed as error:
                 if error.ftp_error == FtpError.END_OF_FILE:
                     break
                 raise
-            entries_read, count = codec.parse_listing(answer.data)
+            entries_read, count = codec.parse_listing(reply.data)
             if not count:
                 break
             entries += entries_read
@@ -139,7 +137,7 @@ class FtpService:
         return entries
 
     async def _open(self, path: str) -> Packet:
-        for attempt in range(BUSY_TRIES):
+        for attempt in range(BUSY_ATTEMPTS):
             try:
                 opened = await self._request(
                     codec.request(Opcode.OPEN_FILE_RO, 0, path=path), path, "Opening"
@@ -147,17 +145,17 @@ class FtpService:
                 self._may_be_open = True
                 return opened
             except FtpFailed as error:
-                if error.ftp_error != FtpError.NO_SESSIONS_AVAILABLE or attempt == BUSY_TRIES - 1:
+                if error.ftp_error != FtpError.NO_SESSIONS_AVAILABLE or attempt == BUSY_ATTEMPTS - 1:
                     raise
             if self._may_be_open:
                 await self._request(Packet(0, Opcode.RESET_SESSIONS), path, "Opening")
                 self._may_be_open = False
-            else:  # another station's session, which only that station ends
+            else:  # another station has the session, and only that station can end it
                 await self._vehicle.clock.sleep(BUSY_PAUSE_S)
         raise AssertionError("the loop returns or raises")
 
     async def _terminate(self, path: str, session: int) -> None:
-        """Best effort: a session that stays open is closed before the next file."""
+        """Closes the session if possible; a session that stays open is closed before the next file."""
         try:
             async with asyncio.timeout(3.0):
                 await self._request(Packet(0, Opcode.TERMINATE_SESSION, session), path, "Closing")
@@ -182,20 +180,18 @@ class FtpService:
         assert hole is not None
         start, end = hole
         size = min(end - start, codec.DATA_BYTES)
-        answer = await self._request(
-            Packet(0, Opcode.READ_FILE, session, size, offset=start), path, "Reading"
-        )
-        await self._count_answer(path)
-        if answer.offset != start:
+        reply = await self._request(Packet(0, Opcode.READ_FILE, session, size, offset=start), path, "Reading")
+        await self._count_reply(path)
+        if reply.offset != start:
             raise FtpFailed(
-                f"Reading {path}: the vehicle answered with byte {answer.offset:,} instead of {start:,}.",
+                f"Reading {path}: the vehicle answered with byte {reply.offset:,} instead of {start:,}.",
                 path=path,
             )
-        if not pieces.put(start, answer.data[:size]):
-            raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
+        if not pieces.put(start, reply.data[:size]):
+            raise FtpFailed(f"Reading {path}: the file ended before its {pieces.size:,} bytes.", path=path)
 
     async def _burst(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bool:
-        """Reads from the first missing part in one burst; returns whether anything was received."""
+        """Reads from the first missing part in one burst; returns whether a new piece was received."""
         hole = pieces.first_hole
         assert hole is not None
         first = self._take_sequence()
@@ -207,71 +203,72 @@ class FtpService:
             while not pieces.complete:
                 try:
                     async with asyncio.timeout(BURST_SILENCE_S):
-                        answer = _packet(await waiter.next())
+                        reply = _packet(await waiter.next())
                 except TimeoutError:
                     break
-                await self._count_answer(path)
-                if answer is None or not 1 <= (answer.sequence - first) & 0xFFFF <= longest:
+                await self._count_reply(path)
+                if reply is None or not 1 <= (reply.sequence - first) & 0xFFFF <= longest:
                     continue
-                if answer.opcode == Opcode.NAK:
-                    self._burst_refused(answer, path, received_any, pieces, hole[0])
+                if reply.opcode == Opcode.NAK:
+                    self._burst_refused(reply, path, received_any, pieces, hole[0])
                     break
-                if answer.session == session and pieces.put(answer.offset, answer.data):
+                if reply.session == session and pieces.put(reply.offset, reply.data):
                     received_any = True
                     if progress is not None:
                         progress(pieces.received, pieces.size)
-                if answer.burst_complete:
+                if reply.burst_complete:
                     break
-        # beyond any number that this burst may have used: otherwise the vehicle treats the next request as a
-        # repetition and answers it with a piece of the burst
+        # higher than every number of this burst: otherwise the vehicle takes the next request for a
+        # repetition, and replies with a piece of the burst
         self._sequence = (first + longest + 1) & 0xFFFF
         return received_any
 
     def _burst_refused(
-        self, answer: Packet, path: str, received_any: bool, pieces: Pieces, start: int
+        self, reply: Packet, path: str, received_any: bool, pieces: Pieces, start: int
     ) -> None:
-        error = codec.refusal(answer, path, "Reading")
+        error = codec.refusal(reply, path, "Reading")
         if error.ftp_error == FtpError.UNKNOWN_COMMAND:
             self._supports_burst = False
         elif error.ftp_error != FtpError.END_OF_FILE:
             raise error
-        elif not received_any and answer.offset <= start < pieces.size:
-            raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
+        elif not received_any and reply.offset <= start < pieces.size:
+            raise FtpFailed(f"Reading {path}: the file ended before its {pieces.size:,} bytes.", path=path)
 
-    async def _count_answer(self, path: str) -> None:
-        """Counts an answer; periodically lets the event loop do other work."""
-        self._answers_left -= 1
-        if self._answers_left < 0:
+    async def _count_reply(self, path: str) -> None:
+        """Counts a reply; periodically lets the event loop do other work."""
+        self._replies_left -= 1
+        if self._replies_left < 0:
             raise FtpFailed(
-                f"Reading {path}: the vehicle sends it in too many pieces, so the server gave up.", path=path
+                f"Reading {path}: the vehicle sends the file in too many pieces, so the server gave up.",
+                path=path,
             )
-        if self._answers_left % YIELD_AFTER_ANSWERS == 0:
+        if self._replies_left % YIELD_AFTER_REPLIES == 0:
             await asyncio.sleep(0)
 
     # --- one request ------------------------------------------------------------------------------------
 
-    async def _request(self, packet: Packet, path: str, doing: str) -> Packet:
-        """Sends a request until it is answered, always with the same sequence number."""
+    async def _request(self, packet: Packet, path: str, activity: str) -> Packet:
+        """Sends a request until the reply arrives, always with the same sequence number."""
         sequence = self._take_sequence()
         request = Packet(
             sequence, packet.opcode, packet.session, packet.size, offset=packet.offset, data=packet.data
         )
         timeout_s = FIRST_TIMEOUT_S
         with self._expect(Opcode(packet.opcode)) as waiter:
-            for _ in range(TRIES):
+            for _ in range(MAX_ATTEMPTS):
                 self._send(request)
                 try:
                     async with asyncio.timeout(timeout_s):
                         while True:
-                            answer = _packet(await waiter.next())
-                            if answer is not None and answer.sequence == (sequence + 1) & 0xFFFF:
-                                if answer.opcode == Opcode.NAK:
-                                    raise codec.refusal(answer, path, doing)
-                                return answer
+                            reply = _packet(await waiter.next())
+                            if reply is not None and reply.sequence == (sequence + 1) & 0xFFFF:
+                                if reply.opcode == Opcode.NAK:
+                                    raise codec.refusal(reply, path, activity)
+                                return reply
                 except TimeoutError:
                     timeout_s = min(timeout_s * 1.4, MAX_TIMEOUT_S)
         raise NoReply(
-            f"Vehicle {self._vehicle.id} did not answer: {doing.lower()} {path or '/'}.",
+            f"Vehicle {self._vehicle.id} did not answer: {activity.lower()} {path or '/'}.",
             deadline_s=round(_total_timeout_s(), 1),
             remedy="Check the link; nothing on the vehicle was changed.",
         )
@@ -280,11 +277,11 @@ class FtpService:
         vehicle = self._vehicle
 
         def matches(message: Reply) -> bool:
-            identity, answer = vehicle.identity, _packet(message)
+            identity, reply = vehicle.identity, _packet(message)
             return (
-                answer is not None
-                and answer.requested == opcode
-                and answer.opcode in (Opcode.ACK, Opcode.NAK)
+                reply is not None
+                and reply.requested == opcode
+                and reply.opcode in (Opcode.ACK, Opcode.NAK)
                 and (message.get_srcSystem(), message.get_srcComponent())
                 == (identity.system_id, identity.component_id)
                 and (message.target_system, message.target_component) == vehicle.own_ids
@@ -300,13 +297,13 @@ class FtpService:
         self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
 
     def _take_sequence(self) -> int:
-        """Steps of two, because the answer uses the number between."""
+        """The next sequence number; the steps are two, because the reply uses the number between."""
         self._sequence = (self._sequence + 2) & 0xFFFF
         return self._sequence
 
 
 @asynccontextmanager
-async def _within(limit_s: float, path: str, doing: str) -> AsyncGenerator[None]:
+async def _time_limit(limit_s: float, path: str, activity: str) -> AsyncGenerator[None]:
     """Limits the time of a block.
 
     Raises:
@@ -317,7 +314,7 @@ async def _within(limit_s: float, path: str, doing: str) -> AsyncGenerator[None]
             yield
     except TimeoutError:
         raise FtpFailed(
-            f"{doing} {path or '/'}: not finished within {limit_s:.0f} s, so the server gave up.",
+            f"{activity} {path or '/'}: not finished within {limit_s:.0f} s, so the server gave up.",
             path=path,
             remedy="Check the link, then try again.",
         ) from None
@@ -329,7 +326,7 @@ def _packet(message: Reply) -> Packet | None:
 
 def _total_timeout_s() -> float:
     timeout_s, total_s = FIRST_TIMEOUT_S, 0.0
-    for _ in range(TRIES):
+    for _ in range(MAX_ATTEMPTS):
         total_s += timeout_s
         timeout_s = min(timeout_s * 1.4, MAX_TIMEOUT_S)
     return total_s

@@ -1,7 +1,7 @@
 """Encodes and decodes MAVLink FTP packets and listings; no session, no time.
 
-Layout, opcodes and error numbers are the MAVLink guide's ("File Transfer Protocol"): a 12-byte header and up
-to 239 bytes of data in the payload of FILE_TRANSFER_PROTOCOL.
+Layout, opcodes and error numbers are those of the MAVLink guide ("File Transfer Protocol"): a 12-byte header
+and up to 239 bytes of data in the payload of FILE_TRANSFER_PROTOCOL.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _header = struct.Struct("<HBBBBBxI")
 
 
 class Opcode(enum.IntEnum):
-    """Opcodes that this client uses, and the two answers."""
+    """Opcodes that this client uses, and the two opcodes of replies."""
 
     TERMINATE_SESSION = 1
     RESET_SESSIONS = 2
@@ -85,7 +85,7 @@ class FtpFailed(GcsError):
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One request or answer."""
+    """One request or reply."""
 
     sequence: int
     opcode: int
@@ -93,7 +93,7 @@ class Packet:
     size: int = 0
     """Size of `data`; in a read request, the number of bytes to read."""
     requested: int = 0
-    """In an answer: the opcode of the request."""
+    """In a reply: the opcode of the request."""
     burst_complete: bool = False
     offset: int = 0
     data: bytes = b""
@@ -125,7 +125,7 @@ def decode(payload: bytes) -> Packet | None:
 
 
 def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, offset: int = 0) -> Packet:
-    """A request with a path; the path must fit one packet.
+    """A request with a path; the path must fit into one packet.
 
     Raises:
         FtpFailed: the path is too long, or contains a NUL.
@@ -157,7 +157,7 @@ class DirectoryEntry:
 
 
 def parse_listing(data: bytes) -> tuple[list[DirectoryEntry], int]:
-    """(entries, number of entries in the packet, which is added to the next request's offset).
+    """(entries, number of entries in the packet); the number is added to the next request's offset.
 
     A file is `F name TAB size`, a folder `D name`, an entry to skip `S`; each entry ends with NUL.
     """

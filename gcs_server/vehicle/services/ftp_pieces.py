@@ -1,7 +1,7 @@
 """Keeps track of the received and the missing parts of a file. No I/O.
 
-The work for one piece does not grow with the number of pieces before it: the missing parts stay sorted, and
-there are never more than `MAX_HOLES` of them.
+The work for one piece does not grow with the number of earlier pieces: the missing parts stay sorted, and
+their number is at most `MAX_HOLES`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from bisect import bisect_right
 
 MAX_HOLES = 2048
 """A piece that would leave more missing parts is dropped, as if the link had lost it. A file of
-half a megabyte that loses every second packet leaves fewer."""
+half a megabyte of which every second packet is lost has fewer missing parts."""
 
 
 class Pieces:
@@ -43,7 +43,7 @@ class Pieces:
 
     @property
     def first_hole(self) -> tuple[int, int] | None:
-        """(start, end) of the first part that is missing."""
+        """(start, end) of the first missing part; None: the file is complete."""
         return self._missing[0] if self._missing else None
 
     @property
@@ -53,28 +53,29 @@ class Pieces:
 
     @property
     def tail_missing(self) -> bool:
-        """Whether the only missing part reaches to the end."""
+        """Whether the only missing part is the end of the file."""
         return len(self._missing) == 1 and self._missing[0][1] == self.size
 
     def put(self, offset: int, data: bytes) -> bool:
-        """Stores a piece; False if it is not new, does not fit, or leaves too many missing parts."""
+        """Stores a piece; False if the piece is not new, does not fit into the file, or leaves too many
+        missing parts."""
         end = offset + len(data)
         if not data or offset < 0 or end > self.size:
             return False
         missing = self._missing
         first = bisect_right(missing, offset, key=lambda hole: hole[1])
-        past = first
-        before = 0
-        while past < len(missing) and missing[past][0] < end:
-            before += missing[past][1] - missing[past][0]
-            past += 1
-        if first == past:
+        stop = first
+        missing_before = 0
+        while stop < len(missing) and missing[stop][0] < end:
+            missing_before += missing[stop][1] - missing[stop][0]
+            stop += 1
+        if first == stop:
             return False
         left = [(missing[first][0], offset)] if missing[first][0] < offset else []
-        right = [(end, missing[past - 1][1])] if missing[past - 1][1] > end else []
-        if len(missing) - (past - first) + len(left) + len(right) > MAX_HOLES:
+        right = [(end, missing[stop - 1][1])] if missing[stop - 1][1] > end else []
+        if len(missing) - (stop - first) + len(left) + len(right) > MAX_HOLES:
             return False
-        missing[first:past] = left + right
-        self._received += before - sum(last - start for start, last in left + right)
+        missing[first:stop] = left + right
+        self._received += missing_before - sum(last - start for start, last in left + right)
         self._data[offset:end] = data
         return True

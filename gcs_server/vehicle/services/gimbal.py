@@ -1,10 +1,10 @@
 """A gimbal of a vehicle, commanded at its manager (gimbal protocol v2).
 
-PX4 v1.16: any station may take control. In MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE the value for "myself" means
-the vehicle, so this server's ids are sent. From a station without control, PX4 denies
-MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, and ignores GIMBAL_MANAGER_SET_ATTITUDE without an answer.
-GIMBAL_MANAGER_SET_PITCHYAW is not supported; angles beyond the range flip instead of being clamped. Without
-its gimbal module PX4 sends nothing.
+With PX4 v1.16, any station may take control. In MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE the value for "myself"
+means the vehicle, so the server sends its own ids. From a station without control, PX4 denies
+MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, and ignores GIMBAL_MANAGER_SET_ATTITUDE without an
+acknowledgement. PX4 does not support GIMBAL_MANAGER_SET_PITCHYAW, and wraps angles beyond the range instead
+of limiting them. Without its gimbal module PX4 sends no gimbal messages.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gcs_server.vehicle.gimbal_decoder import control_of
 from gcs_server.vehicle.gimbals import GimbalAddress, is_attitude_of
 from gcs_server.vehicle.numbers import rotation
 from gcs_server.vehicle.samples import Gimbal, GimbalReading
-from gcs_server.vehicle.services.checks import number
+from gcs_server.vehicle.services.checks import check_range
 from gcs_server.vehicle.services.gimbal_limits import GimbalLimited, wait_until_stopped
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
@@ -34,7 +34,7 @@ KEEP, RELEASE = -1.0, -3.0
 YAW_LOCK = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK
 MAX_PITCH_DEG = 90.0
 MAX_RATE_DEG_S = 180.0
-NEAR_RAD = math.radians(2.0)
+ATTITUDE_TOLERANCE_RAD = math.radians(2.0)
 NAN = math.nan
 STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
 ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
@@ -52,7 +52,8 @@ class Roi:
 class GimbalService:
     """Takes and releases gimbal control, and points the camera.
 
-    Raises as `CommandService`; `Refused` names the controller if it is not this server.
+    Raises the errors of `CommandService`; `Refused` names the controller of the gimbal if another station has
+    control.
 
     Args:
         vehicle: the vehicle of the gimbal.
@@ -76,7 +77,7 @@ class GimbalService:
         return self._rois.get(self._gimbal_address())
 
     async def take_control(self) -> None:
-        """Takes primary control; returns once the manager's status shows it."""
+        """Takes primary control; returns once the manager reports this server as the controller."""
         self._vehicle.require("gimbal")
         own_ids = self._vehicle.own_ids
         await self._configure(
@@ -84,7 +85,7 @@ class GimbalService:
         )
 
     async def release_control(self) -> None:
-        """Releases control if this server has it."""
+        """Releases control if this server has control."""
         self._vehicle.require("gimbal")
         own_ids = self._vehicle.own_ids
         if await self._control() != own_ids:
@@ -102,22 +103,22 @@ class GimbalService:
     ) -> GimbalLimited | None:
         """Points the camera. Pitch is positive up; yaw is relative to the nose, or to north with `yaw_lock`.
 
-        Returns once the gimbal has reached the angles (None), or has stopped before them (the angles
-        reached). Without `wait`, or if the gimbal does not report its attitude, returns once the vehicle has
-        acknowledged.
+        Returns None once the gimbal has reached the angles, or the reached angles once the gimbal has stopped
+        before. Without `wait`, or if the gimbal does not report its attitude, returns once the vehicle has
+        acknowledged the command.
         """
-        number("pitch_deg", pitch_deg, -MAX_PITCH_DEG, MAX_PITCH_DEG)
-        number("yaw_deg", yaw_deg, -360.0, 360.0)
+        check_range("pitch_deg", pitch_deg, -MAX_PITCH_DEG, MAX_PITCH_DEG)
+        check_range("yaw_deg", yaw_deg, -360.0, 360.0)
         if roll_deg is not None:
-            number("roll_deg", roll_deg, -180.0, 180.0)
+            check_range("roll_deg", roll_deg, -180.0, 180.0)
         self._vehicle.require("gimbal")
         self._check_limits(pitch_deg, yaw_deg, yaw_lock)
         await self._require_control()
         yaw_deg = math.degrees(wrap_pi(math.radians(yaw_deg)))
         if roll_deg is not None:
-            await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
+            await self._point_with_roll(roll_deg, pitch_deg, yaw_deg, yaw_lock)
         else:
-            await self._pitch_yaw(pitch_deg, yaw_deg, yaw_lock)
+            await self._point_pitch_yaw(pitch_deg, yaw_deg, yaw_lock)
         self._rois.pop(self._gimbal_address(), None)
         if not wait:
             return None
@@ -129,8 +130,8 @@ class GimbalService:
     def point(self, pitch_rad: float, yaw_ned_rad: float) -> None:
         """Points the camera without waiting, for targets that are sent many times a second.
 
-        It uses GIMBAL_MANAGER_SET_ATTITUDE, which is not acknowledged and is ignored without control. Pitch
-        is limited to the gimbal's range.
+        The message GIMBAL_MANAGER_SET_ATTITUDE is not acknowledged, and is ignored without control. Pitch is
+        limited to the gimbal's range.
         """
         vehicle = self._vehicle
         gimbal = self.reading()
@@ -141,7 +142,7 @@ class GimbalService:
         vehicle.send(self._attitude_message(q_from_euler(0.0, pitch_rad, yaw_ned_rad), yaw_lock=True))
         self._rois.pop(self._gimbal_address(), None)
 
-    async def _pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
+    async def _point_pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
         flags = YAW_LOCK if yaw_lock else 0
         await self._run_until_acknowledged(
             Request(
@@ -156,8 +157,8 @@ class GimbalService:
     ) -> None:
         """Turns the camera at constant rates; zero stops both axes. `yaw_lock` None keeps the current
         setting."""
-        number("pitch_rate_deg_s", pitch_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
-        number("yaw_rate_deg_s", yaw_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
+        check_range("pitch_rate_deg_s", pitch_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
+        check_range("yaw_rate_deg_s", yaw_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
         self._vehicle.require("gimbal")
         await self._require_control()
         if yaw_lock is None:
@@ -174,10 +175,10 @@ class GimbalService:
         self._rois.pop(self._gimbal_address(), None)
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Keeps the camera pointed at a location; needs no control."""
-        number("lat_deg", lat_deg, -90.0, 90.0)
-        number("lon_deg", lon_deg, -180.0, 180.0)
-        number("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
+        """Keeps the camera pointed at a location; does not require control."""
+        check_range("lat_deg", lat_deg, -90.0, 90.0)
+        check_range("lon_deg", lon_deg, -180.0, 180.0)
+        check_range("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
         self._vehicle.require("gimbal")
         request = Request(
             d.MAV_CMD_DO_SET_ROI_LOCATION,
@@ -199,22 +200,23 @@ class GimbalService:
     # --- which gimbal ---------------------------------------------------------------------------
 
     def reading(self) -> GimbalReading | None:
-        """The gimbal's newest report; None before the first."""
+        """The gimbal's newest report; None before the first report."""
         sample = self._vehicle.topic("gimbal")
         first = sample.value if sample is not None else None
         if not isinstance(first, Gimbal) or self._address is None:
             return first if isinstance(first, Gimbal) else None
-        wanted = (self._address.component_id, self._address.device_id)
-        each = (first, *first.gimbals)
-        return next((g for g in each if (g.component_id, g.gimbal_device_id) == wanted), None)
+        own_address = (self._address.component_id, self._address.device_id)
+        readings = (first, *first.gimbals)
+        return next((g for g in readings if (g.component_id, g.gimbal_device_id) == own_address), None)
 
     def _target(self) -> tuple[int, float]:
-        """The manager's component, and the device id for its commands; 0 (all) if there is only one."""
+        """The manager's component, and the device id for its commands; 0 (all devices) with only one
+        gimbal."""
         address = self._gimbal_address()
         if address is None:
             return self._vehicle.identity.component_id, 0.0
-        several = len(self._vehicle.gimbals.addresses()) > 1
-        return address.component_id, float(address.device_id if several else 0)
+        has_several = len(self._vehicle.gimbals.addresses()) > 1
+        return address.component_id, float(address.device_id if has_several else 0)
 
     def _gimbal_address(self) -> GimbalAddress | None:
         """The gimbal's address; None while no gimbal is connected."""
@@ -237,36 +239,36 @@ class GimbalService:
 
     # --- internal -------------------------------------------------------------------------------
 
-    async def _run_until_acknowledged(self, request: Request, what: str) -> None:
-        """Runs a request until it is acknowledged. The gimbal's state is not awaited, because a gimbal moves
+    async def _run_until_acknowledged(self, request: Request, action: str) -> None:
+        """Runs a request until the vehicle acknowledges it; does not wait for the gimbal, which moves
         slowly."""
-        goal = Goal(what, lambda _f, _s: False, DEADLINE_S, requested_ids=(), ack_is_enough=True)
-        await self._run_transaction(self._transaction(request, goal), what)
+        goal = Goal(action, lambda _f, _s: False, DEADLINE_S, requested_ids=(), ack_is_enough=True)
+        await self._run_transaction(self._transaction(request, goal), action)
 
     def _transaction(self, request: Request | None, goal: Goal) -> Transaction:
         return Transaction(self._vehicle, request, goal, component_id=self._target()[0])
 
     async def _configure(
-        self, system: float, component: float, what: str, accepts: Callable[[tuple[int, int] | None], bool]
+        self, system: float, component: float, action: str, accepts: Callable[[tuple[int, int] | None], bool]
     ) -> None:
         def reached(_flight_state: object, since_s: float) -> bool:
             newest = self._status()
             return newest is not None and newest[1] > since_s and accepts(control_of(newest[0]))
 
-        goal = Goal(what, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
+        goal = Goal(action, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
         request = Request(
             d.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, (system, component, KEEP, KEEP, 0, 0, self._device())
         )
         if system == RELEASE:
             request = Request(request.command, (RELEASE, RELEASE, RELEASE, RELEASE, 0, 0, self._device()))
-        await self._run_transaction(self._transaction(request, goal), what)
+        await self._run_transaction(self._transaction(request, goal), action)
 
-    async def _run_transaction(self, transaction: Transaction, what: str) -> None:
+    async def _run_transaction(self, transaction: Transaction, action: str) -> None:
         try:
             await transaction.run()
         except NoReply as error:
             raise NoReply(
-                f"Vehicle {self._vehicle.id} did not answer the request to {what} within "
+                f"Vehicle {self._vehicle.id} did not answer the request to {action} within "
                 f"{error.deadline_s:g} s.",
                 deadline_s=error.deadline_s,
                 remedy="The vehicle may have no gimbal (PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then "
@@ -274,41 +276,41 @@ class GimbalService:
             ) from None
 
     async def _control(self) -> tuple[int, int] | None:
-        """Requests who controls the gimbal.
+        """Requests the gimbal's controller (system id, component id); None: not controlled.
 
         Raises:
             NoReply: no gimbal manager answers.
         """
-        fresh: list[tuple[int, int] | None] = []
+        reported: list[tuple[int, int] | None] = []
 
         def reached(_flight_state: object, since_s: float) -> bool:
             newest = self._status()
             if newest is None or newest[1] <= since_s:
                 return False
-            fresh.append(control_of(newest[0]))
+            reported.append(control_of(newest[0]))
             return True
 
-        what = "report who controls the gimbal"
-        goal = Goal(what, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
+        action = "report who controls the gimbal"
+        goal = Goal(action, reached, DEADLINE_S, requested_ids=(STATUS_ID,), listen=(STATUS_ID,))
         try:
-            await self._run_transaction(self._transaction(None, goal), what)
+            await self._run_transaction(self._transaction(None, goal), action)
         except Rejected as error:  # the vehicle is connected, but has no gimbal
             raise NoReply(
                 f"Vehicle {self._vehicle.id} reports no gimbal.",
                 deadline_s=DEADLINE_S,
                 remedy="PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then restart it.",
             ) from error
-        return fresh[-1]
+        return reported[-1]
 
     async def _require_control(self) -> None:
         control = await self._control()
         if control == self._vehicle.own_ids:
             return
         if control is None:
-            raise Refused("The gimbal is not controlled.", remedy="Take control of it first.")
+            raise Refused("The gimbal is not controlled.", remedy="Take control of the gimbal first.")
         raise Refused(
             f"The gimbal is controlled by system {control[0]}, component {control[1]}, not by this server.",
-            remedy="Ask that station, or take control: then it loses control.",
+            remedy="Ask that station, or take control; the other station then loses control.",
         )
 
     def _check_limits(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
@@ -316,33 +318,38 @@ class GimbalService:
         if gimbal is None:
             return
         if gimbal.pitch_min_rad is not None and gimbal.pitch_max_rad is not None:
-            number(
+            check_range(
                 "pitch_deg", pitch_deg, math.degrees(gimbal.pitch_min_rad), math.degrees(gimbal.pitch_max_rad)
             )
         if not yaw_lock and gimbal.yaw_min_rad is not None and gimbal.yaw_max_rad is not None:
-            number("yaw_deg", yaw_deg, math.degrees(gimbal.yaw_min_rad), math.degrees(gimbal.yaw_max_rad))
+            check_range(
+                "yaw_deg", yaw_deg, math.degrees(gimbal.yaw_min_rad), math.degrees(gimbal.yaw_max_rad)
+            )
 
-    async def _attitude(self, roll_deg: float, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
-        """Roll needs GIMBAL_MANAGER_SET_ATTITUDE, which is not acknowledged. The message is repeated
-        until the reported attitude is at the target or has moved towards it."""
+    async def _point_with_roll(
+        self, roll_deg: float, pitch_deg: float, yaw_deg: float, yaw_lock: bool
+    ) -> None:
+        """Points the camera with roll, which needs GIMBAL_MANAGER_SET_ATTITUDE. This message is not
+        acknowledged, so it is repeated until the reported attitude is at the target or has moved towards the
+        target."""
         vehicle = self._vehicle
         q = q_from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
         message = self._attitude_message(q, yaw_lock=yaw_lock)
-        began_s = vehicle.clock.monotonic_s()
-        first_off_rad: float | None = None
+        start_s = vehicle.clock.monotonic_s()
+        first_error_rad: float | None = None
         with vehicle.mailbox.expect(ATTITUDE_ID, matches=self._is_attitude_of_gimbal) as waiter:
-            while (left_s := began_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
+            while (left_s := start_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send(message)
                 vehicle.send(self._attitude_request())
                 try:
                     async with asyncio.timeout(min(RESEND_S, left_s)):
-                        off_rad = _angle_between(q, await waiter.next())
+                        error_rad = _angle_between(q, await waiter.next())
                 except TimeoutError:
                     continue
-                first_off_rad = off_rad if first_off_rad is None else first_off_rad
-                if off_rad < NEAR_RAD or off_rad < first_off_rad - NEAR_RAD:
+                first_error_rad = error_rad if first_error_rad is None else first_error_rad
+                if error_rad < ATTITUDE_TOLERANCE_RAD or error_rad < first_error_rad - ATTITUDE_TOLERANCE_RAD:
                     return
-        if first_off_rad is None:
+        if first_error_rad is None:
             raise NoReply(
                 f"Vehicle {vehicle.id} does not report its gimbal's attitude.",
                 deadline_s=DEADLINE_S,
@@ -362,7 +369,7 @@ class GimbalService:
 
 
 def _angle_between(q: tuple[float, float, float, float], message: Reply) -> float:
-    """Angle between an attitude and the reported one [rad]; half a turn if there is no valid report."""
+    """Angle between an attitude and the reported attitude [rad]; half a turn without a valid report."""
     reported = rotation(message.q)
     if reported is None:
         return math.pi

@@ -36,8 +36,9 @@ class Gimbals:
         """The connected gimbals, the autopilot's first."""
         return self._state.gimbals()
 
-    def at(self, component_id: int | None, device_id: int | None) -> GimbalService:
-        """The first gimbal with this device id whose manager has this component id; None: any.
+    def service_for(self, component_id: int | None, device_id: int | None) -> GimbalService:
+        """The service of the first gimbal with this device id whose manager has this component id; None: any
+        id.
 
         Raises:
             InvalidRequest: the vehicle has no such gimbal.
@@ -49,18 +50,19 @@ class Gimbals:
             if component_id in (None, address.component_id) and device_id in (None, address.device_id):
                 return self._services.setdefault(address, GimbalService(self._vehicle, address, self._rois))
         selected = (("component", component_id), ("device", device_id))
-        wanted = ", ".join(f"{name} {value}" for name, value in selected if value is not None)
-        listed = "; ".join(f"component {a.component_id}, device {a.device_id}" for a in known) or "none"
+        selected_text = ", ".join(f"{name} {value}" for name, value in selected if value is not None)
+        gimbals_text = "; ".join(f"component {a.component_id}, device {a.device_id}" for a in known) or "none"
         raise InvalidRequest(
             "device" if component_id is None else "component",
-            f"Vehicle {self._vehicle.id} has no gimbal with {wanted}.",
-            remedy=f"Its gimbals: {listed}. Without component and device its first gimbal is commanded.",
+            f"Vehicle {self._vehicle.id} has no gimbal with {selected_text}.",
+            remedy=f"Its gimbals: {gimbals_text}. "
+            "Without component and device, the first gimbal is commanded.",
         )
 
     def request_limits(self) -> None:
-        """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, until it arrives, but only a few times.
-        Starts again when the link is restored. PX4 always gets the request, another component only after a
-        message of its gimbal manager.
+        """Requests GIMBAL_MANAGER_INFORMATION, which the vehicle does not stream, a few times until it
+        arrives, and again when the link is restored. The request is always sent to PX4, and to another
+        component only after a message of its gimbal manager.
         """
         vehicle, state = self._vehicle, self._state
         identity, now_s = vehicle.identity, vehicle.clock.monotonic_s()
@@ -80,5 +82,5 @@ class Gimbals:
                 vehicle.send(request.message(identity.system_id, component_id, 0, False))
 
     def link_restored(self) -> None:
-        """Requests the limits again: the vehicle may have another gimbal or firmware now."""
+        """Requests the limits again, because the vehicle may have another gimbal or firmware now."""
         self._requests_sent, self._outdated_before_s = {}, self._vehicle.clock.monotonic_s()

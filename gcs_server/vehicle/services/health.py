@@ -1,7 +1,8 @@
 """Puts a vehicle's events in order, and collects its arming and health report from them.
 
 Lost events are requested again (`event_stream.py`). A report consists of several events in order
-(`readiness.py`). It is requested once when the vehicle connects, because PX4 sends it only when it changes.
+(`readiness.py`). The server requests the report when the vehicle connects, because PX4 sends it only after a
+change.
 """
 
 from __future__ import annotations
@@ -33,17 +34,18 @@ from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
 FIRST_REQUEST_AFTER_S = 2.0
-"""Time for which a report from the vehicle itself is awaited [s]."""
+"""Time for which the server waits for a report before it requests one [s]."""
 REQUEST_PERIOD_S, MAX_REQUESTS = 2.0, 4
 RESTART_S = 10.0
-"""If the boot clock goes back by more, the vehicle has restarted."""
+"""If the boot clock goes back by more than this, the vehicle has restarted [s]."""
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
 REPORT_PERIOD_S = 0.25
-"""A report that changes sooner is published with the next tick."""
+"""Minimum time between two published changes of the report [s]."""
 TEXTS_RETRY_S, MAX_TEXTS_RETRY_S = 30.0, 960.0
-"""Time after a failure until the vehicle's texts are requested again; doubled each time."""
+"""Time after a failure until the vehicle's texts are requested again, doubled after each failure, and its
+maximum [s]."""
 TEXTS_TIMEOUT_S = 5.0
-"""An event without a description is published after this time."""
+"""Maximum time for which an event waits for a description [s]."""
 
 _current = struct.Struct("<HB")
 _error = struct.Struct("<HH")
@@ -54,7 +56,8 @@ class HealthService:
 
     Args:
         vehicle: the vehicle.
-        publish_event: called with each event outside reports, and whether it was lost and requested again.
+        publish_event: called with each event outside reports, and whether the event was lost and requested
+            again.
         fetch_metadata: starts `read_texts` in the background.
     """
 
@@ -83,9 +86,9 @@ class HealthService:
         self._requests_sent = 0
         self._next_request_s = float("inf")
         self.revision = 0
-        """Counts the changes of `readiness`."""
+        """Number of changes of `readiness`."""
         self.changed_s: float | None = None
-        """Time of the last change [s, monotonic]; None before the first."""
+        """Time of the last change [s, monotonic]; None before the first change."""
 
     @property
     def report(self) -> HealthReport | None:
@@ -105,22 +108,23 @@ class HealthService:
         return self._stream.missing is not None
 
     def arming_problems(self, nav_state: int | None) -> tuple[str, ...]:
-        """Reasons why the vehicle cannot arm in a mode (None: any mode); empty if it can, or if unknown."""
+        """Reasons why the vehicle cannot arm in a mode (None: any mode); empty if it can arm, or
+        if unknown."""
         report = self._report
         if report is None:
             return ()
-        found = report.findings if nav_state is None else report.causes(nav_state)
-        return tuple(f.cause for f in found)
+        findings = report.findings if nav_state is None else report.causes(nav_state)
+        return tuple(f.cause for f in findings)
 
     def apply_definitions(self, definitions: Definitions) -> None:
-        """Applies the vehicle's metadata: the current report gets its texts."""
+        """Applies the vehicle's metadata, also to the texts of the current report."""
         self._definitions = definitions
         if self._report is not None:
-            findings = tuple(self._described_again(f) for f in self._report.findings)
+            findings = tuple(self._described(f) for f in self._report.findings)
             self._set_report(replace(self._report, findings=findings))
 
     async def read_texts(self, metadata: MetadataService) -> None:
-        """Reads the texts of events from the vehicle's metadata; raises as `metadata.events`."""
+        """Reads the texts of events from the vehicle's metadata; raises the errors of `metadata.events`."""
         if self._definitions is not None:
             self._reading_texts = False
             return
@@ -133,7 +137,7 @@ class HealthService:
             self._texts_retry_s = min(self._texts_retry_s * 2, MAX_TEXTS_RETRY_S)
 
     def describe_again(self, event: VehicleEvent, waited_s: float) -> VehicleEvent | None:
-        """Adds the description to an event that had none; None if it may still arrive."""
+        """Adds the description to an event without one; None if the description may still arrive."""
         text, name, remedy = describe(event.id, event.arguments, self._definitions)
         is_described = has_description(event.id, self._definitions)
         if not is_described and self._reading_texts and waited_s < TEXTS_TIMEOUT_S:
@@ -141,7 +145,7 @@ class HealthService:
         return replace(event, text=text, name=name, remedy=remedy, is_described=is_described)
 
     async def check(self) -> Readiness:
-        """Requests that the vehicle runs its checks now, and returns the report.
+        """Requests that the vehicle runs its checks, and returns the report.
 
         Raises:
             NoReply: no report was received.
@@ -173,12 +177,12 @@ class HealthService:
         if self._newest_boot_ms - event.boot_ms > RESTART_S * 1e3 and not self._stream.is_missing(
             event.sequence
         ):
-            self._restarted()
+            self._reset_after_restart()
         late = self._stream.is_missing(event.sequence)
         self._newest_boot_ms = max(self._newest_boot_ms, event.boot_ms)
         lost = self._stream.lost
         ready = self._stream.take(event.sequence, event)
-        if not self._is_of_report(event):
+        if not self._is_in_report(event):
             self._request_metadata(event)
             self._publish_event(event, late)
         self._process_in_order(ready, lost)
@@ -198,14 +202,14 @@ class HealthService:
         self._process_in_order(self._stream.skip_unavailable(sequence, oldest), lost)
 
     def connected(self) -> None:
-        """The vehicle is connected, or back: its report is requested unless it sends one."""
+        """Requests the report unless the vehicle sends one; called when the vehicle has connected."""
         self._requests_sent, self._next_request_s = (
             0,
             self._vehicle.clock.monotonic_s() + FIRST_REQUEST_AFTER_S,
         )
 
     def tick(self) -> None:
-        """Called a few times a second."""
+        """Requests missing events and reports, and publishes changes; called a few times a second."""
         now_s = self._vehicle.clock.monotonic_s()
         lost = self._stream.lost
         self._process_in_order(self._stream.give_up(now_s), lost)
@@ -229,16 +233,16 @@ class HealthService:
         reported = self._published.reported_unix_s
         return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * FIRST_REQUEST_AFTER_S
 
-    def _changed(self) -> None:
+    def _count_change(self) -> None:
         self.revision += 1
         self.changed_s = self._vehicle.clock.monotonic_s()
 
-    def _restarted(self) -> None:
+    def _reset_after_restart(self) -> None:
         self._stream.reset()
         self._joiner.discard()
         self._newest_boot_ms = 0
         self._report, self._published, self._unpublished_unix_s = None, readiness.NOTHING_KNOWN, None
-        self._changed()
+        self._count_change()
         self.connected()
 
     def _request_metadata(self, event: VehicleEvent) -> None:
@@ -254,13 +258,13 @@ class HealthService:
             or not identity.commandable
         ):
             return
-        self._reading_texts = True  # reset by `read_texts` when it ends
+        self._reading_texts = True  # `read_texts` resets it at its end
         self._fetch_metadata()
 
     def _request_missing_events(self) -> None:
         if self._vehicle.identity.replayed:
             return
-        missing = self._stream.wanted(self._vehicle.clock.monotonic_s())
+        missing = self._stream.next_request(self._vehicle.clock.monotonic_s())
         if missing is not None:
             identity = self._vehicle.identity
             self._vehicle.send(
@@ -275,7 +279,7 @@ class HealthService:
             )
         )
 
-    def _is_of_report(self, event: VehicleEvent) -> bool:
+    def _is_in_report(self, event: VehicleEvent) -> bool:
         if event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID):
             return True
         if self._definitions is not None and event.id in self._definitions:
@@ -298,8 +302,8 @@ class HealthService:
                     self._report_count += 1
                     self._requests_sent, self._next_request_s = 0, float("inf")
                     self._set_report(report)
-            elif self._is_of_report(event):
-                modes, component = readiness.head_of(event.arguments)
+            elif self._is_in_report(event):
+                modes, component = readiness.modes_and_component(event.arguments)
                 self._joiner.add(
                     Finding(
                         event.id, event.name, event.level, modes, component, event.text, event.remedy,
@@ -307,7 +311,7 @@ class HealthService:
                     )
                 )  # fmt: skip
 
-    def _described_again(self, finding: Finding) -> Finding:
+    def _described(self, finding: Finding) -> Finding:
         text, name, remedy = describe(finding.id, finding.arguments, self._definitions)
         return replace(finding, cause=text, name=name, remedy=remedy)
 
@@ -316,7 +320,7 @@ class HealthService:
         text_source = "vehicle" if self._definitions is not None else "own"
         if (
             self._unpublished_unix_s is None
-            and readiness.unchanged(report, self._report)
+            and readiness.is_unchanged(report, self._report)
             and text_source == self._published.words
         ):
             self._published = replace(self._published, reported_unix_s=clock.unix_s())
@@ -332,19 +336,19 @@ class HealthService:
         )
 
     def _publish(self) -> None:
-        """Adds texts to the newest report and publishes that it has changed."""
+        """Adds texts to the newest report, and publishes an event that the report has changed."""
         report = self._report
         assert report is not None
         now_s = self._vehicle.clock.unix_s()
         text_source = "vehicle" if self._definitions is not None else "own"
-        unusable_texts = None if self._definitions is None else self._definitions.left_out
+        unusable_texts = None if self._definitions is None else self._definitions.omission_text
         reported_unix_s = self._unpublished_unix_s or self._published.reported_unix_s or now_s
         readiness_now = readiness.readiness_of(report, reported_unix_s, text_source, unusable_texts)
-        named = self._vehicle.mode_names.named
+        named = self._vehicle.mode_names.name_or_label
         modes = tuple(replace(each, label=named(each.mode, each.label)) for each in readiness_now.modes)
         self._published = replace(readiness_now, modes=modes, offers=self._offers())
         self._unpublished_unix_s, self._published_s = None, self._vehicle.clock.monotonic_s()
-        self._changed()
+        self._count_change()
         mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
         self._vehicle.events.add(
             "readiness",
@@ -356,5 +360,5 @@ class HealthService:
                 "mode": mode.name if mode is not None else None,
                 "can_arm": None if mode is None else bool(report.can_arm >> mode.nav_state & 1),
             },
-            kept=False,
+            stored=False,
         )

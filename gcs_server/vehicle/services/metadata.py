@@ -1,9 +1,9 @@
-"""The vehicle's own description of its parameters and events, fetched by FTP only on request.
+"""Metadata of a vehicle's parameters and events, read from the vehicle by FTP on request.
 
-COMPONENT_METADATA names a general document and its checksum, and that document names the others. Fetched
-files are cached by vehicle and checksum, so the next time only one message is requested. Internet addresses
-in these documents are never opened. The files are untrusted: their size is limited, and a process of its own
-reads them (`metadata_process.py`).
+COMPONENT_METADATA names a general document and its checksum; the general document names the other documents.
+Fetched files are cached by vehicle and checksum, so the next time only one message is requested. The server
+never opens internet addresses in these documents. The files are untrusted: their size is limited, and a
+separate process reads them (`metadata_process.py`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from gcs_server.vehicle.services.transaction import is_our_ack
 
 NAMES = {PARAMETERS: "parameters", EVENTS: "events"}
 MAX_REQUESTS, REQUEST_PERIOD_S = 6, 0.5
-FETCH_TIMES = 2
+MAX_FETCHES = 2
 _uri = re.compile(r"mftp://(?:\[?;comp=(\d{1,3})\]?)?/?(.{1,200})")
 
 RunInThread = Callable[[Callable[[], Any]], Awaitable[Any]]
@@ -45,7 +45,7 @@ _reader = DocumentReader()
 
 
 class MetadataMissing(GcsError):
-    """The vehicle has no description of this kind, or it is not readable."""
+    """The vehicle has no metadata of this kind, or the metadata is unreadable."""
 
     code = "metadata_missing"
 
@@ -55,10 +55,10 @@ class MetadataService:
 
     Args:
         vehicle: the vehicle.
-        ftp: reads its files.
+        ftp: reads the vehicle's files.
         cache: stores documents; None: no cache.
         run_in_thread: `asyncio.to_thread`, except in tests.
-        read: reads a file in a process of its own, except in tests.
+        read: reads a file in a separate process, except in tests.
     """
 
     def __init__(
@@ -86,12 +86,12 @@ class MetadataService:
         """Metadata of all parameters of the firmware, by name.
 
         Raises:
-            MetadataMissing, FtpFailed, NoReply: it is not available.
+            MetadataMissing, FtpFailed, NoReply: the metadata is not available.
         """
         return await self._load(PARAMETERS)
 
     async def events(self) -> Definitions:
-        """Metadata of all events of the firmware; raises as `parameters`."""
+        """Metadata of all events of the firmware; raises the errors of `parameters`."""
         return await self._load(EVENTS)
 
     async def _load(self, kind: int) -> Document[Any, Any]:
@@ -103,25 +103,25 @@ class MetadataService:
                 raise MetadataMissing(
                     f"Vehicle {self._vehicle.id} provides no metadata of its {NAMES[kind]}."
                 )
-            held = self._parsed.get(kind)
-            if held is not None and held[0] == entry.crc and entry.crc:
-                return held[1]
+            parsed = self._parsed.get(kind)
+            if parsed is not None and parsed[0] == entry.crc and entry.crc:
+                return parsed[1]
             document = await self._document(entry, NAMES[kind], functools.partial(self.read, kind))
             self._parsed[kind] = (entry.crc, document)
             return document
 
     async def _general(self) -> list[FileEntry]:
-        message = await self._announced()
-        entry = FileEntry(0, _text(message.uri), int(message.file_crc))
+        message = await self._request_announcement()
+        entry = FileEntry(0, _decode_text(message.uri), int(message.file_crc))
 
         async def read(packed: bytes, crc: int) -> list[FileEntry]:
             return await self.run_in_thread(functools.partial(metadata_files.read_general, packed, crc))
 
-        most = metadata_files.MAX_GENERAL_PACKED_BYTES
-        return await self._document(entry, "metadata", read, most)
+        max_bytes = metadata_files.MAX_GENERAL_PACKED_BYTES
+        return await self._document(entry, "metadata", read, max_bytes)
 
-    async def _announced(self) -> Reply:
-        """COMPONENT_METADATA."""
+    async def _request_announcement(self) -> Reply:
+        """Requests COMPONENT_METADATA."""
         vehicle, identity = self._vehicle, self._vehicle.identity
         ids = (d.MAVLINK_MSG_ID_COMPONENT_METADATA, d.MAVLINK_MSG_ID_COMMAND_ACK)
         request = d.MAVLink_command_long_message(
@@ -146,7 +146,7 @@ class MetadataService:
                             elif is_our_ack(message, vehicle, d.MAV_CMD_REQUEST_MESSAGE) and (
                                 message.result not in (d.MAV_RESULT_ACCEPTED, d.MAV_RESULT_IN_PROGRESS)
                             ):
-                                refusals += 1  # it may belong to another request, so there is a second try
+                                refusals += 1  # may belong to another request, so it is requested again
                                 break
                 except TimeoutError:
                     continue
@@ -156,60 +156,62 @@ class MetadataService:
                         remedy="Its firmware may be too old; parameters can be set without ranges and units.",
                     )
         raise NoReply(
-            f"Vehicle {vehicle.id} did not report where its metadata are.",
+            f"Vehicle {vehicle.id} did not report where its metadata is.",
             deadline_s=MAX_REQUESTS * REQUEST_PERIOD_S,
         )
 
     async def _document(
         self,
         entry: FileEntry,
-        what: str,
+        kind_name: str,
         read: Callable[[bytes, int], Awaitable[Result]],
-        most_bytes: int = metadata_files.MAX_PACKED_BYTES,
+        max_bytes: int = metadata_files.MAX_PACKED_BYTES,
     ) -> Result:
         """Reads a document from the cache, or fetches and caches it."""
         name, cache = self._cache_name(entry.crc), self.cache if entry.crc else None
         cached: bytes | None = None
         if cache is not None:
             cached = await self.run_in_thread(functools.partial(cache.read, name))
-        for attempt in range(FETCH_TIMES + 1):
-            packed = cached if cached is not None else await self._fetch(entry.uri, most_bytes)
+        for attempt in range(MAX_FETCHES + 1):
+            packed = cached if cached is not None else await self._fetch(entry.uri, max_bytes)
             try:
                 result = await read(packed, entry.crc)
             except Damaged as error:
-                if cached is None and attempt >= FETCH_TIMES - 1:
-                    raise self._unusable(what, error, "Try again on a better link.") from error
+                if cached is None and attempt >= MAX_FETCHES - 1:
+                    raise self._unusable(kind_name, error, "Try again on a better link.") from error
                 cached = None
                 continue
             except (ValueError, RecursionError) as error:
-                raise self._unusable(what, error) from error
+                raise self._unusable(kind_name, error) from error
             if cache is not None and cached is None:
                 await self.run_in_thread(functools.partial(cache.write, name, packed))
             return result
         raise AssertionError("the loop returns or raises")
 
-    async def _fetch(self, uri: str, most_bytes: int) -> bytes:
+    async def _fetch(self, uri: str, max_bytes: int) -> bytes:
         match = _uri.fullmatch(uri)
         component = self._vehicle.identity.component_id
         if match is None or match[1] not in (None, str(component)):
             raise MetadataMissing(
-                f"Vehicle {self._vehicle.id} keeps its metadata at {uri!r}, not in its own files.",
+                f"Vehicle {self._vehicle.id} stores its metadata at {uri!r}, not in its own files.",
                 remedy="The server does not open internet addresses.",
             )
-        return await self._ftp.read(match[2], max_bytes=most_bytes)
+        return await self._ftp.read(match[2], max_bytes=max_bytes)
 
-    def _unusable(self, what: str, error: Exception, remedy: str | None = None) -> MetadataMissing:
+    def _unusable(self, kind_name: str, error: Exception, remedy: str | None = None) -> MetadataMissing:
         return MetadataMissing(
-            f"The {what} that vehicle {self._vehicle.id} describes cannot be used: {error}.", remedy=remedy
+            f"The {kind_name} that vehicle {self._vehicle.id} describes cannot be used: {error}.",
+            remedy=remedy,
         )
 
     def _cache_name(self, crc: int) -> str:
-        """The name includes the vehicle, because another one could forge the checksum of its file."""
+        """Name of the cached file. It includes the vehicle, because another vehicle could forge a
+        checksum."""
         identity = self._vehicle.identity
         uid = "".join(c for c in identity.uid or "none" if c.isascii() and c.isalnum())[:40]
         return f"metadata-{uid}-{identity.system_id}-{crc:08x}"
 
 
-def _text(value: str | bytes) -> str:
+def _decode_text(value: str | bytes) -> str:
     text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
     return text.rstrip("\0")

@@ -378,11 +378,11 @@ class _CombinedProgress:
             count = dialogue.count
             fraction = None
             if self._total:
-                fraction = (self._before + dialogue.moved) / self._total
+                fraction = (self._before + dialogue.transferred) / self._total
             elif count:
-                fraction = dialogue.moved / count
+                fraction = dialogue.transferred / count
             text_with_item = (
-                text if count is None else f"{text}: item {min(dialogue.moved + 1, count)} of {count}"
+                text if count is None else f"{text}: item {min(dialogue.transferred + 1, count)} of {count}"
             )
             self._progress(text_with_item, fraction)
 

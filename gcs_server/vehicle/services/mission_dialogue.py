@@ -1,9 +1,9 @@
-"""The mission protocol as pure state machines with messages and time as input and messages as output.
+"""The mission protocol as pure state machines: messages and time are input, messages are output.
 
-One dialogue moves one part of a plan (mission, fence or rally points) in one direction. PX4 requests each
-item of an upload, repeats this every 0.25 s, and cancels a transfer after 5 s of silence, with a STATUSTEXT
-but no acknowledgement. It stores an upload when the last item has arrived; until then it keeps the previous
-items. https://mavlink.io/en/services/mission.html
+One dialogue transfers one part of a plan (mission, fence or rally points) in one direction. PX4 requests each
+item of an upload, and repeats the request every 0.25 s. After 5 s without a message PX4 cancels the transfer,
+with a STATUSTEXT but without an acknowledgement. PX4 replaces its previous items only when the last item has
+arrived. https://mavlink.io/en/services/mission.html
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from missions.formats.mavlink_items import WireItem
 
 Part = Literal["mission", "fence", "rally"]
 PARTS: tuple[Part, ...] = ("fence", "rally", "mission")
-"""In the order of an upload, so that a mission is not flown with an older fence."""
+"""In the order of an upload, so that the vehicle never flies a new mission with an older fence."""
 TYPE_OF: dict[Part, int] = {
     "mission": d.MAV_MISSION_TYPE_MISSION,
     "fence": d.MAV_MISSION_TYPE_FENCE,
@@ -32,23 +32,23 @@ NAME_OF: dict[Part, str] = {"mission": "mission", "fence": "geofence", "rally": 
 """Names in texts for the operator."""
 
 RESEND_S = 0.5
-"""Period of the first message of a dialogue until the vehicle answers."""
+"""Period of the first message of a dialogue until the vehicle replies [s]."""
 ITEM_RESEND_S = 0.3
-"""Period of item requests in a download; the protocol suggests 0.25 s."""
+"""Period of item requests in a download [s]; the protocol suggests 0.25 s."""
 FIRST_ITEM_S = 1.5
-"""If the first item has not arrived after this time, the vehicle may have mistaken a late message for the end
-of this download."""
+"""Time after which a missing first item means that the vehicle took a late message for the end of this
+download [s]."""
 BUSY_RETRIES_S = (1.0, 1.0, 6.0)
-"""Waiting times after "busy". The last is longer than PX4's timeout, so that an abandoned transfer of another
-station is over."""
-SILENT_S = 8.0
-"""Longer than PX4's timeout of 5 s: after this silence a dialogue is over on both sides."""
-ACK_S = 3.0
-"""After this time without a request, the last acknowledgement was lost: PX4 would have repeated its request
+"""Waiting times after "busy" [s]. The last time is longer than PX4's timeout, so that an abandoned transfer
+of another station has ended."""
+NO_REPLY_S = 8.0
+"""Time without a message after which a dialogue has ended on both sides [s]; PX4's timeout is 5 s."""
+LOST_ACK_S = 3.0
+"""Time without a request after which the last acknowledgement was lost [s]; PX4 would have repeated a request
 ten times."""
 MAX_RESTARTS = 3
 MAX_ITEMS = 10_000
-"""Larger counts from a vehicle are refused."""
+"""Maximum number of items of a download."""
 
 RESULT_TEXT = {
     d.MAV_MISSION_ERROR: "not accepted",
@@ -87,9 +87,9 @@ class Dialogue(ABC):
         self.wake_s = float("inf")
         """When `tick` is due [s, monotonic]."""
         self.opaque_id: int | None = None
-        """The vehicle's id of the stored items, if it has sent one."""
+        """The vehicle's id of its stored items; None: not sent."""
         self._received_s = float("-inf")
-        self._began_s = float("-inf")
+        self._start_s = float("-inf")
 
     @property
     @abstractmethod
@@ -98,12 +98,12 @@ class Dialogue(ABC):
 
     @property
     @abstractmethod
-    def moved(self) -> int:
+    def transferred(self) -> int:
         """Number of items transferred so far."""
 
     def start(self, now_s: float) -> list[MAVLink_message]:
         """The first messages."""
-        self._began_s = self._received_s = now_s
+        self._start_s = self._received_s = now_s
         return self.tick(now_s)
 
     @abstractmethod
@@ -111,7 +111,7 @@ class Dialogue(ABC):
         """Messages to send again.
 
         Raises:
-            NoReply: the vehicle has been silent for too long.
+            NoReply: the vehicle has sent nothing for too long.
             Rejected: the vehicle is busy for too long.
         """
 
@@ -124,32 +124,32 @@ class Dialogue(ABC):
         """
 
     def cancel(self) -> list[MAVLink_message]:
-        """Message that cancels the transfer on the vehicle; PX4 does not answer it."""
+        """The message that cancels the transfer on the vehicle; PX4 does not acknowledge it."""
         return [self._ack(d.MAV_MISSION_OPERATION_CANCELLED)]
 
     def _ack(self, result: int) -> MAVLink_message:
-        return d.MAVLink_mission_ack_message(*self._to(), result, self.kind)
+        return d.MAVLink_mission_ack_message(*self._address(), result, self.kind)
 
-    def _to(self) -> tuple[int, int]:
+    def _address(self) -> tuple[int, int]:
         return self.target.system_id, self.target.component_id
 
-    def _silent(self, phase: str) -> NoReply:
+    def _no_reply(self, phase: str) -> NoReply:
         return NoReply(
-            f"Vehicle {self.target.vehicle_id} did not answer for {SILENT_S:g} s {phase}.",
-            deadline_s=SILENT_S,
+            f"Vehicle {self.target.vehicle_id} did not answer for {NO_REPLY_S:g} s {phase}.",
+            deadline_s=NO_REPLY_S,
             remedy="Check the link, then try again.",
         )
 
 
 class Upload(Dialogue):
-    """Sends the items of one part as the vehicle requests them; at least one item."""
+    """Sends the items of one part when the vehicle requests them; the part has at least one item."""
 
     def __init__(self, target: Target, part: Part, items: Sequence[WireItem]) -> None:
         super().__init__(target, part)
         self._items = items
         self._last_requested = -1
         """Highest item that the vehicle has requested."""
-        self._busy = 0
+        self._busy_count = 0
         self.confirmed = False
         """Whether the vehicle acknowledged the upload; if not, only a download shows the result."""
 
@@ -158,7 +158,7 @@ class Upload(Dialogue):
         return len(self._items)
 
     @property
-    def moved(self) -> int:
+    def transferred(self) -> int:
         return max(0, self._last_requested)
 
     @property
@@ -166,25 +166,25 @@ class Upload(Dialogue):
         return self._last_requested == len(self._items) - 1
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
-        silent_s = now_s - self._received_s
+        no_message_s = now_s - self._received_s
         if self._all_sent:
-            self.done = silent_s >= ACK_S
-            self.wake_s = self._received_s + ACK_S
+            self.done = no_message_s >= LOST_ACK_S
+            self.wake_s = self._received_s + LOST_ACK_S
             return []
-        if silent_s >= SILENT_S:
-            after = (
+        if no_message_s >= NO_REPLY_S:
+            phase_text = (
                 f"after item {self._last_requested + 1} of {self.count}"
                 if self._last_requested >= 0
                 else "to the upload"
             )
-            raise self._silent(f"{after} of the {NAME_OF[self.part]}")
+            raise self._no_reply(f"{phase_text} of the {NAME_OF[self.part]}")
         if self._last_requested >= 0:
-            self.wake_s = self._received_s + SILENT_S
+            self.wake_s = self._received_s + NO_REPLY_S
             return []
         self.wake_s = now_s + RESEND_S
-        begin = d.MAVLink_mission_count_message(*self._to(), len(self._items), self.kind)
-        # An earlier transfer whose last message was lost may keep the vehicle busy: cancel it.
-        return [*self.cancel(), begin] if self._busy else [begin]
+        begin = d.MAVLink_mission_count_message(*self._address(), len(self._items), self.kind)
+        # Cancels an earlier transfer whose last message was lost, because it may keep the vehicle busy.
+        return [*self.cancel(), begin] if self._busy_count else [begin]
 
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
         if message.get_msgId() == d.MAVLINK_MSG_ID_MISSION_ACK:
@@ -194,8 +194,8 @@ class Upload(Dialogue):
         if seq >= len(self._items) or seq > self._last_requested + 1:
             return []
         self._received_s, self._last_requested = now_s, max(self._last_requested, seq)
-        self.wake_s = now_s + (ACK_S if self._all_sent else SILENT_S)
-        return [item_message(self._items[seq], self._to(), self.kind)]
+        self.wake_s = now_s + (LOST_ACK_S if self._all_sent else NO_REPLY_S)
+        return [item_message(self._items[seq], self._address(), self.kind)]
 
     def _take_ack(self, message: Reply, now_s: float) -> None:
         result: int = message.type
@@ -203,24 +203,25 @@ class Upload(Dialogue):
             if self._all_sent:
                 self.done = self.confirmed = True
                 self.opaque_id = message.opaque_id or None
-            return  # earlier acknowledgements belong to an older dialogue
+            return  # an earlier acknowledgement belongs to an older dialogue
         if result == d.MAV_MISSION_ERROR and self._last_requested < 0:
             self._take_busy(now_s)
         elif result == d.MAV_MISSION_ERROR and self._all_sent:
-            self.done = True  # the item arrived twice, or it was refused: a download shows the result
-        elif result != d.MAV_MISSION_INVALID_SEQUENCE:  # after that one, the vehicle requests the right item
+            self.done = True  # the item arrived twice, or was refused; a download shows the result
+        elif result != d.MAV_MISSION_INVALID_SEQUENCE:
+            # after INVALID_SEQUENCE, the vehicle requests the right item
             raise self._refused(result)
 
     def _take_busy(self, now_s: float) -> None:
-        if self._busy >= len(BUSY_RETRIES_S):
+        if self._busy_count >= len(BUSY_RETRIES_S):
             raise Rejected(
                 f"Vehicle {self.target.vehicle_id} is busy with another transfer and does not accept the "
                 f"{NAME_OF[self.part]}.",
                 remedy="Another ground station may be uploading: wait until it is done.",
             )
         self._received_s = now_s
-        self.wake_s = now_s + BUSY_RETRIES_S[self._busy]
-        self._busy += 1
+        self.wake_s = now_s + BUSY_RETRIES_S[self._busy_count]
+        self._busy_count += 1
 
     def _refused(self, result: int) -> Rejected:
         reason = RESULT_TEXT.get(result, f"result {result}")
@@ -249,24 +250,24 @@ class Download(Dialogue):
         return self._count
 
     @property
-    def moved(self) -> int:
+    def transferred(self) -> int:
         return len(self.items)
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
-        silent_s = now_s - self._received_s
-        if silent_s >= SILENT_S:
+        no_message_s = now_s - self._received_s
+        if no_message_s >= NO_REPLY_S:
             if not self.items or self._restarts >= MAX_RESTARTS:
                 progress_text = (
                     "" if self._count is None else f" after item {len(self.items)} of {self._count}"
                 )
-                raise self._silent(f"to the download of the {NAME_OF[self.part]}{progress_text}")
+                raise self._no_reply(f"to the download of the {NAME_OF[self.part]}{progress_text}")
             self._restart(now_s)
-        elif self._count is not None and not self.items and silent_s >= FIRST_ITEM_S:
+        elif self._count is not None and not self.items and no_message_s >= FIRST_ITEM_S:
             self._count = None
-        again = self._count is None and now_s > self._began_s
+        is_repetition = self._count is None and now_s > self._start_s
         self.wake_s = now_s + (RESEND_S if self._count is None else ITEM_RESEND_S)
-        # An earlier transfer whose last message was lost may keep the vehicle busy: cancel it.
-        return [*self.cancel(), self._request()] if again else [self._request()]
+        # Cancels an earlier transfer whose last message was lost, because it may keep the vehicle busy.
+        return [*self.cancel(), self._request()] if is_repetition else [self._request()]
 
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
         match message.get_msgId():
@@ -281,8 +282,8 @@ class Download(Dialogue):
 
     def _request(self) -> MAVLink_message:
         if self._count is None:
-            return d.MAVLink_mission_request_list_message(*self._to(), self.kind)
-        return d.MAVLink_mission_request_int_message(*self._to(), len(self.items), self.kind)
+            return d.MAVLink_mission_request_list_message(*self._address(), self.kind)
+        return d.MAVLink_mission_request_int_message(*self._address(), len(self.items), self.kind)
 
     def _next(self, now_s: float) -> list[MAVLink_message]:
         self._received_s = now_s
@@ -310,7 +311,7 @@ class Download(Dialogue):
         return self._next(now_s)
 
     def _take_refusal(self, message: Reply, now_s: float) -> list[MAVLink_message]:
-        """The vehicle has ended the transfer, or its mission has changed: starts again."""
+        """Starts again, because the vehicle has ended the transfer or its mission has changed."""
         if self._restarts >= MAX_RESTARTS:
             reason = RESULT_TEXT.get(message.type, f"result {message.type}")
             raise Rejected(
@@ -328,23 +329,23 @@ class Download(Dialogue):
 
 
 class Clear(Dialogue):
-    """Clears one part; repeating the request changes nothing."""
+    """Clears one part; a repeated request has no effect."""
 
     @property
     def count(self) -> int:
         return 0
 
     @property
-    def moved(self) -> int:
+    def transferred(self) -> int:
         return 0
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
-        if now_s - self._began_s >= SILENT_S:
-            raise self._silent(f"to the request to clear the {NAME_OF[self.part]}")
+        if now_s - self._start_s >= NO_REPLY_S:
+            raise self._no_reply(f"to the request to clear the {NAME_OF[self.part]}")
         self.wake_s = now_s + RESEND_S
-        # An earlier transfer whose last message was lost may keep the vehicle busy: cancel it.
-        again = self.cancel() if now_s > self._began_s else []
-        return [*again, d.MAVLink_mission_clear_all_message(*self._to(), self.kind)]
+        # Cancels an earlier transfer whose last message was lost, because it may keep the vehicle busy.
+        cancel_messages = self.cancel() if now_s > self._start_s else []
+        return [*cancel_messages, d.MAVLink_mission_clear_all_message(*self._address(), self.kind)]
 
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
         if message.get_msgId() == d.MAVLINK_MSG_ID_MISSION_ACK:
@@ -359,10 +360,10 @@ class Clear(Dialogue):
         return []
 
 
-def item_message(item: WireItem, to: tuple[int, int], kind: int) -> MAVLink_message:
+def item_message(item: WireItem, address: tuple[int, int], kind: int) -> MAVLink_message:
     """MISSION_ITEM_INT of an item."""
     return d.MAVLink_mission_item_int_message(
-        *to,
+        *address,
         item.seq,
         item.frame,
         item.command,

@@ -1,4 +1,4 @@
-"""Names of the external modes that other programs have registered with PX4, as it sends them over MAVLink.
+"""Names of the external modes that other programs have registered with PX4, received over MAVLink.
 
 PX4 sends the list of its modes (AVAILABLE_MODES) on request. The server requests it when the list changes,
 and when the vehicle enters an external mode that this server has not registered.
@@ -16,7 +16,7 @@ from gcs_server.vehicle.services.transaction import Request
 
 ATTEMPTS: Final = 4
 ATTEMPT_EVERY_S: Final = 2.0
-"""PX4 answers with 25 messages within a second; a slow or lossy link may lose some of them."""
+"""Period of requests [s]. PX4 sends 25 messages within a second; a slow or lossy link may lose some."""
 EXTERNAL: Final = frozenset(mode.name for mode in MODES if mode.name.startswith("external_"))
 _modes = d.MAVLink_available_modes_message.unpacker
 
@@ -25,7 +25,7 @@ class ModeList:
     """The list of one vehicle's modes.
 
     Args:
-        vehicle: the vehicle, whose `mode_names` get the names.
+        vehicle: the vehicle; the names are set in its `mode_names`.
     """
 
     def __init__(self, vehicle: VehiclePort) -> None:
@@ -45,13 +45,13 @@ class ModeList:
             self._request()
 
     def changed(self, payload: bytes) -> None:
-        """AVAILABLE_MODES_MONITOR: requests the list if it has changed."""
-        before, self._sequence = self._sequence, payload[0]
-        if before not in (None, self._sequence):
+        """Handles AVAILABLE_MODES_MONITOR: requests the list if it has changed."""
+        previous_sequence, self._sequence = self._sequence, payload[0]
+        if previous_sequence not in (None, self._sequence):
             self._request()
 
     def take(self, payload: bytes) -> None:
-        """AVAILABLE_MODES: one entry of the list."""
+        """Handles AVAILABLE_MODES, one entry of the list."""
         custom_mode, properties, _, _, _, text = _modes.unpack(payload)
         mode = BY_CUSTOM_MODE.get(custom_mode)
         if mode is None or mode.name not in EXTERNAL:
@@ -59,9 +59,9 @@ class ModeList:
         self._missing.discard(mode.name)
         decoded = text.split(b"\0", 1)[0].decode("utf-8", "replace")
         name = "".join(each for each in decoded if each.isprintable()).strip()
-        registered = name and not properties & d.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE
+        is_registered = name and not properties & d.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE
         names = self._vehicle.mode_names.announced
-        if registered:
+        if is_registered:
             names[mode.name] = name
         else:
             names.pop(mode.name, None)
@@ -76,8 +76,10 @@ class ModeList:
             return
         self._attempts, self._next_s = self._attempts + 1, now_s + ATTEMPT_EVERY_S
         identity = self._vehicle.identity
-        ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_AVAILABLE_MODES), 0, 0, 0, 0, 0, 0))
-        self._vehicle.send(ask.message(identity.system_id, identity.component_id, 0, False))
+        request = Request(
+            d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_AVAILABLE_MODES), 0, 0, 0, 0, 0, 0)
+        )
+        self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
 
     def _request(self) -> None:
         self._missing, self._attempts, self._next_s = set(EXTERNAL), 0, 0.0

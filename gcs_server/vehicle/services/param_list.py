@@ -1,7 +1,7 @@
 """Reads all parameters of a vehicle over a link that loses packets.
 
-The list is requested once. What is still missing when the vehicle stops sending is requested by index, a few
-at a time. Reading changes nothing on the vehicle.
+The list is requested once. When the vehicle stops sending, the missing parameters are requested by index, a
+few at a time. Reading changes nothing on the vehicle.
 """
 
 from __future__ import annotations
@@ -24,21 +24,22 @@ from gcs_server.vehicle.param_table import (
 )
 from gcs_server.vehicle.services.port import VehiclePort
 
-LIST_TIMES = 4
+LIST_ATTEMPTS = 4
 FIRST_SILENCE_S, SILENCE_S = 2.0, 1.0
-"""PX4 sends the list at a part of the link's rate: on a slow link values are tenths of a second apart."""
-AT_ONCE = 10
-"""Missing indexes requested at once."""
+"""Time without a value after which the vehicle has stopped sending, before and after the first value [s]. On
+a slow link, PX4 sends a value only every few tenths of a second."""
+INDEXES_AT_ONCE = 10
+"""Number of missing indexes that are requested at once."""
 GAP_TIMEOUT_S = 0.5
 MAX_EMPTY_ROUNDS = 12
-HASH_TIMES, HASH_EVERY_S = 4, 0.5
-RESTARTS = 3
+HASH_ATTEMPTS, HASH_EVERY_S = 4, 0.5
+MAX_READINGS = 3
 READ_TIMEOUT_S = 600.0
-"""Time for the whole list, on the slowest link."""
+"""Maximum time for the whole list, on the slowest link [s]."""
 MAX_REPEATED_VALUES = 5_000
-"""After this many known values in a row, the vehicle is considered to repeat itself endlessly."""
+"""Maximum number of known values in a row; after that, the vehicle counts as repeating itself endlessly."""
 YIELD_AFTER_VALUES = 100
-"""Values handled in a row before the event loop does other work."""
+"""Number of values that are handled before the event loop does other work."""
 
 ReportValue = Callable[[], None]
 
@@ -52,8 +53,8 @@ class ParamReader:
 
     async def hash(self) -> tuple[int, int] | None:
         """(checksum, number of parameters); None if the vehicle has no parameter hash."""
-        with self._values() as waiter:
-            for _ in range(HASH_TIMES):
+        with self._expect_values() as waiter:
+            for _ in range(HASH_ATTEMPTS):
                 self._request(HASH_NAME.encode(), -1)
                 report = await self._next(waiter, HASH_EVERY_S, HASH_NAME)
                 if report is not None:
@@ -62,7 +63,7 @@ class ParamReader:
         return None
 
     async def read(self, table: Callable[[], ParamTable]) -> None:
-        """Fills a new table; starts again with another one if the list's length changes while it is read.
+        """Fills a new table; starts again with another table if the list's length changes during the reading.
 
         Args:
             table: returns an empty table.
@@ -72,20 +73,20 @@ class ParamReader:
         """
         try:
             async with asyncio.timeout(READ_TIMEOUT_S):
-                for _ in range(RESTARTS):
+                for _ in range(MAX_READINGS):
                     if await self._fill(table()):
                         return
         except TimeoutError:
-            raise self._given_up(f"they were not complete within {READ_TIMEOUT_S:.0f} s") from None
+            raise self._stopped_error(f"they were not complete within {READ_TIMEOUT_S:.0f} s") from None
         raise NoReply(
             f"The parameters of vehicle {self._vehicle.id} changed in number while they were read.",
             deadline_s=0.0,
-            remedy="Wait until its setup is finished, and read them again.",
+            remedy="Wait until the vehicle's setup is finished, then read the parameters again.",
         )
 
     async def _fill(self, table: ParamTable) -> bool:
-        with self._values() as waiter:
-            for _ in range(LIST_TIMES):
+        with self._expect_values() as waiter:
+            for _ in range(LIST_ATTEMPTS):
                 identity = self._vehicle.identity
                 message = d.MAVLink_param_request_list_message(identity.system_id, identity.component_id)
                 self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
@@ -96,8 +97,8 @@ class ParamReader:
             else:
                 raise NoReply(
                     f"Vehicle {self._vehicle.id} did not send its parameters.",
-                    deadline_s=LIST_TIMES * FIRST_SILENCE_S,
-                    remedy="Check the link, then read them again.",
+                    deadline_s=LIST_ATTEMPTS * FIRST_SILENCE_S,
+                    remedy="Check the link, then read the parameters again.",
                 )
             return await self._fill_gaps(waiter, table)
 
@@ -106,20 +107,20 @@ class ParamReader:
         while not table.complete:
             if empty_rounds >= MAX_EMPTY_ROUNDS:
                 raise NoReply(
-                    f"Vehicle {self._vehicle.id} sent {table.filled} of {table.count} parameters, "
+                    f"Vehicle {self._vehicle.id} sent {table.received_count} of {table.count} parameters, "
                     "then stopped sending.",
                     deadline_s=MAX_EMPTY_ROUNDS * GAP_TIMEOUT_S,
-                    remedy="Check the link, then read them again.",
+                    remedy="Check the link, then read the parameters again.",
                 )
-            before = table.filled
-            wanted_indexes = table.missing(AT_ONCE)
-            for index in wanted_indexes:
+            count_before = table.received_count
+            requested_indexes = table.missing(INDEXES_AT_ONCE)
+            for index in requested_indexes:
                 self._request(b"", index)
             if not await self._receive(
-                waiter, table, GAP_TIMEOUT_S, GAP_TIMEOUT_S, frozenset(wanted_indexes)
+                waiter, table, GAP_TIMEOUT_S, GAP_TIMEOUT_S, frozenset(requested_indexes)
             ):
                 return False
-            empty_rounds = 0 if table.filled > before else empty_rounds + 1
+            empty_rounds = 0 if table.received_count > count_before else empty_rounds + 1
         return True
 
     async def _receive(
@@ -128,31 +129,32 @@ class ParamReader:
         table: ParamTable,
         first_s: float,
         silence_s: float,
-        wanted_indexes: frozenset[int] | None = None,
+        requested_indexes: frozenset[int] | None = None,
     ) -> bool:
-        """Receives values until none arrive, or all wanted ones have arrived; False if the list changed."""
+        """Receives values until no value arrives or all requested indexes have arrived; False if the list
+        changed."""
         timeout_s = first_s
-        taken = known_in_a_row = 0
-        left_indexes = set(wanted_indexes) if wanted_indexes is not None else None
-        while not table.complete and (left_indexes is None or left_indexes):
+        value_count = known_in_a_row = 0
+        missing_indexes = set(requested_indexes) if requested_indexes is not None else None
+        while not table.complete and (missing_indexes is None or missing_indexes):
             report = await self._next(waiter, timeout_s)
             if report is None:
                 return True
             if report.count > MAX_PARAMETERS and report.index != NO_INDEX:
-                raise self._given_up(
+                raise self._stopped_error(
                     f"it reports {report.count:,} parameters; at most {MAX_PARAMETERS:,} are read"
                 )
-            before = table.filled
+            count_before = table.received_count
             if not table.put(report):
                 return False
-            known_in_a_row = 0 if table.filled > before else known_in_a_row + 1
+            known_in_a_row = 0 if table.received_count > count_before else known_in_a_row + 1
             if known_in_a_row > MAX_REPEATED_VALUES:
-                raise self._given_up("it repeats values endlessly")
-            taken += 1
-            if taken % YIELD_AFTER_VALUES == 0:
+                raise self._stopped_error("it repeats values endlessly")
+            value_count += 1
+            if value_count % YIELD_AFTER_VALUES == 0:
                 await asyncio.sleep(0)
-            if left_indexes is not None:
-                left_indexes.discard(report.index)
+            if missing_indexes is not None:
+                missing_indexes.discard(report.index)
             timeout_s = silence_s
             self._progress()
         return True
@@ -167,14 +169,14 @@ class ParamReader:
         except TimeoutError:
             return None
 
-    def _given_up(self, reason: str) -> NoReply:
+    def _stopped_error(self, reason: str) -> NoReply:
         return NoReply(
             f"The server stopped reading the parameters of vehicle {self._vehicle.id}: {reason}.",
             deadline_s=READ_TIMEOUT_S,
             remedy="Single parameters can still be read and set.",
         )
 
-    def _values(self):  # noqa: ANN202 the mailbox's context manager
+    def _expect_values(self):  # noqa: ANN202 the mailbox's context manager
         vehicle = self._vehicle
 
         def matches(message: Reply) -> bool:

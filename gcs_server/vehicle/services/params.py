@@ -1,13 +1,13 @@
-"""A vehicle's parameters: reads or sets single ones with verification, or reads all, with a cache by the
-vehicle's checksum.
+"""A vehicle's parameters: reads and sets single parameters with verification, and reads all parameters, with
+a cache by the vehicle's checksum.
 
 All parameters are read only on request. PX4's checksum (`_HASH_CHECK`) then shows whether the cached values
 are still valid. The checksum excludes parameters that PX4 changes by itself (`volatile`), so the cached value
 of such a parameter may be older.
 
-PX4 carries integers as their bits in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
-knows INT32 and FLOAT only, does not answer for unknown names (v1.17: PARAM_ERROR), and accepts any value
-without a range check.
+PX4 sends integers as their bits in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
+has only INT32 and FLOAT, does not reply for unknown names (v1.17: PARAM_ERROR), and accepts any value without
+a range check.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class ParamList:
     facts: bool
     """Whether the vehicle's metadata (unit, range, default) is available."""
     facts_problem: str | None
-    """Why the metadata is not available, or which entries were dropped."""
+    """Why the metadata is not available, or which entries were omitted."""
     left_out: int
     """Number of entries with an invalid name, or beyond the server's limit."""
 
@@ -103,7 +103,7 @@ class ParamService:
         table = self._table
         return ParamList(
             self._state,
-            table.filled,
+            table.received_count,
             table.count,
             self._source,
             None if table.hash is None else f"{table.hash:08x}",
@@ -111,7 +111,7 @@ class ParamService:
             self._problem,
             self._metadata_by_name is not None,
             self._metadata_problem,
-            table.left_out,
+            table.omitted_count,
         )
 
     def all(self) -> list[Param]:
@@ -119,24 +119,25 @@ class ParamService:
         return self._table.all()
 
     def known(self, name: str) -> Param | None:
-        """Newest known value of a parameter; None before it was read."""
+        """Newest known value of a parameter; None: not read yet."""
         return self._table.get(name)
 
     def metadata_of(self, name: str) -> ParamMetadata | None:
-        """Metadata of a parameter; None if it is missing."""
+        """Metadata of a parameter; None: no metadata."""
         return None if self._metadata_by_name is None else self._metadata_by_name.get(name)
 
     async def refresh(
         self, *, ignore_cache: bool = False, progress: Callable[[ParamList], None] = lambda _: None
     ) -> ParamList:
-        """Reads all parameters, unless the known ones are still valid; concurrent callers share one reading.
+        """Reads all parameters, unless the known values are still valid; concurrent callers share one
+        reading.
 
         Args:
-            ignore_cache: reads them even if the vehicle's checksum is unchanged.
+            ignore_cache: reads the parameters even if the vehicle's checksum is unchanged.
             progress: called during the reading.
 
         Raises:
-            NoReply: the vehicle did not send all parameters; the received ones are kept.
+            NoReply: the vehicle did not send all parameters; the received parameters stay available.
         """
         if self._reading.locked():
             async with self._reading:
@@ -161,7 +162,7 @@ class ParamService:
         self._state, self._problem = "reading", None
 
     async def describe(self) -> None:
-        """Fetches the metadata if needed; does not raise if it is missing."""
+        """Fetches missing metadata; does not raise if the vehicle has none."""
         if self._metadata_by_name is None:
             await self._fetch_metadata()
 
@@ -170,35 +171,35 @@ class ParamService:
             return
         try:
             self._metadata_by_name = await self._metadata.parameters()
-            self._metadata_problem = self._metadata_by_name.left_out
+            self._metadata_problem = self._metadata_by_name.omission_text
         except GcsError as error:
             self._metadata_problem = str(error)
 
     async def _read_all(self, ignore_cache: bool, progress: Callable[[], None]) -> None:
         reader = ParamReader(self._vehicle, progress)
-        before = await reader.hash()
-        if before is not None and not ignore_cache:
-            if self._table.complete and (self._table.hash, self._table.count) == before:
+        hash_before = await reader.hash()
+        if hash_before is not None and not ignore_cache:
+            if self._table.complete and (self._table.hash, self._table.count) == hash_before:
                 return
-            kept = await self._from_cache(*before)
-            if kept is not None:
-                self._table, self._source = kept, "cache"
+            cached = await self._from_cache(*hash_before)
+            if cached is not None:
+                self._table, self._source = cached, "cache"
                 return
 
-        def fresh() -> ParamTable:
+        def new_table() -> ParamTable:
             self._table = ParamTable()
             return self._table
 
-        await reader.read(fresh)
+        await reader.read(new_table)
         self._source = "vehicle"
-        after = await reader.hash() if before is not None else None
-        if after is not None and self._table.complete:
-            self._table.hash = after[0]
-            # otherwise a value has changed meanwhile, and the next reading requests all values again
-            if before == after:
+        hash_after = await reader.hash() if hash_before is not None else None
+        if hash_after is not None and self._table.complete:
+            self._table.hash = hash_after[0]
+            # if a value has changed meanwhile, the next reading requests all values again
+            if hash_before == hash_after:
                 await self._write_cache()
 
-    async def _from_cache(self, wanted_hash: int, count: int) -> ParamTable | None:
+    async def _from_cache(self, expected_hash: int, count: int) -> ParamTable | None:
         metadata = self._metadata
         if metadata is None or metadata.cache is None:
             return None
@@ -206,7 +207,7 @@ class ParamService:
 
         def load() -> ParamTable | None:
             content = cache.read(name)
-            return None if content is None else ParamTable.load(content, wanted_hash, count)
+            return None if content is None else ParamTable.load(content, expected_hash, count)
 
         return await metadata.run_in_thread(load)
 
@@ -218,8 +219,8 @@ class ParamService:
         await metadata.run_in_thread(lambda: cache.write(name, content))
 
     def _cache_name(self) -> str:
-        """The name includes the vehicle, because another one with the same checksum may differ in excluded
-        parameters."""
+        """Name of the cached file. It includes the vehicle, because another vehicle with the same checksum
+        may differ in excluded parameters."""
         identity = self._vehicle.identity
         uid = "".join(c for c in identity.uid or "none" if c.isascii() and c.isalnum())[:40]
         return f"params-{uid}-{identity.system_id}.json"
@@ -227,7 +228,7 @@ class ParamService:
     # --- called by the vehicle only -------------------------------------------------------------------
 
     def take_value(self, payload: bytes) -> None:
-        """PARAM_VALUE, requested by any station."""
+        """Handles PARAM_VALUE, also if another station has requested it."""
         report = read_report(payload)
         if report is None or report.param.name == HASH_NAME or self._state in ("unknown", "reading"):
             return  # during a reading, the reader handles the message
@@ -235,7 +236,7 @@ class ParamService:
             self._state = "outdated"  # the length of the list has changed, so the indexes have changed, too
 
     def link_restored(self) -> None:
-        """Marks the list as outdated: changes during the loss were not received."""
+        """Marks the list as outdated, because changes during the loss were not received."""
         if self._state == "ready":
             self._state = "outdated"
 
@@ -245,9 +246,9 @@ class ParamService:
         """Reads one parameter.
 
         Raises:
-            NoReply: no answer; PX4 does not answer for unknown names either.
+            NoReply: no reply; PX4 also does not reply for unknown names.
         """
-        raw = _name(name)
+        raw = _checked_name(name)
         self._vehicle.require("parameters")
         identity = self._vehicle.identity
         request = d.MAVLink_param_request_read_message(identity.system_id, identity.component_id, raw, -1)
@@ -259,13 +260,13 @@ class ParamService:
         Args:
             name: the parameter.
             value: new value.
-            force: skip the check against the metadata's range and choices.
+            force: skips the check against the metadata's range and choices.
 
         Raises:
-            InvalidRequest: the value does not fit.
+            InvalidRequest: the value does not fit the parameter.
             Rejected: the vehicle reports another value.
         """
-        raw = _name(name)
+        raw = _checked_name(name)
         if not math.isfinite(value):
             raise InvalidRequest("value", f"value must be a number, not {value}.")
         self._vehicle.require("parameters")
@@ -279,7 +280,7 @@ class ParamService:
         metadata = self.metadata_of(name)
         if metadata is not None and not force:
             metadata.check(value)
-        wanted = int(value) if is_integer else _as_float32(value)
+        new_value = int(value) if is_integer else _as_float32(value)
         identity = self._vehicle.identity
         request = d.MAVLink_param_set_message(
             identity.system_id,
@@ -292,21 +293,21 @@ class ParamService:
         # the value is sent as bits, because Python floats would change some patterns (signalling NaN)
         if is_integer:
             payload = _int32.pack(int(value)) + payload[_int32.size :]
-        # An answer to an earlier request may still arrive with the old value. Therefore it is a refusal only
-        # if the new value is not reported by the deadline.
+        # A reply to an earlier request may still arrive with the old value. Therefore an old value means a
+        # refusal only if the new value is not reported by the deadline.
         reported: list[Param] = []
 
-        def is_ours(param: Param) -> bool:
+        def is_new_value(param: Param) -> bool:
             reported.append(param)
-            return param.value == wanted
+            return param.value == new_value
 
         try:
-            return await self._exchange(name, request.id, payload, is_ours)
+            return await self._exchange(name, request.id, payload, is_new_value)
         except NoReply:
             if not reported:
                 raise
             raise Rejected(
-                f"Vehicle {self._vehicle.id} still has {name} = {reported[-1].value}, not {wanted}.",
+                f"Vehicle {self._vehicle.id} still has {name} = {reported[-1].value}, not {new_value}.",
                 remedy="Another parameter may limit it; see the vehicle's messages.",
             ) from None
 
@@ -316,7 +317,7 @@ class ParamService:
         vehicle = self._vehicle
         deadline_s = vehicle.clock.monotonic_s() + DEADLINE_S
         ids = d.MAVLINK_MSG_ID_PARAM_VALUE, d.MAVLINK_MSG_ID_PARAM_ERROR
-        with vehicle.mailbox.expect(*ids, matches=self._is_of(name)) as waiter:
+        with vehicle.mailbox.expect(*ids, matches=self._matches_parameter(name)) as waiter:
             while (left_s := deadline_s - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send_payload(msg_id, payload)
                 try:
@@ -346,7 +347,7 @@ class ParamService:
             remedy="Check name and value against the vehicle's parameter list.",
         )
 
-    def _is_of(self, name: str) -> Callable[[Reply], bool]:
+    def _matches_parameter(self, name: str) -> Callable[[Reply], bool]:
         identity, own_ids = self._vehicle.identity, self._vehicle.own_ids
 
         def matches(message: Reply) -> bool:
@@ -365,7 +366,7 @@ def read_param(message: Reply) -> Param | None:
     return None if report is None else report.param
 
 
-def _name(name: str) -> bytes:
+def _checked_name(name: str) -> bytes:
     raw = name.encode("ascii", errors="replace")
     if (
         not 0 < len(raw) <= NAME_LENGTH

@@ -19,7 +19,7 @@ from gcs_server.vehicle.samples import Sample, Status
 
 
 class HealthChecks(Protocol):
-    """Results of the vehicle's own checks."""
+    """Results of the vehicle's arming checks."""
 
     def arming_problems(self, nav_state: int | None) -> tuple[str, ...]: ...
 

@@ -1,7 +1,7 @@
 """Stop motors (kill): repeated until the vehicle reports that it is disarmed; no other command replaces it.
 
-It runs in the background until its deadline, even if the caller is cancelled, the vehicle refuses, or the
-link is lost.
+The command runs in the background until its deadline, even if the caller is cancelled, the vehicle refuses,
+or the link is lost.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Reques
 DEADLINE_S = 6.0
 RESEND_S = 0.2
 FORCE = 21196.0
-"""MAV_CMD_COMPONENT_ARM_DISARM's magic number: also in flight."""
+"""Magic number of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in flight."""
 ARMING_SETTLES_S = 1.0
-"""An arm command that was sent before may still arrive. Therefore a report of "disarmed" within this
-time does not count [s]."""
+"""Time within which a report of "disarmed" does not count [s], because an earlier arm command may still
+arrive."""
 
 
 class StopMotors:
@@ -29,62 +29,62 @@ class StopMotors:
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._running = 0
-        self._over = asyncio.Event()
-        self._over.set()
+        self._none_pending = asyncio.Event()
+        self._none_pending.set()
         self._by: str | None = None
 
     @property
     def pending(self) -> bool:
-        """Whether it was commanded and the vehicle has not reported that it is disarmed."""
+        """Whether Stop motors was commanded and the vehicle has not reported that it is disarmed."""
         return self._running > 0
 
-    def require_none(self, what: str) -> None:
-        """Called before any other command is sent.
+    def require_none(self, label: str) -> None:
+        """Checks that no Stop motors is pending; called before any other command is sent.
 
         Raises:
-            Refused: motors are being stopped; `what` was not sent.
+            Refused: motors are being stopped; the command `label` was not sent.
         """
         if self.pending:
             by = "" if self._by is None else f" by {self._by}"
             raise Refused(
                 f"Stop motors was commanded{by} and vehicle {self._vehicle.id} has not confirmed it yet: "
-                f"“{what}” was not sent.",
+                f"“{label}” was not sent.",
                 remedy=f"Wait until the vehicle reports that it is disarmed, at most {DEADLINE_S:g} s.",
             )
 
     async def wait(self) -> None:
         """Returns once no Stop motors command is pending."""
         while self.pending:
-            await self._over.wait()
+            await self._none_pending.wait()
 
     async def run(self, *, by: str | None, arming: bool, progress: ReportProgress | None) -> None:
         """Stops the motors; returns once the vehicle reports that it is disarmed.
 
         Args:
             by: the client.
-            arming: whether an arm command was waiting for its answer.
+            arming: whether an arm command was waiting for its acknowledgement.
             progress: called at each attempt.
 
         Raises:
             Rejected: the vehicle refused, and was still armed at the deadline.
-            NoReply: no report came within the deadline.
+            NoReply: no report arrived by the deadline.
         """
-        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        result: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         # read the error here, because the caller may have been cancelled
-        done.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
+        result.add_done_callback(lambda future: future.cancelled() or future.exception())
         self._running += 1
         self._by = by
-        self._over.clear()
-        self._vehicle.in_background("stop motors", self._until_disarmed(done, arming, progress))
-        await asyncio.shield(done)
+        self._none_pending.clear()
+        self._vehicle.in_background("stop motors", self._until_disarmed(result, arming, progress))
+        await asyncio.shield(result)
 
     async def _until_disarmed(
-        self, done: asyncio.Future[None], arming: bool, progress: ReportProgress | None
+        self, result: asyncio.Future[None], arming: bool, progress: ReportProgress | None
     ) -> None:
-        settles_s = ARMING_SETTLES_S if arming else 0.0
+        settle_s = ARMING_SETTLES_S if arming else 0.0
 
         def reached(flight_state: FlightState, since_s: float) -> bool:
-            return flight_state.heartbeat_s > since_s + settles_s and not flight_state.armed
+            return flight_state.heartbeat_s > since_s + settle_s and not flight_state.armed
 
         goal = Goal(
             "stop its motors",
@@ -97,17 +97,17 @@ class StopMotors:
         error: GcsError = Disconnected(
             f"The server was shut down before vehicle {self._vehicle.id} was disarmed."
         )
-        ended = False
+        disarmed = False
         try:
             await Transaction(self._vehicle, request, goal, progress).run()
-            ended = True
+            disarmed = True
         except GcsError as problem:
             error = problem
         finally:
             self._running -= 1
             if not self._running:
-                self._over.set()
-            if ended:
-                done.set_result(None)
+                self._none_pending.set()
+            if disarmed:
+                result.set_result(None)
             else:
-                done.set_exception(error)
+                result.set_exception(error)

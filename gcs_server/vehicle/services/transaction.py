@@ -3,7 +3,7 @@ packets.
 
 PX4 acknowledges immediately and may refuse milliseconds later. Therefore a command has succeeded only when
 the state that the vehicle reports after the request shows the result; an acknowledgement only speeds this up.
-A repeated message requests a state (armed, a mode, a target), so that a repetition has no further effect.
+Every message requests a state (armed, a mode, a target), so that a repetition has no further effect.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ MAX_DURATION_S = 60.0
 REQUEST_PERIOD_S = 0.4
 SETTLE_S = 0.6
 SETTLE_WITH_REASON_S = 0.25
-"""After a refusal: time in which its reasons arrive."""
+"""Time after a refusal in which its reasons arrive [s]; the shorter time applies once a reason has
+arrived."""
 OTHER_STATE_AFTER_S = 1.0
-TIMES_ACCEPTED = 3
-"""After this many acceptances without the requested state, the vehicle is considered not to do it."""
+MAX_ACCEPTED = 3
+"""Number of acceptances without the requested state after which the command has failed."""
 
 RESULT_TEXT = {
     d.MAV_RESULT_TEMPORARILY_REJECTED: "not possible now",
@@ -53,7 +54,7 @@ STATE_IDS = (
 class Request:
     """A MAV_CMD with its parameters 1–7.
 
-    `frame` makes it a COMMAND_INT: parameters 5 and 6 are then degrees, sent as 1e-7 degrees.
+    With `frame` the request is a COMMAND_INT; parameters 5 and 6 are degrees, and are sent as 1e-7 degrees.
     """
 
     command: int
@@ -79,17 +80,17 @@ class Goal:
     """Defines when a command has succeeded.
 
     Args:
-        what: the command in error texts: "arm", "switch to Hold".
+        action: the command in error texts: "arm", "switch to Hold".
         reached: (state, time of the first request) → success; only reports after that time count.
         requested_ids: messages to request while waiting, instead of waiting for slow streams.
-        ack_is_enough: the vehicle's state cannot show the result, so the acknowledgement is the answer.
+        ack_is_enough: the vehicle's state cannot show the result, so the acknowledgement is the result.
         listen: further messages after which the goal is checked.
         present_problems: returns texts of the vehicle's current problems that prevent the command.
-        repeat_s: period of repetition until the goal or the deadline; neither an answer nor a lost link ends
-            it earlier. None: repeated only without an answer.
+        repeat_s: period of repetition until the goal or the deadline; neither an acknowledgement nor a lost
+            link ends the repetition. None: repeated only without an acknowledgement.
     """
 
-    what: str
+    action: str
     reached: Callable[[FlightState, float], bool]
     deadline_s: float
     requested_ids: tuple[int, ...] = (d.MAVLINK_MSG_ID_CURRENT_MODE,)
@@ -100,14 +101,14 @@ class Goal:
 
 
 class Transaction:
-    """Runs one request until its goal; used once.
+    """Runs one request until its goal is reached; used once.
 
     Args:
-        request: None: only wait for the goal.
+        request: the request; None: only waits for the goal.
         superseded: returns the newer command that replaced this one, or None.
         replaces_request: another request of the same MAV_CMD still waits, so the first refusal may
-            belong to that one.
-        component_id: the component that gets the command and the requests; None: the autopilot.
+            belong to that request.
+        component_id: the component to which command and requests are sent; None: the autopilot.
     """
 
     def __init__(
@@ -128,25 +129,25 @@ class Transaction:
         self._ignores_first_refusal = replaces_request
         self._component_id = component_id
         self._as_int = request is not None and request.frame is not None
-        self._forms_tried = 1
+        self._tried_forms = 1
         self._sent = 0
         self._accepted = 0
         self._accepted_s = float("inf")
         self._refused: int | None = None
         self._refused_s = float("inf")
         self._first_event = vehicle.events.last_index
-        self._began_s = vehicle.clock.monotonic_s()
-        self._deadline_s = self._began_s + goal.deadline_s
-        self._next_send_s = self._began_s if request is not None else float("inf")
-        self._next_request_s = self._began_s + (REQUEST_PERIOD_S / 2 if request is not None else 0.0)
+        self._start_s = vehicle.clock.monotonic_s()
+        self._deadline_s = self._start_s + goal.deadline_s
+        self._next_send_s = self._start_s if request is not None else float("inf")
+        self._next_request_s = self._start_s + (REQUEST_PERIOD_S / 2 if request is not None else 0.0)
 
     async def run(self) -> None:
         """Returns once the goal is reached.
 
         Raises:
             Rejected: the vehicle refused by acknowledgement or by state.
-            NoReply: neither arrived within the deadline.
-            Refused: a newer command replaced it.
+            NoReply: neither arrived by the deadline.
+            Refused: a newer command replaced this command.
             Disconnected: the vehicle or its link was lost.
         """
         ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
@@ -178,41 +179,41 @@ class Transaction:
             except TimeoutError:
                 continue
             self._take(message)
-            while (more := waiter.take()) is not None:
-                self._take(more)
+            while (next_message := waiter.take()) is not None:
+                self._take(next_message)
 
     def _is_done(self) -> bool:
         if self._goal.ack_is_enough:
             return self._accepted > 0 and self._refused is None
-        return self._goal.reached(self._vehicle.flight_state, self._began_s)
+        return self._goal.reached(self._vehicle.flight_state, self._start_s)
 
     def _check_end(self, now_s: float) -> None:
-        newer = self._superseded()
-        if newer is not None:
-            raise Refused(f"Interrupted by “{newer}”.")
+        newer_command = self._superseded()
+        if newer_command is not None:
+            raise Refused(f"Interrupted by “{newer_command}”.")
         goal, vehicle = self._goal, self._vehicle
-        repeats = goal.repeat_s is not None
-        refused_s = self._deadline_s if repeats else self._refused_s + self._settle_s()
+        is_repeated = goal.repeat_s is not None
+        refused_s = self._deadline_s if is_repeated else self._refused_s + self._settle_s()
         if self._refused is not None and now_s >= refused_s:
             reason = RESULT_TEXT.get(self._refused, f"result {self._refused}")
-            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {reason}.", self._refused)
-        if not repeats and self._accepted >= TIMES_ACCEPTED and self._reports_another_state():
+            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.action}: {reason}.", self._refused)
+        if not is_repeated and self._accepted >= MAX_ACCEPTED and self._reports_another_state():
             raise self._rejected(
-                f"Vehicle {vehicle.id} accepted the request to {goal.what}, but does not do it.", None
+                f"Vehicle {vehicle.id} accepted the request to {goal.action}, but does not do it.", None
             )
         if now_s >= self._deadline_s:
             if self._accepted and self._reports_another_state():
                 raise self._rejected(
-                    f"Vehicle {vehicle.id} accepted the request to {goal.what}, but did not do it within "
+                    f"Vehicle {vehicle.id} accepted the request to {goal.action}, but did not do it within "
                     f"{goal.deadline_s:g} s.",
                     None,
                 )
             if self._request is None and self._reports_another_state():
                 raise self._rejected(
-                    f"Vehicle {vehicle.id} did not {goal.what} within {goal.deadline_s:g} s.", None
+                    f"Vehicle {vehicle.id} did not {goal.action} within {goal.deadline_s:g} s.", None
                 )
             raise NoReply(
-                f"Vehicle {vehicle.id} did not answer the request to {goal.what} "
+                f"Vehicle {vehicle.id} did not answer the request to {goal.action} "
                 f"within {goal.deadline_s:g} s.",
                 deadline_s=goal.deadline_s,
                 remedy="Check the link, then check the vehicle's state before you repeat the command.",
@@ -230,9 +231,9 @@ class Transaction:
         ]
 
     def _reports_another_state(self) -> bool:
-        """Whether the vehicle, well after it last accepted, reported another state than the requested one."""
+        """Whether the vehicle still reports another state some time after its last acceptance."""
         flight_state = self._vehicle.flight_state
-        since_s = self._accepted_s if self._accepted else self._began_s
+        since_s = self._accepted_s if self._accepted else self._start_s
         return min(flight_state.mode_s, flight_state.heartbeat_s) > since_s + OTHER_STATE_AFTER_S
 
     def _send(self, now_s: float) -> None:
@@ -243,8 +244,10 @@ class Transaction:
         resend_s = RESEND_ACCEPTED_S if self._accepted else RESEND_S
         self._next_send_s = now_s + (self._goal.repeat_s or resend_s)
         if self._progress is not None:
-            again = f" (attempt {self._sent})" if self._sent > 1 else ""
-            self._progress(f"Commanding vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
+            attempt_text = f" (attempt {self._sent})" if self._sent > 1 else ""
+            self._progress(
+                f"Commanding vehicle {self._vehicle.id} to {self._goal.action}{attempt_text}", None
+            )
 
     def _request_messages(self, now_s: float) -> None:
         for msg_id in self._goal.requested_ids:
@@ -277,9 +280,9 @@ class Transaction:
                 self._in_progress(message.progress, now_s)
         elif (
             result in (d.MAV_RESULT_COMMAND_LONG_ONLY, d.MAV_RESULT_COMMAND_INT_ONLY)
-            and self._forms_tried < 2
+            and self._tried_forms < 2
         ):
-            self._forms_tried += 1
+            self._tried_forms += 1
             self._as_int = result == d.MAV_RESULT_COMMAND_INT_ONLY
             self._next_send_s = now_s
         elif self._ignores_first_refusal:
@@ -301,18 +304,18 @@ class Transaction:
         self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
 
     def _in_progress(self, percent: int, now_s: float) -> None:
-        latest_s = self._began_s + MAX_DURATION_S
+        latest_s = self._start_s + MAX_DURATION_S
         self._deadline_s = min(max(self._deadline_s, now_s + IN_PROGRESS_TIMEOUT_S), latest_s)
         self._next_send_s = now_s + PROBE_IN_PROGRESS_S
         if self._progress is not None:
             self._progress(
-                f"Vehicle {self._vehicle.id}: {self._goal.what}", percent / 100 if percent <= 100 else None
+                f"Vehicle {self._vehicle.id}: {self._goal.action}", percent / 100 if percent <= 100 else None
             )
 
     def _rejected(self, message: str, mav_result: int | None) -> Rejected:
         warnings = self._warnings()
-        present = self._goal.present_problems() if self._goal.present_problems is not None else ()
-        reasons = bounded_reasons(dict.fromkeys((*warnings, *present)))
+        problems = self._goal.present_problems() if self._goal.present_problems is not None else ()
+        reasons = bounded_reasons(dict.fromkeys((*warnings, *problems)))
         if reasons:
             message += f" Reason: {'; '.join(reasons)}."
         return Rejected(message, mav_result=mav_result, reasons=reasons)
@@ -320,7 +323,7 @@ class Transaction:
 
 def is_our_ack(message: Reply, vehicle: VehiclePort, command: int, component_id: int | None = None) -> bool:
     """Whether an acknowledgement is for this server's request: by command, sender and target; MAVLink 1 has
-    no target (0/0). The sender is the commanded component (None: the autopilot)."""
+    no target (0/0). `component_id` is the commanded component; None: the autopilot."""
     identity = vehicle.identity
     sender = (message.get_srcSystem(), message.get_srcComponent())
     target = (message.target_system, message.target_component)

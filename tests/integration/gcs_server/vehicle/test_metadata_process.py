@@ -44,14 +44,14 @@ def test_a_file_is_read_completely_in_another_process(monkeypatch):
     monkeypatch.setattr(param_document, "parse", None)
     found = in_a_process(PARAMETERS, content)
     assert dict(found) == expected
-    assert found.left_out is None
+    assert found.omission_text is None
 
 
 @pytest.mark.parametrize("work", ["bytes(10**9)", "[0 for _ in iter(int, 1)]"])
 def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
     code = (
         "from gcs_server.vehicle import metadata_files, metadata_process as process\n"
-        f"metadata_files.answer = lambda *_: {work}\n"
+        f"metadata_files.encode_document = lambda *_: {work}\n"
         "process.COMPUTING_S = 1\n"
         "process.main(['1', '0'])\n"
     )

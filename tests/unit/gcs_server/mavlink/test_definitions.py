@@ -9,7 +9,7 @@ import pytest
 from gcs_server.mavlink import dialect
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle import decoders
-from gcs_server.vehicle.instances import INSTANCE_AT
+from gcs_server.vehicle.instances import INSTANCE_OFFSET
 from vehicle_sim.mavlink import generated_dialect as sim
 
 SIZES = {
@@ -113,7 +113,7 @@ def test_the_decoders_formats_match_the_dialect():
 
 def test_instance_offsets_match_the_dialect():
     fields = {"BATTERY_STATUS": "id", "SERVO_OUTPUT_RAW": "port", "DISTANCE_SENSOR": "id"}
-    for msg_id, at in INSTANCE_AT.items():
+    for msg_id, at in INSTANCE_OFFSET.items():
         layout = LAYOUTS[msg_id]
         payload = bytes(at) + b"\x07" + bytes(layout.unpacker.size - at - 1)
         values = dict(zip(layout.fields, _by_field(layout, payload), strict=True))

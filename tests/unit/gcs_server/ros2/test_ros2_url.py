@@ -109,13 +109,13 @@ def test_the_dds_name_of_a_topic_contains_its_namespace() -> None:
 
 def test_unix_times_are_converted_by_timesync_and_times_since_boot_need_no_conversion() -> None:
     boot = BootTime()
-    assert boot.ms(5_000_000, 0.0) == 5000
-    assert boot.ms(1_795_229_929_358_197, 0.0) is None
+    assert boot.boot_ms(5_000_000, 0.0) == 5000
+    assert boot.boot_ms(1_795_229_929_358_197, 0.0) is None
     boot.synchronize(-1_795_229_923_302_197)
-    assert boot.ms(1_795_229_929_358_197, 0.1) == 6056
+    assert boot.boot_ms(1_795_229_929_358_197, 0.1) == 6056
 
 
 def test_without_timesync_unix_times_count_from_the_first_message() -> None:
     boot = BootTime()
-    assert boot.ms(1_795_000_000_000_000, 10.0) is None
-    assert boot.ms(1_795_000_003_000_000, 13.0) == 3000
+    assert boot.boot_ms(1_795_000_000_000_000, 10.0) is None
+    assert boot.boot_ms(1_795_000_003_000_000, 13.0) == 3000

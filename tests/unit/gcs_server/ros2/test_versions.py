@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.ros2.external_mode import SENT_TYPES
 from gcs_server.ros2.topics import COMMAND, SUBSCRIPTIONS, wire_name
-from gcs_server.ros2.versions import MAX_TOPICS, MISSING, REMEDY, TopicVersions
+from gcs_server.ros2.versions import MAX_TOPICS, USE_OF_TOPIC, REMEDY, TopicVersions
 from gcs_server.streamer.schedule.external_modes import READ_TYPES
 from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
 
@@ -20,25 +20,25 @@ def announce(versions: TopicVersions, *names: str, namespace: str = "px4_1") -> 
 
 
 def test_every_topic_that_the_server_uses_has_its_known_version() -> None:
-    assert set(MISSING) == READ | SENT
+    assert set(USE_OF_TOPIC) == READ | SENT
 
 
 def test_topics_of_the_known_versions_cause_no_problem() -> None:
     versions = TopicVersions()
-    announce(versions, *MISSING)
+    announce(versions, *USE_OF_TOPIC)
     assert versions.problems() == []
 
 
-@pytest.mark.parametrize("topic", sorted(MISSING))
+@pytest.mark.parametrize("topic", sorted(USE_OF_TOPIC))
 def test_an_unknown_version_of_any_topic_is_named_with_what_is_missing(topic: str) -> None:
     versions = TopicVersions()
     known = 1 if topic.endswith("_v1") else 0
     other = f"{topic.removesuffix('_v1')}_v7"
-    announce(versions, *(each for each in MISSING if each != topic), other)
+    announce(versions, *(each for each in USE_OF_TOPIC if each != topic), other)
     (text,) = versions.problems()
     assert text == (
         f"/px4_1{other} is of another version of PX4: version 7 instead of {known}, so that "
-        f"{MISSING[topic]} cannot be used. {REMEDY}"
+        f"{USE_OF_TOPIC[topic]} cannot be used. {REMEDY}"
     )
 
 

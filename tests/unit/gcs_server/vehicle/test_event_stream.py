@@ -25,7 +25,7 @@ def test_events_received_in_any_order_and_repeatedly_are_passed_on_once_and_in_o
     run = next(n for n in range(32) if n not in present)
     assert out == [(first + n) & 0xFFFF for n in range(1, run)]
     assert stream.lost == 0
-    missing = stream.wanted(0.0)
+    missing = stream.next_request(0.0)
     later = [n for n in present if n > run]
     assert missing == (None if not later else ((first + run) & 0xFFFF, (first + min(later) - 1) & 0xFFFF))
 
@@ -36,7 +36,7 @@ def test_a_gap_is_requested_again_and_finally_skipped():
     now_s, requests = 0.0, 0
     for _ in range(200):
         assert stream.take(1, 1) == []  # a repeated event changes nothing
-        request = stream.wanted(now_s)
+        request = stream.next_request(now_s)
         if request is not None:
             assert request == (65535, 0)
             requests += 1
@@ -51,21 +51,21 @@ def test_a_gap_is_requested_again_and_finally_skipped():
 def test_a_recovered_event_releases_the_later_ones():
     stream = started(5)
     assert stream.take(7, 7) == []
-    assert stream.wanted(0.0) == (6, 6)
+    assert stream.next_request(0.0) == (6, 6)
     assert stream.is_missing(6)
     assert stream.take(6, 6) == [6, 7]
-    assert stream.wanted(10.0) is None
+    assert stream.next_request(10.0) is None
 
 
 def test_the_current_sequence_number_reveals_missing_events_at_the_end():
     stream = EventStream()
     stream.current(14, 0)
     assert stream.expected == 15  # earlier events are not requested
-    assert stream.wanted(0.0) is None
+    assert stream.next_request(0.0) is None
     stream.current(16, 0)
-    assert stream.wanted(0.0) == (15, 16)
+    assert stream.next_request(0.0) == (15, 16)
     assert stream.take(15, 15) == [15]
-    assert stream.wanted(1.0) == (16, 16)
+    assert stream.next_request(1.0) == (16, 16)
 
 
 def test_events_that_the_vehicle_no_longer_has_are_skipped():

@@ -20,8 +20,8 @@ def frame(msg_id: int, at_s: float) -> Frame:
 def test_a_frame_is_stored_once_and_returned_unchanged():
     history = History([ATTITUDE])
     one = frame(ATTITUDE, 1.0)
-    history.keep({ATTITUDE: one, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
-    history.keep({ATTITUDE: one}, 1.35)
+    history.store({ATTITUDE: one, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
+    history.store({ATTITUDE: one}, 1.35)
     ((kept_s, (stored,)),) = history.frames((ATTITUDE,))
     assert kept_s == 1.1
     assert stored is not None
@@ -33,7 +33,7 @@ def test_a_frame_is_repeated_at_each_time_until_the_message_is_received_again():
     history = History([ATTITUDE, HEARTBEAT])
     beat = frame(HEARTBEAT, 1.0)
     for step in range(4):
-        history.keep({HEARTBEAT: beat, ATTITUDE: frame(ATTITUDE, 1.0 + step)}, 1.0 + step)
+        history.store({HEARTBEAT: beat, ATTITUDE: frame(ATTITUDE, 1.0 + step)}, 1.0 + step)
     seen = list(history.frames((HEARTBEAT, ATTITUDE)))
     assert [kept_s for kept_s, _ in seen] == [1.0, 2.0, 3.0, 4.0]
     assert all(frames[0] is not None and frames[0].raw == beat.raw for _, frames in seen)
@@ -44,7 +44,7 @@ def test_the_history_has_a_limited_length():
     history = History([ATTITUDE])
     steps = 2 * int(HISTORY_S)
     for step in range(steps):
-        history.keep({ATTITUDE: frame(ATTITUDE, float(step))}, float(step))
+        history.store({ATTITUDE: frame(ATTITUDE, float(step))}, float(step))
     times = [kept_s for kept_s, _ in history.frames((ATTITUDE,))]
     assert len(times) == pytest.approx(HISTORY_S, abs=2)
     assert times[-1] == steps - 1

@@ -48,16 +48,16 @@ def events(enums=None, **event):
 def test_invalid_metadata_of_a_parameter_is_omitted_with_the_reason(entry, words):
     found = param_document.parse(parameters({"name": "BAD", "type": "Int32", **entry}))
     assert list(found) == ["GOOD"]
-    assert any(word in found.left_out for word in words.split("|")), found.left_out
-    assert "Left out 1 parameter" in found.left_out
+    assert any(word in found.omission_text for word in words.split("|")), found.omission_text
+    assert "Left out 1 parameter" in found.omission_text
 
 
 def test_many_invalid_parameters_are_counted_in_a_short_text():
     content = b'{"version":1,"parameters":[' + b"{}," * 100_000 + b"{}]}"
     found = param_document.parse(content)
     assert not found
-    assert "100,001 parameters" in found.left_out
-    assert len(found.left_out) < 700
+    assert "100,001 parameters" in found.omission_text
+    assert len(found.omission_text) < 700
 
 
 def test_long_texts_of_parameters_are_cut():
@@ -78,10 +78,10 @@ def test_long_texts_of_parameters_are_cut():
 )
 def test_the_work_for_an_event_text_is_limited(text):
     def fill(times):
-        return lambda: event_document.template(text * times, 500).filled([])
+        return lambda: event_document.parse_template(text * times, 500).fill([])
 
     assert count_lines_run(fill(4)) == count_lines_run(fill(1)) < 5_000
-    assert len(event_document.template(text, 500).filled([])) <= 500
+    assert len(event_document.parse_template(text, 500).fill([])) <= 500
 
 
 def test_the_text_of_an_event_has_a_limited_length():
@@ -115,14 +115,14 @@ def test_a_too_large_precision_shows_few_decimals():
 def test_an_invalid_event_is_omitted_with_the_reason(bad):
     found = event_document.parse(events(**bad))
     assert [d.name for d in found.values()] == ["good"]
-    assert "Left out 1 entry: event 7" in found.left_out
+    assert "Left out 1 entry: event 7" in found.omission_text
 
 
 def test_only_the_labels_of_a_too_long_enum_are_omitted():
     enums = {"e": {"type": "uint8_t", "entries": {str(n): {"name": "x"} for n in range(100_000)}}}
     found = event_document.parse(events(enums, message="{1}", arguments=[{"name": "a", "type": "e"}]))
     assert found[1 << 24 | 7].text(b"\1") == "–"
-    assert "enum e" in found.left_out
+    assert "enum e" in found.omission_text
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_only_the_labels_of_a_too_long_enum_are_omitted():
     [{"type": "matrix", "entries": {}}, {"type": "uint8_t", "entries": {"x": {}}}, 3, {"type": "uint8_t"}],
 )
 def test_an_invalid_enum_is_omitted_with_the_reason(bad):
-    assert "enum e" in event_document.parse(events({"e": bad})).left_out
+    assert "enum e" in event_document.parse(events({"e": bad})).omission_text
 
 
 @given(
@@ -154,7 +154,7 @@ def test_any_json_is_parsed_or_refused_with_a_text(value):
     for content in (json.dumps(value).encode(), json.dumps({"version": 1, "parameters": value}).encode()):
         for kind in (PARAMETERS, EVENTS):
             try:
-                metadata_files.read_answer(kind, metadata_files.answer(kind, content, 0))
+                metadata_files.decode_document(kind, metadata_files.encode_document(kind, content, 0))
             except ValueError as error:
                 problems.append(str(error))
         with contextlib.suppress(ValueError):
@@ -201,5 +201,5 @@ def test_parameter_names_like_those_of_px4_are_accepted(name):
 def test_the_files_of_a_real_px4_are_read_completely(shared):
     for kind, name, count in ((PARAMETERS, "parameters", 1821), (EVENTS, "events", 370)):
         packed = (shared / f"px4/{name}.json.xz").read_bytes()
-        found = metadata_files.read_answer(kind, metadata_files.answer(kind, packed, 0))
-        assert (len(found), found.left_out) == (count, None)
+        found = metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, 0))
+        assert (len(found), found.omission_text) == (count, None)

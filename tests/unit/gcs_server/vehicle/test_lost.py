@@ -54,7 +54,7 @@ ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 def test_a_silent_vehicle_is_lost_after_three_and_a_half_seconds(state_under_test):
     assert state_under_test.lost_after_s() == 4.0
-    assert state_under_test.state.silence() == "no messages for 4.0 s"
+    assert state_under_test.state.reason_lost() == "no messages for 4.0 s"
 
 
 def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(state_under_test):
@@ -63,7 +63,7 @@ def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeat
 
 def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(state_under_test):
     assert state_under_test.lost_after_s(ATTITUDE) == 10.5
-    assert "no heartbeat for 10 s" in state_under_test.state.silence()
+    assert "no heartbeat for 10 s" in state_under_test.state.reason_lost()
 
 
 def test_messages_of_the_camera_do_not_count_for_the_autopilot(state_under_test):

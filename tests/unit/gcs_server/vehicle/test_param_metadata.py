@@ -178,7 +178,7 @@ def test_invalid_parameter_names_complete_the_list_and_are_counted():
         table.put(ParamReport(Param(name, 1, True), index, 6))
     assert table.complete
     assert [p.name for p in table.all()] == ["A.B", "GOOD"]
-    assert table.left_out == 4
+    assert table.omitted_count == 4
 
 
 def test_the_table_keeps_a_limited_number_of_parameters():

@@ -20,7 +20,7 @@ from gcs_server.vehicle.readiness import (
     Finding,
     HealthReport,
     ReportJoiner,
-    head_of,
+    modes_and_component,
 )
 from tests.steps import count_lines_run
 
@@ -47,7 +47,7 @@ def all_reports(payloads, definitions=None):
         elif event.id == HEALTH_SUMMARY_ID:
             reports.append(joiner.end(event.arguments))
         elif joiner.collecting:
-            modes, component = head_of(event.arguments)
+            modes, component = modes_and_component(event.arguments)
             head = (event.id, event.name, event.level, modes, component, event.text, event.remedy)
             joiner.add(Finding(*head, event.arguments))
     return [r for r in reports if r is not None]
