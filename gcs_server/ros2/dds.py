@@ -152,19 +152,19 @@ class DdsPort:
 
     def discovered(self) -> list[Discovered]:
         """Writers and readers that appeared or changed since the last call, a limited number."""
-        found: list[Discovered] = []
+        endpoints: list[Discovered] = []
         for publishes, reader in self._builtin:
             try:
                 announced = reader.take(MAX_ANNOUNCEMENTS)
             except DDSException:
                 continue
-            found += [
+            endpoints += [
                 Discovered(each.topic_name, each.type_name, publishes)
                 for each in announced
                 # an ended writer or reader is announced without names
                 if _is_alive(each) and str(each.participant_key) not in inspectors
             ]
-        return found
+        return endpoints
 
     def vehicle(self, namespace: str) -> VehiclePort:
         """Subscribes to the topics of a vehicle.

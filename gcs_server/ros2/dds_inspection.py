@@ -56,7 +56,7 @@ class InspectionPort:
 
     def announcements(self) -> list[Announcement]:
         """Writers and readers of other participants that appeared or ended, a limited number."""
-        found: list[Announcement] = []
+        announcements: list[Announcement] = []
         for publishes, reader in self._builtin:
             try:
                 samples = reader.take(MAX_ANNOUNCEMENTS)
@@ -67,8 +67,8 @@ class InspectionPort:
                     TopicKey(sample.topic_name, sample.type_name) if sample.sample_info.valid_data else None
                 )
                 if str(sample.participant_key) != self._own_key:
-                    found.append(Announcement(str(sample.key), publishes, topic))
-        return found
+                    announcements.append(Announcement(str(sample.key), publishes, topic))
+        return announcements
 
     def open(self, key: TopicKey, message: MessageType) -> str | None:
         """Begins to read a topic; returns why the topic cannot be read, or None."""

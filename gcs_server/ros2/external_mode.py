@@ -202,7 +202,7 @@ class ExternalMode:
             "request_id": values["request_id"],
             "registration_id": self._check_id,
             "can_arm_and_run": can_run and (self.ready or self._armed),
-            # a mission without an executor begins in the air: a vehicle armed on the ground would fly to it
+            # a mission without an executor begins in the air: a vehicle armed on the ground would fly there
             "mode_req_prevent_arming": not self.declaration.executor,
             **{f"mode_req_{name}": True for name in self.declaration.requires},
         }

@@ -101,8 +101,8 @@ def ros_name(name: str) -> str:
 
 def ros_type(name: str) -> str:
     """A type's name in ROS 2; other DDS types keep their name."""
-    found = _ROS_TYPE.fullmatch(name)
-    return "/".join(found.groups()) if found else name
+    match = _ROS_TYPE.fullmatch(name)
+    return "/".join(match.groups()) if match else name
 
 
 class MessageRate:
@@ -213,13 +213,13 @@ class DomainTopics:
     def _owner(self, key: TopicKey) -> str | None:
         """Namespace of the vehicle to which a topic belongs; the longest one if several match."""
         name = ros_name(key.name)
-        found = [n for n in self._namespaces if name.startswith(f"/{n}/" if n else "/fmu/")]
-        return max(found, key=len, default=None)
+        namespaces = [n for n in self._namespaces if name.startswith(f"/{n}/" if n else "/fmu/")]
+        return max(namespaces, key=len, default=None)
 
     def _remove(self, key: str) -> None:
-        known = self._endpoints.pop(key, None)
-        if known is not None:
-            self._count(*known, -1)
+        endpoint = self._endpoints.pop(key, None)
+        if endpoint is not None:
+            self._count(*endpoint, -1)
 
     def _count(self, publishes: bool, key: TopicKey, change: int) -> None:
         counts = self._counts.setdefault(key, [0, 0])

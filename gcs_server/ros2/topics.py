@@ -77,10 +77,10 @@ def vehicle_of(topic: str) -> tuple[str, str] | None:
 
     The version of a topic without a suffix is empty. Names that ROS 2 does not allow are ignored.
     """
-    found = _STATUS.fullmatch(topic)
-    if found is None:
+    match = _STATUS.fullmatch(topic)
+    if match is None:
         return None
-    namespace, version = found[1] or "", found[2] or ""
+    namespace, version = match[1] or "", match[2] or ""
     return (namespace, version) if not namespace or is_namespace(namespace) else None
 
 

@@ -92,10 +92,10 @@ class TopicVersions:
     def add_topic(self, topic: str, *, publishes: bool) -> None:
         """Stores the version of a topic that another participant writes or reads; `topic` is its name in DDS.
         Topics that the server does not use are ignored."""
-        found = _TOPIC.fullmatch(topic)
-        if found is None or publishes != (found["direction"] == "out"):
+        match = _TOPIC.fullmatch(topic)
+        if match is None or publishes != (match["direction"] == "out"):
             return
-        namespace, (base, version) = found["namespace"] or "", _split_version(found["name"])
+        namespace, (base, version) = match["namespace"] or "", _split_version(match["name"])
         if base not in _KNOWN or (namespace and not is_namespace(namespace)):
             return
         seen = self._seen.get(namespace, {}).get(base, set[int]())
@@ -109,8 +109,10 @@ class TopicVersions:
         Args:
             only: the only namespace to report; None: all.
         """
-        found = {namespace: list(self.unusable(namespace).values()) for namespace in self._seen}
-        return [_problem(texts) for namespace, texts in found.items() if texts and only in (None, namespace)]
+        problems = {namespace: list(self.unusable(namespace).values()) for namespace in self._seen}
+        return [
+            _problem(texts) for namespace, texts in problems.items() if texts and only in (None, namespace)
+        ]
 
     def unusable(self, namespace: str) -> dict[str, str]:
         """The topics that a vehicle has only in unknown versions: a text for each, by the known name."""

@@ -73,13 +73,13 @@ class Components:
 
     def heartbeat(self, frame: Frame) -> None:
         """Handles a heartbeat of a component."""
-        component_id, known = frame.component_id, frame.component_id in self._last_heartbeats
-        if not known and len(self._last_heartbeats) >= MAX_COMPONENTS and component_id != self._autopilot:
+        component_id, is_known = frame.component_id, frame.component_id in self._last_heartbeats
+        if not is_known and len(self._last_heartbeats) >= MAX_COMPONENTS and component_id != self._autopilot:
             return
         self._last_heartbeats[component_id] = (full_payload(frame)[4], frame.received_monotonic_s)
         if component_id == self._autopilot:
             return
-        if not known:
+        if not is_known:
             self._report(f"{self._name(component_id)} connected", False)
         elif component_id in self._lost:
             self._lost.discard(component_id)

@@ -239,10 +239,10 @@ class Fleet(FrameSink):
     def _may_add_vehicle(self, endpoint: Endpoint) -> bool:
         """Whether one more vehicle may be added; may remove a vehicle that sent nothing for a long time."""
         now_s = self._clock.monotonic_s()
-        found = limit_reached(endpoint, self.all())
-        if found is None:
+        limit = limit_reached(endpoint, self.all())
+        if limit is None:
             return True
-        why, others = found
+        why, others = limit
         to_remove = removable_vehicle(others, now_s)
         if to_remove is not None:
             self._drop(

@@ -65,7 +65,7 @@ def frames_by_gimbal(
             frame
         )
     newest_s = max((f.received_monotonic_s for each in attitudes_of.values() for f in each), default=0.0)
-    found: list[tuple[tuple[int, int, int], GimbalAddress, dict[int, Frame]]] = []
+    gimbals: list[tuple[tuple[int, int, int], GimbalAddress, dict[int, Frame]]] = []
     for device, attitudes in attitudes_of.items():
         if newest_s - max(f.received_monotonic_s for f in attitudes) > NO_DATA_AFTER_S:
             continue
@@ -77,8 +77,8 @@ def frames_by_gimbal(
             recent = [f for f in frames_of_message if received_s - f.received_monotonic_s <= NO_DATA_AFTER_S]
             if recent:
                 messages = {**messages, msg_id: recent[0]}
-        found.append(((order, *device), address, messages))
-    return [(address, messages) for _, address, messages in sorted(found, key=lambda each: each[0])]
+        gimbals.append(((order, *device), address, messages))
+    return [(address, messages) for _, address, messages in sorted(gimbals, key=lambda each: each[0])]
 
 
 def is_attitude_of(address: GimbalAddress, component_id: int, device_id: int) -> bool:

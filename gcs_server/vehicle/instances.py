@@ -70,11 +70,11 @@ class Instances:
         component = 0 if from_autopilot else frame.component_id
         instance = 0 if instance_offset is None else payload_byte(frame, instance_offset)
         key = msg_id | instance << 24 | component << 32
-        known = self._keys.get(msg_id, ())
-        if key not in known:
-            if sum((component_of(k) == 0) == from_autopilot for k in known) >= MAX_INSTANCES:
+        keys = self._keys.get(msg_id, ())
+        if key not in keys:
+            if sum((component_of(k) == 0) == from_autopilot for k in keys) >= MAX_INSTANCES:
                 return None
-            self._keys[msg_id] = tuple(sorted((*known, key)))
+            self._keys[msg_id] = tuple(sorted((*keys, key)))
         return key
 
     def keys(self, msg_ids: Iterable[int]) -> tuple[int, ...]:

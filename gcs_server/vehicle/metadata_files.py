@@ -123,15 +123,15 @@ def read_general(packed: bytes, crc: int) -> list[FileEntry]:
         ValueError: the text is not a general file.
     """
     content = unpacked(packed, crc, MAX_GENERAL_BYTES)
-    found: list[FileEntry] = []
+    entries: list[FileEntry] = []
     for raw in msgspec.json.decode(content, type=_General).metadata_types[:MAX_GENERAL_ENTRIES]:
         try:
             entry = msgspec.json.decode(raw, type=_FileEntry)
         except (ValueError, RecursionError):
             continue
         if len(entry.uri) <= MAX_URI_LENGTH:
-            found.append(FileEntry(entry.type, entry.uri, entry.file_crc & 0xFFFFFFFF))
-    return found
+            entries.append(FileEntry(entry.type, entry.uri, entry.file_crc & 0xFFFFFFFF))
+    return entries
 
 
 def encode_document(kind: int, packed: bytes, crc: int) -> bytes:

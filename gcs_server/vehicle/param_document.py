@@ -79,18 +79,18 @@ def parse(content: bytes) -> Document[str, ParamMetadata]:
     if document.version != 1:
         raise ValueError(f"parameter document version {document.version} is not supported, only version 1")
     omitted = OmittedEntries("parameter", "parameters")
-    found: dict[str, ParamMetadata] = {}
+    parameters: dict[str, ParamMetadata] = {}
     for raw in document.parameters[:MAX_PARAMETERS]:
         try:
             entry = _entry.decode(raw)
         except (ValueError, RecursionError) as error:
             omitted.add(_name_of(raw), error)
             continue
-        found[entry.name] = _metadata_of(entry)
+        parameters[entry.name] = _metadata_of(entry)
     more = len(document.parameters) - MAX_PARAMETERS
     if more > 0:
         omitted.add("the rest", f"more than {MAX_PARAMETERS:,}", more)
-    return Document(found, omitted.text())
+    return Document(parameters, omitted.text())
 
 
 def _name_of(raw: msgspec.Raw) -> str:

@@ -102,13 +102,13 @@ class ParamTable:
 
     def missing(self, max_count: int) -> list[int]:
         """The first missing indexes."""
-        found: list[int] = []
+        missing_indexes: list[int] = []
         for index in range(self.count or 0):
             if index not in self._received:
-                found.append(index)
-                if len(found) == max_count:
+                missing_indexes.append(index)
+                if len(missing_indexes) == max_count:
                     break
-        return found
+        return missing_indexes
 
     def put(self, report: ParamReport) -> bool:
         """Stores a value; returns False if the length of the list has changed; the indexes have then changed,

@@ -3,7 +3,7 @@
 import pytest
 
 from gcs_server.errors import NoReply
-from gcs_server.vehicle.services.ftp import LIST_TIMEOUT_S, MIN_BYTES_S, EXTRA_TIME_S, FtpService
+from gcs_server.vehicle.services.ftp import EXTRA_TIME_S, LIST_TIMEOUT_S, MIN_BYTES_S, FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
 from tests.protocol.hostile_files import BURST, READ, HostileFiles
 from tests.protocol.one_vehicle import flight

@@ -50,13 +50,13 @@ class Group:
         Args:
             streams: newest state of each member's stream.
         """
-        left = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWING_PHASES]
-        if left:
-            ended_streams = [(v, streams[v].last_end) for v in left]
+        leaving = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWING_PHASES]
+        if leaving:
+            ended_streams = [(v, streams[v].last_end) for v in leaving]
             reasons = " ".join(f"Vehicle {v}: {end.text}" for v, end in ended_streams if end is not None)
             raise NotTogether(
-                f"{listed(left)} left before the common start, so none moves. {reasons}".rstrip(),
-                vehicles=tuple(left),
+                f"{listed(leaving)} left before the common start, so none moves. {reasons}".rstrip(),
+                vehicles=tuple(leaving),
                 remedy="Check that vehicle, then start the group again.",
             )
 

@@ -223,12 +223,12 @@ class _Limiter:
         self, position: Partial3, velocity: Partial3, acceleration: Partial3
     ) -> tuple[Partial3, Partial3, Partial3]:
         position_ne, velocity_ne = _horizontal(position), _horizontal(velocity)
-        here = None if self._motion is None else self._motion.position_ned_m
+        current = None if self._motion is None else self._motion.position_ned_m
         if position_ne is not None:
             goal = self._region.limit_position_ne(position_ne)
             position_ne, velocity_ne = self._limit_approach(goal, velocity_ne)
             position_ne, velocity_ne = self.brake.limit_position_ne(
-                position_ne, velocity_ne, here, self._bounds.position_gain, goal
+                position_ne, velocity_ne, current, self._bounds.position_gain, goal
             )
         if velocity_ne is not None:
             velocity_ne = self._region.limit_velocity_ne(
@@ -241,7 +241,7 @@ class _Limiter:
             down, velocity_down_m_s = self._limit_approach_down(
                 self._region.limit_down(down), velocity_down_m_s
             )
-            down = self.brake.limit_down(down, here)
+            down = self.brake.limit_down(down, current)
         if velocity_down_m_s is not None:
             velocity_down_m_s = self._region.limit_velocity_down(
                 self.brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
@@ -275,16 +275,16 @@ class _Limiter:
         limit = self._bounds.approach_m_s
         if self._motion is None or not math.isfinite(limit):
             return position_ne, velocity_ne
-        here, gain = self._motion.position_ned_m, self._bounds.position_gain
-        offset = (position_ne[0] - here[0], position_ne[1] - here[1])
+        current, gain = self._motion.position_ned_m, self._bounds.position_gain
+        offset = (position_ne[0] - current[0], position_ne[1] - current[1])
         feed = velocity_ne or (0.0, 0.0)
         commanded_m_s = math.hypot(gain * offset[0] + feed[0], gain * offset[1] + feed[1])
         if commanded_m_s <= limit:
             return position_ne, velocity_ne
         scale = limit / commanded_m_s
         self.notes.append(f"speed limited to {limit:g} m/s")
-        near = (here[0] + offset[0] * scale, here[1] + offset[1] * scale)
-        return near, None if velocity_ne is None else (feed[0] * scale, feed[1] * scale)
+        nearer = (current[0] + offset[0] * scale, current[1] + offset[1] * scale)
+        return nearer, None if velocity_ne is None else (feed[0] * scale, feed[1] * scale)
 
     def _limit_approach_down(
         self, down_m: float, velocity_down_m_s: float | None

@@ -343,15 +343,15 @@ class MissionFlight:
     def _check_approach(self, approach: CurveSegment | None) -> None:
         """Raises Refused if the sensors measure an obstacle on the straight line to the path."""
         avoidance = self._control.avoidance
-        here = None if approach is None else self.reading().position_ned_m
+        position = None if approach is None else self.reading().position_ned_m
         if (
             approach is None
-            or here is None
+            or position is None
             or avoidance.way
             or (avoidance.mission_way and approach.avoidance)
         ):
             return
-        obstacle_m = first_on_line(VehicleEstimates(self._vehicle).scans(), here, approach.end_ned_m)
+        obstacle_m = first_on_line(VehicleEstimates(self._vehicle).scans(), position, approach.end_ned_m)
         if obstacle_m is not None:
             raise Refused(
                 f"An obstacle is measured {obstacle_m:.0f} m ahead on the straight line to the path.",

@@ -359,8 +359,8 @@ class MissionModes:
         return self._streamer.offboard(vehicle_id).vehicle
 
     def _registration(self, vehicle_id: str, name: str) -> Registration:
-        found = (each for each in self._streams.modes().get(vehicle_id, ()) if each.name == name)
-        return next(found, Registration(name, "lost", None, ANSWERS_ENDED))
+        registrations = (each for each in self._streams.modes().get(vehicle_id, ()) if each.name == name)
+        return next(registrations, Registration(name, "lost", None, ANSWERS_ENDED))
 
     def _drop(self, vehicle_id: str, name: str) -> None:
         self._streams.unregister_mode(vehicle_id, name)
@@ -390,9 +390,9 @@ class MissionModes:
 def _require_topics(vehicle: Vehicle, topics: Iterable[str]) -> None:
     """Raises Refused if the vehicle has one of these topics in an unknown version."""
     unusable = unusable_topics(vehicle.endpoints)
-    found = next((unusable[topic] for topic in sorted(topics) if topic in unusable), None)
-    if found is not None:
-        raise Refused(f"{found}.", remedy=VERSION_REMEDY)
+    problem = next((unusable[topic] for topic in sorted(topics) if topic in unusable), None)
+    if problem is not None:
+        raise Refused(f"{problem}.", remedy=VERSION_REMEDY)
 
 
 def dds_address(vehicle: Vehicle) -> DdsAddress | None:

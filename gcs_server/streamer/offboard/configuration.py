@@ -82,9 +82,9 @@ class OffboardConfiguration:
         """
         values = dict(self._read_values)
         for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
-            known = self._vehicle.params.known(name)
-            if known is not None:
-                values[name] = known.value
+            param = self._vehicle.params.known(name)
+            if param is not None:
+                values[name] = param.value
         return {
             name: value
             for name, value in values.items()

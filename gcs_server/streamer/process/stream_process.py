@@ -229,8 +229,8 @@ class StreamProcess(Streams):
             )
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
-        taken, self._reports = self._reports, []
-        return taken
+        reports, self._reports = self._reports, []
+        return reports
 
     # --- modes registered with PX4 ----------------------------------------------------------------
 
@@ -305,8 +305,8 @@ class StreamProcess(Streams):
         }
 
     def take_findings(self) -> list[tuple[str, Finding]]:
-        taken, self._findings = self._findings, []
-        return taken
+        findings, self._findings = self._findings, []
+        return findings
 
     # --- the process ------------------------------------------------------------------------------
 

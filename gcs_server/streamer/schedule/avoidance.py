@@ -38,8 +38,8 @@ class AvoidanceStage:
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports since the last call."""
-        taken, self._reports = self._reports, []
-        return taken
+        reports, self._reports = self._reports, []
+        return reports
 
     def apply(
         self,

@@ -152,8 +152,8 @@ class SetpointPipeline:
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports of limits and avoidance since the last call."""
-        taken, self._reports = [*self._reports, *self._avoidance.take_reports()], []
-        return taken
+        reports, self._reports = [*self._reports, *self._avoidance.take_reports()], []
+        return reports
 
     @property
     def avoiding(self) -> AvoidanceStatus | None:

@@ -125,8 +125,8 @@ class Availability:
         if not unusable:
             return None
         topics = (topic for each in setpoint_types for topic in topics_of(each, in_offboard=in_offboard))
-        found = next((unusable[topic] for topic in topics if topic in unusable), None)
-        return None if found is None else f"{found}."
+        problem = next((unusable[topic] for topic in topics if topic in unusable), None)
+        return None if problem is None else f"{problem}."
 
     def _missing(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> str | None:
         missing = next((need for need in needs if not self._has_estimate[need]()), None)

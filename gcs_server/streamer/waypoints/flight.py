@@ -155,12 +155,12 @@ class WaypointFlight:
         if progress is None or origin is None or self._planned is None:
             return None
         index, t_s, on_path = progress
-        here = vehicle_reading(self._vehicle).position_ned_m
-        if not on_path and here is None:
+        position = vehicle_reading(self._vehicle).position_ned_m
+        if not on_path and position is None:
             return None
         return predict_plan(
             self._vehicle.id, origin, self._planned, ends_in_air=not self._lands, index=index, t_s=t_s,
-            way_from=None if on_path else here, speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
+            way_from=None if on_path else position, speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
         )  # fmt: skip
 
     def new_progress(self) -> FlightProgress | None:

@@ -61,14 +61,14 @@ class ProgressStore:
         if self._records is None:
             return
         try:
-            found = await asyncio.to_thread(self._records.read_all)
+            records = await asyncio.to_thread(self._records.read_all)
         except OSError as error:
             folder, reason = self._records.folder, error.strerror or error
             self._add_problem(
                 "", f"The folder {folder} cannot be read: {reason}. Interrupted flights cannot be resumed."
             )
             return
-        for name, content in found.items():
+        for name, content in records.items():
             try:
                 if isinstance(content, Unreadable):
                     raise ValueError(content)

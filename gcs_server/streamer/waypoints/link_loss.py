@@ -45,19 +45,19 @@ class LinkLoss:
         Parameters that the vehicle's parameter list does not contain are read in the background
         repeatedly, because they may change.
         """
-        known = {name: each.value for name in PARAMETERS if (each := self._vehicle.params.known(name))}
+        known_values = {name: each.value for name in PARAMETERS if (each := self._vehicle.params.known(name))}
         now_s = self._clock.monotonic_s()
         due = self._requested_s is None or now_s - self._requested_s >= REQUEST_PERIOD_S
-        if len(known) < len(PARAMETERS) and due and "parameters" not in self._vehicle.reach.missing:
+        if len(known_values) < len(PARAMETERS) and due and "parameters" not in self._vehicle.reach.missing:
             self._requested_s = now_s
-            self._vehicle.in_background("its action without a ground station", self._request(known))
-        return link_loss_text({**self._read, **known})
+            self._vehicle.in_background("its action without a ground station", self._request(known_values))
+        return link_loss_text({**self._read, **known_values})
 
-    async def _request(self, known: Mapping[str, float]) -> None:
+    async def _request(self, known_values: Mapping[str, float]) -> None:
         self._vehicle.require_commandable()
         for name in PARAMETERS:
             try:
-                if name not in known:
+                if name not in known_values:
                     self._read[name] = (await self._vehicle.params.get(name)).value
             except GcsError:
                 continue  # the parameter stays unknown: the firmware does not have it, or the link is bad

@@ -96,18 +96,22 @@ class Resumes:
     def _point(
         self, vehicle: Vehicle, on_vehicle: ItemsOnVehicle, progress: FlightProgress
     ) -> tuple[Plan, ResumePoint | str]:
-        known = self._points.get(vehicle.id)
-        if known is None or known[0] is not on_vehicle or known[1] is not progress:
+        cached = self._points.get(vehicle.id)
+        if cached is None or cached[0] is not on_vehicle or cached[1] is not progress:
             plan, _ = plan_from_items(on_vehicle)
             point = resume_after(plan, progress.leg_start, progress.item)
-            known = self._points[vehicle.id] = (on_vehicle, progress, plan, point)
-        return known[2], known[3]
+            cached = self._points[vehicle.id] = (on_vehicle, progress, plan, point)
+        return cached[2], cached[3]
 
 
 def _offer(vehicle: Vehicle, progress: FlightProgress, plan: Plan, point: ResumePoint) -> ResumeOffer:
     items = [item for _, item in plan.simple_items()]
-    first, here = point.first, VehicleEstimates(vehicle).global_position()
-    away_m = None if here is None else distance_m(here.lat_deg, here.lon_deg, first.lat_deg, first.lon_deg)
+    first, position = point.first, VehicleEstimates(vehicle).global_position()
+    away_m = (
+        None
+        if position is None
+        else distance_m(position.lat_deg, position.lon_deg, first.lat_deg, first.lon_deg)
+    )
     return ResumeOffer(
         item=point.item,
         title=item_title(items[point.item]),
@@ -118,16 +122,16 @@ def _offer(vehicle: Vehicle, progress: FlightProgress, plan: Plan, point: Resume
         distance_m=None if away_m is None else round(away_m, 1),
         interrupted_item=progress.item,
         interrupted_unix_s=progress.unix_s,
-        cautions=(*_position_cautions(progress, here), *point.not_restored),
+        cautions=(*_position_cautions(progress, position), *point.not_restored),
     )
 
 
-def _position_cautions(progress: FlightProgress, here: GlobalPosition | None) -> tuple[str, ...]:
+def _position_cautions(progress: FlightProgress, position: GlobalPosition | None) -> tuple[str, ...]:
     """A caution if the vehicle is not where the interrupted flight took off."""
     home = progress.home
-    if home is None or here is None:
+    if home is None or position is None:
         return ()
-    away_m = distance_m(here.lat_deg, here.lon_deg, home.lat_deg, home.lon_deg)
+    away_m = distance_m(position.lat_deg, position.lon_deg, home.lat_deg, home.lon_deg)
     if away_m < REPORTED_DISTANCE_M:
         return ()
     return (

@@ -290,7 +290,7 @@ class CommandService:
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
             home = (d.MAVLINK_MSG_ID_HOME_POSITION,)
-            known = Goal(
+            goal = Goal(
                 "report its home position",
                 lambda _f, _s: vehicle.topic("home") is not None,
                 HOME_DEADLINE_S,
@@ -298,7 +298,7 @@ class CommandService:
                 listen=home,
             )
             with suppress(NoReply):
-                await self._run(token, None, known, None)
+                await self._run(token, None, goal, None)
         return home_of(vehicle).alt_amsl_m
 
     async def _hold_if_disarmed(self, token: int) -> None:
@@ -326,9 +326,9 @@ class CommandService:
         await self._run(self._begin(mode.label, mode, by), request, goal, progress)
 
     def _check_distance(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, max_m: float) -> None:
-        here = position_of(self._vehicle)
+        position = position_of(self._vehicle)
         target_distance_m = math.hypot(
-            distance_m(here.lat_deg, here.lon_deg, lat_deg, lon_deg), alt_amsl_m - here.alt_amsl_m
+            distance_m(position.lat_deg, position.lon_deg, lat_deg, lon_deg), alt_amsl_m - position.alt_amsl_m
         )
         if target_distance_m > max_m:
             raise Refused(

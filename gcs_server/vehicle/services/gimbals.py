@@ -45,13 +45,15 @@ class Gimbals:
         """
         if component_id is None and device_id is None:
             return self.first
-        known = self.addresses()
-        for address in known:
+        addresses = self.addresses()
+        for address in addresses:
             if component_id in (None, address.component_id) and device_id in (None, address.device_id):
                 return self._services.setdefault(address, GimbalService(self._vehicle, address, self._rois))
         selected = (("component", component_id), ("device", device_id))
         selected_text = ", ".join(f"{name} {value}" for name, value in selected if value is not None)
-        gimbals_text = "; ".join(f"component {a.component_id}, device {a.device_id}" for a in known) or "none"
+        gimbals_text = (
+            "; ".join(f"component {a.component_id}, device {a.device_id}" for a in addresses) or "none"
+        )
         raise InvalidRequest(
             "device" if component_id is None else "component",
             f"Vehicle {self._vehicle.id} has no gimbal with {selected_text}.",
@@ -74,8 +76,10 @@ class Gimbals:
             managers |= {identity.component_id}
         for component_id in sorted(managers):
             sent = self._requests_sent.get(component_id, 0)
-            known = state.newest(LIMITS_ID, component_id, None)
-            is_current = known is not None and known.received_monotonic_s >= self._outdated_before_s
+            limits_frame = state.newest(LIMITS_ID, component_id, None)
+            is_current = (
+                limits_frame is not None and limits_frame.received_monotonic_s >= self._outdated_before_s
+            )
             if sent < MAX_LIMITS_REQUESTS and not is_current:
                 self._requests_sent[component_id] = sent + 1
                 request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(LIMITS_ID), 0, 0, 0, 0, 0, 0))

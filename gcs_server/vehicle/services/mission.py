@@ -146,30 +146,30 @@ class MissionService:
                 error.args = (error.message,)
                 raise
             self.items_on_vehicle = on_vehicle
-            found = [
+            all_differences = [
                 each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])
             ]
-            if essential := [each for each in found if each.essential]:
+            if essential := [each for each in all_differences if each.essential]:
                 raise Rejected(
                     f"Vehicle {self._vehicle.id} has a different plan from the one sent: "
                     f"{essential[0].text()}.",
                     reasons=tuple(each.text() for each in essential),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
-            known = ItemsOnVehicle(on_vehicle.items, on_vehicle.ids, plan, on_vehicle.at_unix_s)
-            await self.set_items_on_vehicle(known)
-            return Uploaded(known, found)
+            uploaded = ItemsOnVehicle(on_vehicle.items, on_vehicle.ids, plan, on_vehicle.at_unix_s)
+            await self.set_items_on_vehicle(uploaded)
+            return Uploaded(uploaded, all_differences)
 
     async def download(self, *, progress: ReportProgress | None = None) -> ItemsOnVehicle:
         """Reads mission, geofence and rally points."""
         with self._transfer("a download"):
             read = await self._read(_CombinedProgress(progress, 0), "Downloading")
-            known = self.items_on_vehicle or await self._find_stored(read.ids)
-            same = known is not None and not any(
-                differences(part, known.items[part], read.items[part]) for part in PARTS
+            cached = self.items_on_vehicle or await self._find_stored(read.ids)
+            same = cached is not None and not any(
+                differences(part, cached.items[part], read.items[part]) for part in PARTS
             )
             self.items_on_vehicle = ItemsOnVehicle(
-                read.items, read.ids, known.plan if known and same else None, read.at_unix_s
+                read.items, read.ids, cached.plan if cached and same else None, read.at_unix_s
             )
             return self.items_on_vehicle
 
@@ -212,14 +212,14 @@ class MissionService:
     # --- internal -------------------------------------------------------------------------------------
 
     async def _restore(self) -> None:
-        found = await self._find_stored(self._searched_ids)
+        cached = await self._find_stored(self._searched_ids)
         if (
-            found is not None
+            cached is not None
             and self.items_on_vehicle is None
             and self._running_transfer is None
-            and self.ids() == found.ids
+            and self.ids() == cached.ids
         ):
-            self.items_on_vehicle = found
+            self.items_on_vehicle = cached
 
     async def _find_stored(self, ids: Ids | None) -> ItemsOnVehicle | None:
         """The items that this vehicle had with these ids before a restart of the server."""
@@ -303,8 +303,8 @@ class MissionService:
 
     async def _request_ids(self) -> Ids | None:
         """The ids that the vehicle currently reports; None if it reports no ids."""
-        found = await self._request_current(lambda _: True, IDS_DEADLINE_S, None)
-        return None if found is None else ids_of(found)
+        current = await self._request_current(lambda _: True, IDS_DEADLINE_S, None)
+        return None if current is None else ids_of(current)
 
     async def _request_current(
         self, accepts: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None

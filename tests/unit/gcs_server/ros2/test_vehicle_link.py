@@ -113,7 +113,7 @@ def test_a_request_for_home_is_answered_from_the_newest_one(vehicle: Vehicle) ->
 
 
 def test_a_command_that_ros_2_does_not_carry_is_refused(vehicle: Vehicle) -> None:
-    with pytest.raises(OSError, match="ROS 2 carries no message 21"):
+    with pytest.raises(OSError, match="PX4 has no ROS 2 message for MAVLink message 21"):
         vehicle.command(d.MAVLink_param_request_list_message(1, 1))
 
 

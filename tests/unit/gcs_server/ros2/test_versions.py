@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.ros2.external_mode import SENT_TYPES
 from gcs_server.ros2.topics import COMMAND, SUBSCRIPTIONS, wire_name
-from gcs_server.ros2.versions import MAX_TOPICS, USE_OF_TOPIC, REMEDY, TopicVersions
+from gcs_server.ros2.versions import MAX_TOPICS, REMEDY, USE_OF_TOPIC, TopicVersions
 from gcs_server.streamer.schedule.external_modes import READ_TYPES
 from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
 

@@ -34,8 +34,8 @@ from gcs_server.streamer.waypoints.link_loss import link_loss_text
         ),
         (
             {"NAV_DLL_ACT": 5, "COM_DL_LOSS_T": 7},
-            "After about 7 s without any ground station, the vehicle terminates the flight: motors stop, it "
-            "falls (NAV_DLL_ACT 5).",
+            "After about 7 s without any ground station, the vehicle terminates the flight: the motors stop "
+            "and it falls (NAV_DLL_ACT 5).",
         ),
         (
             {"NAV_DLL_ACT": 9},
